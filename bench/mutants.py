@@ -130,7 +130,7 @@ def draw(count: int) -> list[tuple[str, str]]:
         # It makes all of them before it looks for those that it is asked to run.
         mutmut(room, 'run', 'none', fails='nothing matches')
     mutants = [(room, name) for room in ROOMS for name in exit_codes(room)]
-    mutants.sort(key=lambda each: hashlib.sha256(f'{SEED} {each[1]}'.encode()).digest())
+    mutants.sort(key=lambda mutant: hashlib.sha256(f'{SEED} {mutant[1]}'.encode()).digest())
     return mutants[:count]
 
 
@@ -160,7 +160,7 @@ def main() -> int:
             change(room, name) for name in names if fates[name] in ('survived', 'unclear')
         }
     entries = yaml.safe_load(Path(__file__).with_name('mutants_equivalent.yaml').read_text())
-    listed = {(each['function'], each['before'], each['after']) for each in entries}
+    listed = {(entry['function'], entry['before'], entry['after']) for entry in entries}
     wrong = {'Survived': survivors - listed, 'Listed, but no survivor': listed - survivors}
     for what, changes in wrong.items():
         print(f'\n{what}: {len(changes)}')

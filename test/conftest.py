@@ -4,6 +4,7 @@ Fixtures of several rooms: recordings, temperatures, drifts with a known truth, 
 Everything here is seeded and written without the package's mathematics and codecs.
 """
 
+import csv
 from dataclasses import replace
 import gc
 from importlib.util import find_spec
@@ -19,7 +20,7 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
-from wrist_ft_comp.signals import AXES, Recording
+from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Recording
 
 # Machines are shared and noisy: no test fails because it took long.
 settings.register_profile('shared', deadline=None)
@@ -123,6 +124,28 @@ def make_working_day(make_recording, warm_up):
         return replace(day, specific_force=felt @ QUARTER, rotation_speed=speed)
 
     return make
+
+
+@pytest.fixture(scope='session')
+def write_working_day():
+    """Write such a day as a CSV file, with more columns by name."""
+
+    def write(path, day, more=None):
+        columns = {
+            'stamp_s': np.arange(len(day)) + 0.5,
+            'temperature_c': day.temperature_c[:, 0],
+            **dict(zip(AXES, day.wrench.T, strict=True)),
+            **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
+            'rotation_speed': day.rotation_speed,
+            **(more or {}),
+        }
+        with path.open('w', newline='') as file:
+            writer = csv.writer(file)
+            writer.writerow(columns)
+            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+        return path
+
+    return write
 
 
 @pytest.fixture(scope='session')
@@ -409,7 +432,7 @@ class Messages:
                 yield '/log', self.text_type, stamp_ns + 7000, text
 
     def write(self, folder, parts, storage='sqlite3', compression='none'):
-        """Write topic, type, time and bytes of each; without bytes there is only the topic."""
+        """Write messages by topic, type, time and bytes; without bytes there is only the topic."""
         from rosbags import rosbag2  # noqa: PLC0415 -- only who needs it
 
         plugin = rosbag2.StoragePlugin[storage.upper()]

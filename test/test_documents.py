@@ -66,7 +66,7 @@ def test_commands_stand_in_documents_that_are_walked(document):
 
 
 @every_document
-def test_thermometers_that_are_named_can_be(document):
+def test_thermometers_of_commands_can_be_parsed(document):
     for words in commands(document):
         after = dict(pairwise(words))
         values = [word.partition(':=')[2] for word in words if word[:19] == 'temperature_topics:']
@@ -75,18 +75,18 @@ def test_thermometers_that_are_named_can_be(document):
             assert parse_source(entry).topic == entry.partition(':')[0]
 
 
-def holes(node):
+def with_holes(node):
     """A string of the code, with … for what is filled in."""
     if isinstance(node, ast.JoinedStr):
-        return ''.join(holes(part) for part in node.values)
+        return ''.join(with_holes(part) for part in node.values)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return holes(node.left) + holes(node.right)
+        return with_holes(node.left) + with_holes(node.right)
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     return '…'
 
 
-def normal(text):
+def in_one_line(text):
     """White space as one blank, and holes beside each other as one."""
     text = ' '.join(text.split())
     return re.sub(r'…( ?…)*', '…', text)
@@ -96,7 +96,7 @@ def normal(text):
 def messages():
     """Every string of the package."""
     return tuple(
-        normal(holes(node))
+        in_one_line(with_holes(node))
         for path in (ROOT / 'wrist_ft_comp').rglob('*.py')
         for node in ast.walk(ast.parse(path.read_text('utf-8')))
         if isinstance(node, (ast.JoinedStr, ast.BinOp, ast.Constant))
@@ -105,7 +105,7 @@ def messages():
 
 def quoted():
     text = (ROOT / 'docs/troubleshooting.md').read_text('utf-8')
-    return [normal(line) for line in re.findall(r'^> (.*)$', text, re.M)]
+    return [in_one_line(line) for line in re.findall(r'^> (.*)$', text, re.M)]
 
 
 @pytest.mark.parametrize('message', quoted())
@@ -113,7 +113,7 @@ def test_a_quoted_message_is_one_of_the_code(message):
     """Holes may stand for more in the document than in the code, never for less."""
     parts = [part.strip(' .') for part in message.split('…') if part.strip(' .,;')]
     pattern = '.*'.join(map(re.escape, parts))
-    assert any(re.search(pattern, each) for each in messages()), message
+    assert any(re.search(pattern, string) for string in messages()), message
 
 
 def test_hooks_before_a_commit_run_what_make_lint_runs():

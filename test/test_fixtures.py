@@ -1,7 +1,7 @@
 """
 What versions 0.1.0 and 0.2.0 wrote: every later one loads it and runs it to the same drift.
 
-How the files were made is told beside them, in a README.md. They are never made again: a later
+A README.md beside the files says how they were made. They are never made again: a later
 version has to read them, however it writes its own.
 """
 
@@ -58,11 +58,17 @@ def named(value):
 
 
 EVALUATIONS = [
-    (here, then) for here in VERSIONS for then in read_json(here / 'evaluations.json').values()
+    (version, expected)
+    for version in VERSIONS
+    for expected in read_json(version / 'evaluations.json').values()
 ]
-RECORDINGS = [(here, then) for here in VERSIONS for then in read_json(here / 'recordings.json')]
+RECORDINGS = [
+    (version, expected)
+    for version in VERSIONS
+    for expected in read_json(version / 'recordings.json')
+]
 
-every_version = pytest.mark.parametrize('here', VERSIONS, ids=lambda here: here.name)
+every_version = pytest.mark.parametrize('version', VERSIONS, ids=lambda version: version.name)
 every_model = pytest.mark.parametrize('path', MODELS, ids=lambda path: path.stem)
 
 
@@ -110,8 +116,8 @@ def stream(compensator, path, first_ns):
 def printed(monkeypatch, capsys):
     """Run the command line where the fixtures lie; it has to succeed."""
 
-    def run(here, *words):
-        monkeypatch.chdir(here)
+    def run(version, *words):
+        monkeypatch.chdir(version)
         capsys.readouterr()
         assert main([str(word) for word in words]) == 0, words
         return capsys.readouterr().out
@@ -122,7 +128,7 @@ def printed(monkeypatch, capsys):
 @pytest.fixture
 def store(tmp_path):
     """Copy a node's folder."""
-    return lambda here: ModelStore(Path(shutil.copytree(here / 'store', tmp_path / 'moved')))
+    return lambda version: ModelStore(Path(shutil.copytree(version / 'store', tmp_path / 'moved')))
 
 
 def close(expected):
@@ -175,24 +181,24 @@ def test_a_model_corrects_a_stream_to_the_same_wrenches(path):
 
 
 def same_numbers(value, expected):
-    """Whatever was printed then is printed now; there may be more."""
+    """Numbers that were printed are printed again; there may be more."""
     if isinstance(expected, dict):
-        for key, each in expected.items():
-            same_numbers(value[key], each)
+        for key, wanted in expected.items():
+            same_numbers(value[key], wanted)
     elif isinstance(expected, list):
-        for element, each in zip(value, expected, strict=True):
-            same_numbers(element, each)
+        for element, wanted in zip(value, expected, strict=True):
+            same_numbers(element, wanted)
     elif isinstance(expected, float):
         assert value == pytest.approx(expected, rel=1e-9, abs=0)
     else:
         assert value == expected
 
 
-@pytest.mark.parametrize(('here', 'then'), EVALUATIONS, ids=named)
-def test_a_model_is_evaluated_to_the_same_figures(printed, here, then):
-    now = json.loads(printed(here, 'evaluate', *then['words'], '--json'))
-    assert then['printed']['axes']
-    same_numbers(now, then['printed'])
+@pytest.mark.parametrize(('version', 'expected'), EVALUATIONS, ids=named)
+def test_a_model_is_evaluated_to_the_same_figures(printed, version, expected):
+    now = json.loads(printed(version, 'evaluate', *expected['words'], '--json'))
+    assert expected['printed']['axes']
+    same_numbers(now, expected['printed'])
 
 
 @every_model
@@ -206,9 +212,9 @@ def test_a_model_is_shown(printed, path):
 
 
 @every_version
-def test_a_stream_goes_on_from_the_saved_state(here, store):
-    expected, stored = read_json(here / 'state.json'), load_model(store(here).history()[-1])
-    state = load_state(here / 'store/state.json')
+def test_a_stream_goes_on_from_the_saved_state(version, store):
+    expected, stored = read_json(version / 'state.json'), load_model(store(version).history()[-1])
+    state = load_state(version / 'store/state.json')
     assert state is not None
     assert state.thermal is not None
     assert state.model_sha256 == stored.sha256
@@ -216,7 +222,7 @@ def test_a_stream_goes_on_from_the_saved_state(here, store):
     assert state.external_tare.all() == ('external' in expected)
     compensator, end_ns = resumed(stored.model, state), state.thermal.end_ns
     assert compensator.correct(end_ns, [1.0] * len(AXES)) == close(expected['held'])
-    for live in live_payloads(here / 'store/models/payloads.json'):
+    for live in live_payloads(version / 'store/models/payloads.json'):
         external = compensator.correct(end_ns, [1.0] * len(AXES), external=True)
         for force, wanted in zip(FORCES, expected['external'], strict=True):
             assert live.taken_off(external, force) == close(wanted)
@@ -228,21 +234,22 @@ def test_a_stream_goes_on_from_the_saved_state(here, store):
 
 
 @every_version
-def test_the_list_of_models_is_read_where_it_was_moved_to_and_rolled_back(here, store):
-    models = store(here)
-    then = [name and Path(name).name for name in read_json(here / 'store/active.json')['history']]
+def test_the_list_of_models_is_read_where_it_was_moved_to_and_rolled_back(version, store):
+    models = store(version)
+    history = read_json(version / 'store/active.json')['history']
+    expected = [name and Path(name).name for name in history]
 
     def names():
         return [path and path.name for path in ModelStore(models.directory).history()]
 
-    assert then[0] is None
-    assert names() == then
+    assert expected[0] is None
+    assert names() == expected
     assert models.given() == ''
-    there = sorted(path.name for path in here.glob('store/recordings/*.csv'))
-    assert [path.name for path in models.recordings()] == there
+    recordings = sorted(path.name for path in version.glob('store/recordings/*.csv'))
+    assert [path.name for path in models.recordings()] == recordings
     assert all(load_model(path).model.thermometers == 2 for path in models.history()[1:])
     models.activate(models.history()[:-1])
-    assert names() == then[:-1]
+    assert names() == expected[:-1]
 
 
 #: Specific forces, m/s².
@@ -256,41 +263,47 @@ def live_payloads(path):
 
 @pytest.mark.parametrize('path', read_json(V0_2_0 / 'payloads.json'))
 def test_a_payload_weighs_the_same(path):
-    then = read_json(V0_2_0 / 'payloads.json')[path]
+    expected = read_json(V0_2_0 / 'payloads.json')[path]
     for live in live_payloads(V0_2_0 / path):
-        assert str(live) == then[live.name]['line']
-        for force, weight in zip(FORCES, then[live.name]['weight'], strict=True):
+        assert str(live) == expected[live.name]['line']
+        for force, weight in zip(FORCES, expected[live.name]['weight'], strict=True):
             assert live.weight(force) == close(weight)
 
 
 def test_the_diary_and_the_memory_of_a_node_that_learns_are_read(printed):
-    then = read_json(V0_2_0 / 'days.json')
-    same_numbers(json.loads(printed(V0_2_0, 'show', 'store', '--json')), then['shown'])
-    same_numbers(asdict(load_memory(V0_2_0 / 'store')), then['memory'])
+    expected = read_json(V0_2_0 / 'days.json')
+    same_numbers(json.loads(printed(V0_2_0, 'show', 'store', '--json')), expected['shown'])
+    same_numbers(asdict(load_memory(V0_2_0 / 'store')), expected['memory'])
 
 
-@pytest.mark.parametrize(('here', 'then'), RECORDINGS, ids=named)
-def test_a_recording_is_read_to_the_same_cells(here, then, printed):
-    words = 'show', then['path'], '--wrench-topic', then['wrench_topic']
-    assert 'temperature' in printed(here, *words)
-    topics = Topics(wrench=then['wrench_topic'])
-    recording = read_recording(here / then['path'], period_s=then['period_s'], topics=topics)
+@pytest.mark.parametrize(('version', 'expected'), RECORDINGS, ids=named)
+def test_a_recording_is_read_to_the_same_cells(version, expected, printed):
+    words = 'show', expected['path'], '--wrench-topic', expected['wrench_topic']
+    assert 'temperature' in printed(version, *words)
+    topics = Topics(wrench=expected['wrench_topic'])
+    recording = read_recording(
+        version / expected['path'], period_s=expected['period_s'], topics=topics
+    )
     channels = np.hstack([recording.temperature_c, recording.wrench, recording.reference])
     weights = np.arange(1, len(channels) + 1)[:, np.newaxis]
-    assert recording.first_cell == then['first_cell']
-    assert np.isfinite(channels).sum(axis=0).tolist() == then['present']
+    assert recording.first_cell == expected['first_cell']
+    assert np.isfinite(channels).sum(axis=0).tolist() == expected['present']
     for key, sums in (('sum', channels), ('weighted_sum', weights * channels)):
-        np.testing.assert_allclose(np.nansum(sums, axis=0), then[key], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(np.nansum(sums, axis=0), expected[key], rtol=1e-9, atol=1e-9)
 
 
 @every_version
-def test_a_recording_is_compensated_to_the_same_wrenches(here, printed, tmp_path):
-    model, source = COMPENSATED[here]
-    printed(here, 'compensate', model, source, '-o', tmp_path / 'now.csv')
-    now, then, raw = (
+def test_a_recording_is_compensated_to_the_same_wrenches(version, printed, tmp_path):
+    model, source = COMPENSATED[version]
+    printed(version, 'compensate', model, source, '-o', tmp_path / 'now.csv')
+    computed, expected, raw = (
         np.genfromtxt(path, delimiter=',', names=True)
-        for path in (tmp_path / 'now.csv', here / 'recordings/compensated.csv', here / source)
+        for path in (
+            tmp_path / 'now.csv',
+            version / 'recordings/compensated.csv',
+            version / source,
+        )
     )
-    for column in then.dtype.names:
-        np.testing.assert_allclose(now[column], then[column], rtol=0, atol=TOLERANCE)
-    assert np.nanmax(np.abs(now['force_z'] - raw['force_z'])) > 1.0
+    for column in expected.dtype.names:
+        np.testing.assert_allclose(computed[column], expected[column], rtol=0, atol=TOLERANCE)
+    assert np.nanmax(np.abs(computed['force_z'] - raw['force_z'])) > 1.0

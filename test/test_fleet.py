@@ -76,8 +76,8 @@ def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots
 
 def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys):
     distributed = pytest.importorskip('distributed')
-    here = shutil.copytree(robots, tmp_path / 'by_pool')
-    for folder in sorted(here.iterdir()):
+    by_pool = shutil.copytree(robots, tmp_path / 'by_pool')
+    for folder in sorted(by_pool.iterdir()):
         script.judge(folder)
     options = {
         'processes': True,
@@ -92,4 +92,4 @@ def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys)
         script.fleet(client.get_executor(), robots)
     assert capsys.readouterr().out.startswith('SN-2')
     for robot in ('SN-0', 'SN-1'):
-        assert axes_of(robots, robot) == axes_of(here, robot)
+        assert axes_of(robots, robot) == axes_of(by_pool, robot)

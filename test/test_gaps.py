@@ -54,7 +54,7 @@ def days(draw):
         *draw(st.lists(stretch, min_size=1, max_size=7)),
         ('both', 6),
     ]:
-        # Two that follow each other tell that time did leap.
+        # Two samples in a row make the leap of the clock believed.
         if kind == 'jump':
             cell += draw(st.sampled_from([3, 20, 59, 60, 61, 200, 5000]))
             continue
@@ -127,11 +127,11 @@ def compensated(model_path, rows, folder):
     phases=[Phase.generate],  # to make an example smaller takes minutes
 )
 @given(rows=days(), kills=st.lists(st.integers(3, 400), max_size=3))
-def test_living_restarted_and_file_give_the_same_drift(hasty, tmp_path, rows, kills):
+def test_stream_restarted_stream_and_file_give_the_same_drift(hasty, tmp_path, rows, kills):
     """Wherever both thermometers measured: within a gap a file alone knows the end of the line."""
     model = load_model(hasty).model
     killed, lived = (Life(model, tmp_path) for _ in range(2))
-    kills = sorted(each for each in kills if each < len(rows) - 5)
+    kills = sorted(cell for cell in kills if cell < len(rows) - 5)
     for begin, end in pairwise([0, *kills, len(rows)]):
         killed.feed(rows[begin:end])
         if end in kills:
@@ -151,7 +151,7 @@ def test_living_restarted_and_file_give_the_same_drift(hasty, tmp_path, rows, ki
 
 
 @pytest.mark.parametrize('hours', [0.45, 1, 8])
-def test_a_night_of_silence_leaves_nothing_of_the_evening(write_model, tmp_path, hours):
+def test_after_a_night_without_samples_the_evening_has_no_effect(write_model, tmp_path, hours):
     """Soaked at 40 °C, then silent while it cools to 22 °C: on a line, or soaked there."""
     path, silent = write_model(600.0), round(hours * 3600)
     evening = [(cell, [40.0, 40.0]) for cell in range(100)]
@@ -172,7 +172,7 @@ def test_a_night_of_silence_leaves_nothing_of_the_evening(write_model, tmp_path,
 
 
 @pytest.mark.parametrize('adopted', ['before', 'after'])
-def test_a_model_adopted_in_the_morning_knows_of_the_night(write_model, tmp_path, adopted):
+def test_a_model_adopted_in_the_morning_starts_at_its_temperature(write_model, tmp_path, adopted):
     """The history that it starts from holds no evening that was held over the night."""
     one, other = (load_model(write_model(tau)).model for tau in (900.0, 600.0))
     lived = Life(one, tmp_path)
@@ -186,7 +186,7 @@ def test_a_model_adopted_in_the_morning_knows_of_the_night(write_model, tmp_path
 
 
 @pytest.mark.parametrize('back', [30, 100, 10_000])
-def test_a_clock_that_is_set_back_is_lived_through_as_it_is_restarted_over(hasty, tmp_path, back):
+def test_a_clock_set_back_has_the_same_effect_with_and_without_a_restart(hasty, tmp_path, back):
     """A file cannot hold it: stamps that do not increase are dropped."""
     killed, lived = (Life(load_model(hasty).model, tmp_path) for _ in range(2))
     evening = [(20_000 + cell, [20.0 + cell / 10, 30.0]) for cell in range(100)]

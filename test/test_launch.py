@@ -25,8 +25,8 @@ class Declared:
 
 def stand_in(monkeypatch, name, *classes):
     module = ModuleType(name)
-    for each in classes:
-        setattr(module, each, type(each, (Declared,), {}))
+    for class_name in classes:
+        setattr(module, class_name, type(class_name, (Declared,), {}))
     monkeypatch.setitem(__import__('sys').modules, name, module)
 
 
@@ -43,7 +43,7 @@ def launch(monkeypatch):
     exec(compile(source, 'compensator.launch.py', 'exec'), scope)  # noqa: S102 -- our own file
     (actions,) = scope['generate_launch_description']().values
     *declared, made = actions
-    defaults = {each.values[0]: each.named['default_value'] for each in declared}
+    defaults = {argument.values[0]: argument.named['default_value'] for argument in declared}
 
     def node(**given):
         assert given.keys() <= defaults.keys()
@@ -55,11 +55,11 @@ def launch(monkeypatch):
 
 def test_every_argument_has_a_default_and_says_what_it_is(launch):
     declared, _ = launch
-    assert all(each.named['description'] for each in declared)
-    assert all(isinstance(each.named['default_value'], str) for each in declared)
+    assert all(argument.named['description'] for argument in declared)
+    assert all(isinstance(argument.named['default_value'], str) for argument in declared)
 
 
-def test_nothing_given_starts_the_executable_as_it_is(launch):
+def test_without_arguments_the_executable_starts_as_it_is(launch):
     node = launch[1]()
     assert (node['package'], node['executable']) == ('wrist_ft_comp', 'compensator')
     assert f'{node["executable"]} = ' in (ROOT / 'setup.py').read_text('utf-8')
@@ -67,7 +67,7 @@ def test_nothing_given_starts_the_executable_as_it_is(launch):
     assert node['respawn'] is True
 
 
-def test_what_is_given_reaches_the_node_by_names_that_it_has(launch):
+def test_launch_arguments_reach_the_node_by_its_own_names(launch):
     topics = {
         name: f'/robot/{name}' for name in ('wrench_raw', 'wrench', 'wrench_external', 'imu')
     }

@@ -41,7 +41,7 @@ def declared(*tags):
     return {str(element.text) for tag in tags for element in MANIFEST.iter(tag)}
 
 
-def test_what_is_imported_is_what_is_depended_on():
+def test_imports_and_dependencies_are_the_same():
     needed = declared('exec_depend')
     assert imported('wrist_ft_comp') | imported('launch') | PLUGINS == needed
     assert imported('test') <= needed | declared('test_depend')

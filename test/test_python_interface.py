@@ -71,24 +71,24 @@ HEAVY = (
 
 def bare(function):
     """The signature without annotations, which Python versions write differently."""
-    signature = inspect.signature(function)
-    parameters = [each.replace(annotation=each.empty) for each in signature.parameters.values()]
-    return str(inspect.Signature(parameters))
+    parameters = inspect.signature(function).parameters.values()
+    bare_ones = [parameter.replace(annotation=parameter.empty) for parameter in parameters]
+    return str(inspect.Signature(bare_ones))
 
 
-def test_the_names_are_these():
+def test_the_public_names_stay():
     others = {*SETTINGS, 'Calibration', 'Recording', 'WristFtCompError'}
     assert set(wrist_ft_comp.__all__) == {*SIGNATURES, *others}
     assert set(wrist_ft_comp.__all__) <= set(dir(wrist_ft_comp))
 
 
-def test_what_names_and_methods_take_stays():
-    now = {name: bare(getattr(wrist_ft_comp, name)) for name in SIGNATURES}
-    assert now == SIGNATURES
+def test_signatures_of_functions_and_methods_stay():
+    signatures = {name: bare(getattr(wrist_ft_comp, name)) for name in SIGNATURES}
+    assert signatures == SIGNATURES
     assert {method: bare(method) for method in METHODS} == METHODS
 
 
-def test_what_results_hold_and_settings_default_to_stays():
+def test_attributes_of_results_and_defaults_of_settings_stay():
     for record, attributes in ATTRIBUTES.items():
         held = record._fields if hasattr(record, '_fields') else [f.name for f in fields(record)]
         assert attributes <= set(held), record
@@ -110,7 +110,7 @@ def test_type_checkers_see_what_is_loaded():
     assert Path(wrist_ft_comp.__file__).with_name('py.typed').exists()
 
 
-def test_a_name_that_is_not_there_is_named():
+def test_a_missing_name_is_named_in_the_error():
     with pytest.raises(AttributeError, match="has no attribute 'calibrat'"):
         _ = getattr(wrist_ft_comp, 'calibrat')  # noqa: B009 -- a type checker sees it, too
 
@@ -132,7 +132,7 @@ def test_the_import_alone_loads_no_numpy_and_no_room():
     assert 'numpy' not in loaded
 
 
-def test_what_runs_in_a_loop_loads_nothing_heavy():
+def test_imports_of_a_control_loop_are_light():
     loaded = loaded_by(
         'import numpy\nbefore = set(sys.modules)\n'
         'from wrist_ft_comp import Compensator, load_model, StreamSettings, TareCollector'
@@ -142,7 +142,7 @@ def test_what_runs_in_a_loop_loads_nothing_heavy():
 
 
 class Sensor:
-    """A sensor at 200 Hz for so many seconds, with its drift, which is warm from the start."""
+    """A sensor at 200 Hz for some seconds; it drifts, and is warm from the start."""
 
     def __init__(self, seconds, force_z):
         self._left, self._stamp_ns, self._force_z = seconds * 200, 10**18, force_z
@@ -256,7 +256,7 @@ def examples(document):
 
 
 @pytest.mark.parametrize('given', ['a recording', 'a path', 'paths', 'nothing'])
-def test_what_is_no_list_of_recordings_is_refused_with_a_remedy(given, day):
+def test_anything_but_a_list_of_recordings_is_refused_with_a_remedy(given, day):
     recording = wrist_ft_comp.recording_from_columns(day(0), name='monday')
     wrong: Any = {'a recording': recording, 'a path': 'monday.csv', 'paths': [Path('monday.csv')],
                   'nothing': None}[given]  # fmt: skip

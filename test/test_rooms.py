@@ -108,7 +108,7 @@ def test_no_folder_holds_more_than_a_quarter_of_the_lines_or_a_single_file():
     assert min(files.values()) > 1
 
 
-def test_the_mathematics_knows_numpy_and_scipy_and_neither_files_nor_clocks():
+def test_the_mathematics_imports_numpy_and_scipy_and_neither_files_nor_clocks():
     for module in set(MODULES) - set(outside(MATHEMATICS)):
         roots = {name.split('.')[0] for name in imported(MODULES[module])}
         foreign = roots - set(sys.stdlib_module_names) - {'numpy', 'scipy', 'wrist_ft_comp'}
@@ -124,7 +124,7 @@ def test_files_are_opened_in_few_places():
             assert name not in FILE_CALLS or harmless, f'{module}: {ast.unparse(call)}'
 
 
-def test_ros_is_known_in_few_places():
+def test_ros_is_imported_in_few_places():
     for module in outside(OF_ROS):
         roots = {name.split('.')[0] for name in imported(MODULES[module])} - {'rosbags'}
         assert not list(filter(ROS_PACKAGES.match, roots)), module

@@ -40,7 +40,7 @@ def test_a_recording_refuses_what_does_not_fit(change, sentence):
         replace(right, **change)
 
 
-def test_noise_is_told_apart_from_slow_motion_and_steps():
+def test_noise_is_separated_from_slow_motion_and_steps():
     rng = np.random.default_rng(0)
     series = [np.cumsum(np.full(5000, 0.01)) + rng.normal(0, 0.3, 5000) for _ in range(2)]
     series[0][2000:] += 50.0
@@ -70,7 +70,7 @@ def test_a_gap_of_ten_usual_distances_and_a_minute_begins_a_new_stretch():
         ({'least': -math.inf}, (-1e9, 1e9), (), 'that is finite'),
     ],
 )
-def test_a_number_outside_its_range_is_told_with_the_range(bounds, right, wrong, words):
+def test_a_number_outside_its_range_is_refused_with_the_range(bounds, right, wrong, words):
     for value in right:
         check_range('it', value, **bounds)
     for value in (*wrong, math.nan, math.inf, -math.inf):
@@ -78,11 +78,13 @@ def test_a_number_outside_its_range_is_told_with_the_range(bounds, right, wrong,
             check_range('it', value, **bounds)
 
 
-def test_orders_below_the_least_are_refused():
+def test_orders_out_of_their_range_are_refused():
     least = {'latents': 1, 'outputs': 0, 'inputs': 1, 'first_lag': 0}
     Orders(**least, time_constants_s=(0.0,))
     wrong = [{name: number - 1} for name, number in least.items()]
-    for orders in (*wrong, {'time_constants_s': ()}, {'time_constants_s': (-1.0,)}):
+    series = ((), (-1.0,), (math.nan,), (30.0, math.inf))
+    wrong += [{'time_constants_s': constants} for constants in series]
+    for orders in wrong:
         (name,) = orders
         with pytest.raises(SettingsError, match=f'{name} must'):
             Orders(**orders)

@@ -26,10 +26,10 @@ def site(tmp_path_factory):
         spec = find_spec(name)
         assert spec is not None
         (place, *_) = spec.submodule_search_locations or ['']
-        for each in Path(place).parent.iterdir():
-            link = folder / each.name
-            if each.name not in ROS and each.suffix != '.pth' and not link.exists():
-                link.symlink_to(each)
+        for package in Path(place).parent.iterdir():
+            link = folder / package.name
+            if package.name not in ROS and package.suffix != '.pth' and not link.exists():
+                link.symlink_to(package)
     return folder
 
 

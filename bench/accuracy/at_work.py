@@ -229,7 +229,7 @@ def print_spoiled(seed: int) -> None:
         payloads = calibration.payloads.payloads.values() if calibration.payloads else ()
         masses = ', '.join(f'{payload.mass_kg:.3f} kg' for payload in payloads)
         left = np.median(left_of(calibration, judged))
-        print(f'\n{title}: leaves {left:.3f}; {masses or "no payload told"}')
+        print(f'\n{title}: leaves {left:.3f}; {masses or "no payload found"}')
         for sentence in calibration.warnings:
             print(f'  {sentence}', flush=True)
 

@@ -56,7 +56,7 @@ def wrench_bytes(stamp_ns: int, doubles: bytes = _DOUBLES) -> bytes:
 
 def sense(context: Any, namespaces: Sequence[str]) -> None:
     """
-    Publish as told, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now.
+    Publish as a request says, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now.
 
     ``"states": true`` sends the driver's whole state beside every wrench, temperature included;
     ``"imu_every": n`` a message of the IMU beside every n-th.

@@ -130,7 +130,7 @@ def kill_once(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[
         warm_up.live(-SOAKS_S, killed)
         warm_up.live(back, back + WATCHED_S)
     never, anew = undisturbed(model, celsius, -SOAKS_S), undisturbed(model, celsius, back)
-    # What is told first is what was saved; the first cell is complete a second after that.
+    # The first drift is the saved one; the first cell is complete a second after that.
     seconds = sorted(warm_up.heard)[1:]
     if len(seconds) < WATCHED_S // 2:
         sys.exit(f'heard of {len(seconds)} seconds only\n{stand.log.read_text("utf-8")}')

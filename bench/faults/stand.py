@@ -57,7 +57,7 @@ class Sensor:
         self._elapsed_s = 0.0
 
     def advance(self, elapsed_s: float) -> None:
-        """Let time pass until so many seconds after the start."""
+        """Let time pass until some seconds after the start."""
         while self._elapsed_s < elapsed_s:
             self._elapsed_s += 0.1
             self._warmth_k = 15.0 * (1 - np.exp(-self._elapsed_s / 400)) + np.sin(

@@ -52,7 +52,7 @@ element of a list, `*` for the name of an axis.
 def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
-    yield EXITS % ', '.join(f'`{each.kind()}`' for each in WristFtCompError.__subclasses__())
+    yield EXITS % ', '.join(f'`{error.kind()}`' for error in WristFtCompError.__subclasses__())
     _, commands = build_parser()
     for name, parser in commands.items():
         yield f'### `{name}`\n\n{parser.description}\n'
@@ -91,12 +91,12 @@ def csv_columns() -> str:
             ),
         ],
         [
-            ', '.join(f'`{each}`' for each in REFERENCE_CHANNELS),
+            ', '.join(f'`{channel}`' for channel in REFERENCE_CHANNELS),
             'N, N m',
             'true wrench, any subset',
         ],
         [
-            ', '.join(f'`{each}`' for each in FORCE_CHANNELS),
+            ', '.join(f'`{channel}`' for channel in FORCE_CHANNELS),
             'm/s²',
             (
                 'specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 '
@@ -133,7 +133,7 @@ def kind(schema: Schema, entry: Schema) -> str:
     """Name the type of an entry."""
     if 'const' in entry or 'enum' in entry:
         values = entry.get('enum', [entry.get('const')])
-        return ' or '.join(f'`{json.dumps(each)}`' for each in values)
+        return ' or '.join(f'`{json.dumps(value)}`' for value in values)
     types = entry['type'] if isinstance(entry['type'], list) else [entry['type']]
     types = [*types, 'null'] if 'nullable' in entry else types
     inner = resolved(schema, entry.get('items', {}))

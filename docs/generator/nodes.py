@@ -87,21 +87,21 @@ def running(factory: Callable[..., Node], **values: str) -> Iterator[tuple[Any, 
     node = factory(context=context, parameter_overrides=overrides)
     asker = Node('asker', context=context)
     try:
-        for each in (node, asker):
-            executor.add_node(each)
+        executor.add_node(node)
+        executor.add_node(asker)
         yield node, asker, executor
     finally:
         executor.shutdown()
-        for each in (asker, node):
-            each.destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
+        for running_node in (asker, node):
+            running_node.destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
         context.shutdown()
 
 
-def own(name: str, node: Any) -> str:
+def name_in_code(name: str, node: Any) -> str:
     """Write a name as the code does: relative, or below the node's own."""
     inside = f'/{node.get_name()}/'
-    known = name if name in PURPOSE else name.removeprefix('/')
-    return f'~/{name.removeprefix(inside)}' if name.startswith(inside) else known
+    relative = name if name in PURPOSE else name.removeprefix('/')
+    return f'~/{name.removeprefix(inside)}' if name.startswith(inside) else relative
 
 
 def type_name(kind: Any) -> str:
@@ -116,7 +116,7 @@ def topic_rows(node: Any) -> Iterator[list[str]]:
         for end in ends:
             if end.topic_name in COMMON:
                 continue
-            name = own(end.topic_name, node)
+            name = name_in_code(end.topic_name, node)
             qos = end.qos_profile
             quality = f'{qos.reliability.name.lower().replace("_", " ")}, depth {qos.depth}'
             yield [f'`{name}`', word, f'`{type_name(end.msg_type)}`', quality, PURPOSE[name]]
@@ -131,7 +131,7 @@ def topics(node: Any) -> str:
 
 def services(node: Any) -> str:
     """List a node's services."""
-    named = ((own(each.srv_name, node), each.srv_type) for each in node.services)
+    named = ((name_in_code(service.srv_name, node), service.srv_type) for service in node.services)
     rows = [
         [f'`{name}`', f'`{type_name(kind)}`', PURPOSE[name]]
         for name, kind in named
@@ -147,8 +147,8 @@ def diagnostics(asker: Any, executor: Any) -> str:
     while not arrays:
         executor.spin_once(timeout_sec=TIMEOUT_S)
     statuses = (
-        [f'`{each.name.split(": ")[1]}`', ', '.join(f'`{value.key}`' for value in each.values)]
-        for each in arrays[0].status
+        [f'`{status.name.split(": ")[1]}`', ', '.join(f'`{value.key}`' for value in status.values)]
+        for status in arrays[0].status
     )
     return table(('status', 'values before a model and a message'), statuses)
 

@@ -140,19 +140,22 @@ REFUSED = {
     'microseconds called nanoseconds': (
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
         r'600 samples within 0.000599 s.*stamp_us', COLUMNS),
-    'no stamp': (without('stamp_s'), 'no stamp column; expected stamp_ns', COLUMNS),
+    'no stamp': (
+        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_s, got f', COLUMNS),
     'time instead of a stamp': (
         rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
     'minutes': (
         rename('stamp_s', 'stamp_min'), "Is 'stamp_min' meant to be 'stamp_s'", COLUMNS),
-    'no wrench': (without('force_x', 'force_z'), r'no raw wrench', COLUMNS),
+    'no wrench': (
+        without('force_x', 'force_z'), 'no raw wrench column; expected force_x or', COLUMNS),
     'short names of axes': (
         both(rename('force_x', 'fx'), rename('force_z', 'Fz [N]')),
         r"Is 'fx' meant to be 'force_x' \(N\)\? Is 'Fz \[N\]' meant to be 'force_z'", COLUMNS),
     'kilonewtons': (
         both(rename('force_z', 'force_z_kn'), without('force_x')),
         r"Is 'force_z_kn' meant to be 'force_z' \(N\)\?.* with its values in that unit", COLUMNS),
-    'no temperature': (without('temperature_c'), 'no temperature column', COLUMNS),
+    'no temperature': (
+        without('temperature_c'), 'no temperature column; expected temperature_c.*, got', COLUMNS),
     'a temperature of another name': (
         rename('temperature_c', 'motor_temp'),
         r"'motor_temp' meant to be 'temperature_c' \(or temperature_k, temperature_f\)", COLUMNS),
@@ -326,41 +329,41 @@ def changed(rows, kind):
     return table, pattern
 
 
-def arguments(path, kind, table, way):
-    topics = thermometers(table) if way in BAGS else []
+def arguments(path, kind, table, form):
+    topics = thermometers(table) if form in BAGS else []
     topics = ['/temperature:header.stamp.sec'] if 'taken for' in kind else topics
     return [path, *(word for topic in topics for word in ('--temperature-topic', topic))]
 
 
-@pytest.mark.parametrize(('kind', 'way'), cases(REFUSED))
-def test_a_bad_recording_is_refused_in_one_sentence(kind, way, door):
+@pytest.mark.parametrize(('kind', 'form'), cases(REFUSED))
+def test_a_bad_recording_is_refused_in_one_sentence(kind, form, door):
     table, pattern = changed(REFUSED, kind)
-    if way == 'table':
+    if form == 'table':
         with pytest.raises((RecordingError, CalibrationRefusedError), match=pattern):
             calibrate([recording_from_columns(table)], SETTINGS)
         return
-    path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
+    path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
     before = sorted(door.folder.rglob('*'))
-    command = ['calibrate', *arguments(path, kind, table, way), '--method', 'pls']
+    command = ['calibrate', *arguments(path, kind, table, form), '--method', 'pls']
     assert re.search(pattern, door.run(*command, '-o', door.folder / 'model.yaml').sentence)
     assert sorted(door.folder.rglob('*')) == before
 
 
-@pytest.mark.parametrize(('kind', 'way'), cases(WARNED))
-def test_what_is_dropped_or_doubted_is_said(kind, way, door):
+@pytest.mark.parametrize(('kind', 'form'), cases(WARNED))
+def test_dropped_samples_and_doubts_are_warnings(kind, form, door):
     table, pattern = changed(WARNED, kind)
-    if way == 'table':
+    if form == 'table':
         warnings = calibrate([recording_from_columns(table)], SETTINGS).warnings
     else:
-        path = door.csv(table) if way == 'csv' else door.bag(table, kind, way)
-        words, model = arguments(path, kind, table, way), door.folder / 'model.yaml'
+        path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
+        words, model = arguments(path, kind, table, form), door.folder / 'model.yaml'
         outcome = door.run('calibrate', *words, '-o', model, '--method', 'pls', '--json')
         assert outcome.code == 0, outcome
         warnings = json.loads(outcome.out)['warnings']
         if not kind.startswith(UNSEEN):
             shown = json.loads(door.run('show', *words, '--json').out)
-            assert any(re.search(pattern, each) for each in shown['warnings'])
-    assert [each for each in warnings if re.search(pattern, each)]
+            assert any(re.search(pattern, warning) for warning in shown['warnings'])
+    assert [warning for warning in warnings if re.search(pattern, warning)]
 
 
 @pytest.mark.parametrize(
@@ -391,7 +394,7 @@ def test_gaps_of_the_wrench_make_no_chamber_test_of_a_warm_up(gap_s):
         for axis in ('force_x', 'force_z'):
             table[axis][first : first + gap_s] = np.nan
     whole, gappy = (
-        calibrate([recording_from_columns(each)], SETTINGS) for each in (good(), table)
+        calibrate([recording_from_columns(columns)], SETTINGS) for columns in (good(), table)
     )
     assert gappy.fits['force_z'].chosen == whole.fits['force_z'].chosen
     assert gappy.fits['force_z'].rms_after < 2 * whole.fits['force_z'].rms_after

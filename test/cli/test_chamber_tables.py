@@ -36,7 +36,7 @@ def test_the_fit_meets_the_requirement(fitted):
 
 
 @pytest.mark.parametrize('table', TABLES)
-def test_by_default_the_gain_is_left_alone_and_zero_drift_holds_where_it_was_left_out(
+def test_the_default_leaves_the_gain_alone_and_zero_drift_holds_at_temperatures_left_out(
     table, done, make, tmp_path
 ):
     """Between a few temperatures a fit of the gain does more harm than good."""
@@ -64,9 +64,7 @@ def test_left_out_temperatures_stand_beside_the_fit(fitted):
     assert all(len(line) <= 80 for line in lines[-5:])
 
 
-def test_where_leaving_one_out_leaves_a_single_temperature_there_are_no_figures_of_it(
-    done, make, tmp_path
-):
+def test_two_temperatures_have_no_figures_of_leaving_one_out(done, make, tmp_path):
     header, *rows = (make.keller / TABLES[1]).read_text().splitlines()
     cells = [row.split(',') for row in (header, *rows, *rows)]
     path = tmp_path / 'two.csv'

@@ -44,7 +44,7 @@ def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_pa
 
 
 @pytest.mark.parametrize('kind', ['csv', 'table'])
-def test_what_was_compensated_is_not_compensated_again(kind, run, make, model, tmp_path):
+def test_a_compensated_recording_is_not_compensated_again(kind, run, make, model, tmp_path):
     path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
     if kind == 'table':
         path, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'table.yaml'
@@ -79,7 +79,7 @@ def test_two_outputs_need_two_topics(run, bags, model, tmp_path):
     assert 'holds /wrench_external already' in outcome.sentence
 
 
-def test_without_a_tare_it_says_that_an_offset_stays(run, make, model, bags, tmp_path):
+def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags, tmp_path):
     csv = make.csv(tmp_path / 'run.csv', make.drifting(seed=3, offset=50.0))
     said = 'every axis keeps a constant offset'
     for number, (words, warned) in enumerate(

@@ -45,13 +45,13 @@ def test_errors_are_tared_on_the_first_minute_after_the_calibration():
     np.testing.assert_allclose(compensated, 0.1 * expected, atol=1e-9)
 
 
-def test_a_log_without_wrenches_after_the_calibration_is_told():
+def test_a_log_without_wrenches_after_the_calibration_is_a_sentence():
     with pytest.raises(RecordingError, match='Not every wrench was received'):
         result.errors(make_log(calibrated_s=1000))
 
 
 @pytest.mark.parametrize(('kept', 'code'), [(0.05, 0), (0.2, 1)])
-def test_the_exit_code_tells_whether_drift_fell_enough(kept, code, run, tmp_path, monkeypatch):
+def test_the_exit_code_is_0_where_drift_fell_enough(kept, code, run, tmp_path, monkeypatch):
     log = make_log()
     raw = log.raw - log.reference
     better = DemoLog(**{**vars(log), 'compensated': log.reference + kept * raw})
@@ -132,7 +132,7 @@ def test_a_failing_process_ends_all_with_a_sentence(  # noqa: PLR0913, PLR0917 -
     assert not (tmp_path / 'demo.png').exists()
 
 
-def test_no_file_is_named_that_is_gone_when_the_demonstration_ends(run, children, tmp_path):
+def test_no_file_is_named_that_the_demonstration_deletes(run, children, tmp_path):
     answer = """
 import json, pathlib, sys
 folder = pathlib.Path(sys.argv[1]).parent
@@ -148,11 +148,11 @@ print(json.dumps({'event': 'message', 'text': f'recording into {folder}/r.csv'})
 
 def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
     """A robot on this computer must never hear the simulated wrench."""
-    own = int(demo._environment()['ROS_DOMAIN_ID'])
-    assert own in range(60, 101)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(own))
+    domain = int(demo._environment()['ROS_DOMAIN_ID'])
+    assert domain in range(60, 101)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     environment = demo._environment()
-    assert environment['ROS_DOMAIN_ID'] != str(own)
+    assert environment['ROS_DOMAIN_ID'] != str(domain)
     assert environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert environment['PATH'] == os.environ['PATH']
 

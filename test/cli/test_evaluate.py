@@ -43,7 +43,7 @@ def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     assert max(map(len, lines)) <= 80
 
 
-def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
+def test_a_report_holds_the_printed_figures(done, make, model, tmp_path):
     path, page = make.csv(tmp_path / 'run.csv', make.drifting(seed=3)), tmp_path / 'r.html'
     out = done('evaluate', model, path, '--tare', '5', '--report', page)
     text = page.read_text()
@@ -52,7 +52,7 @@ def test_a_report_tells_what_was_printed(done, make, model, tmp_path):
     assert 'first 5\N{NO-BREAK SPACE}s' in text
 
 
-def test_where_no_temperature_moved_there_is_nothing_to_judge(done, make, model, tmp_path):
+def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_path):
     columns = make.drifting(30)
     noise = np.random.default_rng(0).normal(0, 0.02, (2, 30))
     columns['temperature_c'] = [24.0] * 30
@@ -61,10 +61,10 @@ def test_where_no_temperature_moved_there_is_nothing_to_judge(done, make, model,
     assert 'force_z: nothing to judge. ' in done('evaluate', model, path, '--report', page)
     assert '2 nothing to judge' in page.read_text()
     judged = json.loads(done('evaluate', model, path, '--json'))['verdicts']
-    assert {each['level'] for each in judged.values()} == {'unjudged'}
+    assert {verdict['level'] for verdict in judged.values()} == {'unjudged'}
     moved = make.csv(tmp_path / 'day.csv', make.drifting(seed=3))
     judged = json.loads(done('evaluate', model, path, moved, '--json'))['verdicts']
-    assert {each['level'] for each in judged.values()} == {'good'}
+    assert {verdict['level'] for verdict in judged.values()} == {'good'}
 
 
 def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
@@ -104,9 +104,7 @@ def lagged_pair(seed, loose_k=0.0):
     }
 
 
-def test_thermometers_that_contradict_are_said_of_files_in_the_words_of_the_node(
-    run, make, tmp_path
-):
+def test_thermometers_that_contradict_in_a_file_are_named_as_the_node_does(run, make, tmp_path):
     days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
     model, cells = tmp_path / 'model.yaml', ('--thermal-period', 10, '--method', 'filtered_pls')
     run('calibrate', *days, '-o', model, *cells)

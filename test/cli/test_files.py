@@ -30,7 +30,7 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_what_never_ends_is_refused_at_once(run, tmp_path):
+def test_a_device_is_refused_at_once(run, tmp_path):
     for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
         assert 'is a device' in run(*words).sentence
 
@@ -48,7 +48,7 @@ def test_a_recording_named_twice_is_refused(run, drift_csv, tmp_path):
 
 
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
-def test_model_and_recording_in_each_other_s_place_are_told(
+def test_model_and_recording_in_the_place_of_the_other_are_refused(
     command, run, model, drift_csv, tmp_path
 ):
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
@@ -80,7 +80,7 @@ def test_a_recording_is_one_by_its_name_or_header(name, content, tmp_path):
         KIND.check_target(path)
 
 
-def test_what_is_not_there_may_be_made(tmp_path):
+def test_missing_and_empty_files_may_be_written(tmp_path):
     (tmp_path / 'empty').touch()
     for path in (tmp_path / 'no', tmp_path / 'folder/no.yaml', tmp_path / 'empty'):
         options.check_model(path)
@@ -190,7 +190,7 @@ def test_a_name_that_promises_something_else_is_refused(case, run, recordings, m
     assert not list(tmp_path.iterdir())
 
 
-def test_what_stands_in_the_way_of_a_copy_is_seen_first(run, recordings, model, tmp_path):
+def test_obstacles_of_a_copy_are_found_before_the_work(run, recordings, model, tmp_path):
     (tmp_path / 'empty.csv').touch()
     csv, bag = recordings['csv'], recordings['mcap']
     for words, reason in (
@@ -216,7 +216,7 @@ def test_a_predecessor_and_an_empty_file_are_replaced(done, model, drift_csv, fo
     assert picture.read_bytes().startswith(PNG[:8])
 
 
-def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_path):
+def test_a_foreign_payloads_json_is_found_before_the_work(run, drift_csv, tmp_path):
     (tmp_path / 'payloads.json').write_text(json.dumps({'of': 'another program'}))
     words = ['-o', tmp_path / 'm.yaml', '--reference', 'payload']
     assert 'payloads.json' in run('calibrate', drift_csv, *words).sentence
@@ -224,8 +224,8 @@ def test_a_foreign_payloads_json_is_seen_before_the_work(run, drift_csv, tmp_pat
 
 
 @pytest.fixture
-def here(done, make, model, tmp_path):
-    """Paths by name; the model of the table is that of a chamber table."""
+def fill_in(done, make, model, tmp_path):
+    """Fill paths into words; ``{tables}`` is the model of a chamber table."""
     table, short = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'short.csv'
     make.csv(short, make.drifting(120))
     paths = {'csv': short, 'model': model, 'table': table, 'out': tmp_path / 'out'}
@@ -261,8 +261,8 @@ def here(done, make, model, tmp_path):
         ('show {model} --wrench-topic w', ['--wrench-topic']),
     ],
 )  # fmt: skip
-def test_an_option_that_does_nothing_is_named(words, idle, run, here):
-    outcome = run(*map(here, words.split()))
+def test_an_option_that_does_nothing_is_named(words, idle, run, fill_in):
+    outcome = run(*map(fill_in, words.split()))
     warned = [line for line in outcome.err.splitlines() if 'does nothing here' in line]
     assert outcome.code == 0, outcome
     assert sorted(line.split()[1] for line in warned) == idle

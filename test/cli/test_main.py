@@ -105,7 +105,7 @@ def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
         (['show', '--json', '--picture'], 2, 'usage'),
     ],
 )  # fmt: skip
-def test_json_tells_of_an_error_too(case, run, drift_csv, model):
+def test_json_holds_an_error_too(case, run, drift_csv, model):
     argv, code, kind = case
     outcome = run(*(word.format(csv=drift_csv, model=model) for word in argv))
     (error,) = json.loads(outcome.out).values()
@@ -121,13 +121,13 @@ def test_json_tells_of_an_error_too(case, run, drift_csv, model):
         (KeyboardInterrupt(), 130, 'interrupted'),
     ],
 )
-def test_json_tells_of_what_the_system_refuses(error, code, kind, run, drift_csv, monkeypatch):  # noqa: PLR0913, PLR0917
+def test_json_holds_an_error_of_the_system(error, code, kind, run, drift_csv, monkeypatch):  # noqa: PLR0913, PLR0917
     monkeypatch.setattr('wrist_ft_comp.cli.show.describe_recording', fail_with(error))
     outcome = run('show', drift_csv, '--json')
     assert (outcome.code, json.loads(outcome.out)['error']['kind']) == (code, kind)
 
 
-def test_json_knows_no_nan(capsys):
+def test_json_holds_no_nan(capsys):
     options.print_json({'a': [float('nan'), 1.5, (float('inf'),)], 'b': Path('x')})
     assert json.loads(capsys.readouterr().out) == {'a': [None, 1.5, [None]], 'b': 'x'}
 

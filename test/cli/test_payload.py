@@ -11,7 +11,7 @@ import pytest
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.jobs import calibration as calibration_job
-from wrist_ft_comp.signals import AXES, FORCE_CHANNELS
+from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.payload_file import load_payloads
 
 
@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def days(folder, make_working_day):
+def days(folder, make_working_day, write_working_day):
     """Two days to learn from, one in whose middle the driver tared, and a short one."""
     paths = []
     for number, day in enumerate(
@@ -32,20 +32,8 @@ def days(folder, make_working_day):
             make_working_day(3, 600, part=False),
         ]
     ):
-        columns = {
-            'stamp_s': np.arange(len(day)) + 0.5,
-            'temperature_c': day.temperature_c[:, 0],
-            **dict(zip(AXES, day.wrench.T, strict=True)),
-            **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
-            'rotation_speed': day.rotation_speed,
-            'recorded_from?frame_id=left_ft': np.full(len(day), ''),
-        }
-        path = folder / f'day{number}.csv'
-        with path.open('w', newline='') as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(each.tolist() for each in columns.values()), strict=True))
-        paths.append(path)
+        sensor = {'recorded_from?frame_id=left_ft': np.full(len(day), '')}
+        paths.append(write_working_day(folder / f'day{number}.csv', day, sensor))
     return paths
 
 
@@ -72,9 +60,9 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert 'roll, pitch, yaw of 0.0, 0.0, 90.0' in text
     other = '-o', path.with_name('other.yaml'), '--imu-topic', 'imu', '--json'
     printed = json.loads(done(*argv, *other))['payloads']
-    assert [each['name'] for each in printed] == ['other-1', 'other-2']
-    assert [each['mass_kg'] for each in printed] == pytest.approx([1.3, 2.1], rel=0.005)
-    assert all(each['mass_error_kg'] > 0 for each in printed)
+    assert [payload['name'] for payload in printed] == ['other-1', 'other-2']
+    assert [payload['mass_kg'] for payload in printed] == pytest.approx([1.3, 2.1], rel=0.005)
+    assert all(payload['mass_error_kg'] > 0 for payload in printed)
     kept = load_payloads(path.with_name('payloads.json'))
     assert list(kept) == ['cell-1', 'cell-2', 'other-1', 'other-2']
     assert kept['other-2'][0].mass_kg == printed[1]['mass_kg']
@@ -91,9 +79,9 @@ def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
     def fail(*_):
         raise ModelFileError('The disk is full.')
 
-    def save_and_break(*what):
+    def save_and_break(*arguments):
         kept.write_text('{')
-        return save(*what)
+        return save(*arguments)
 
     monkeypatch.setattr(calibration_job, 'save_model', fail)
     assert run(*argv, tmp_path / 'lost.yaml').sentence
@@ -108,7 +96,7 @@ def test_a_day_is_judged_on_what_is_quiet(days, done, model):
     judged = json.loads(done(*argv))
     force = judged['axes']['force_z']
     assert force['rms_after'] < 0.1 * force['rms_before']
-    assert not [each for each in judged['warnings'] if 'payload' in each]
+    assert 'payload' not in ' '.join(judged['warnings'])
     assert judged['recordings'][0]['reference'] == 'payload'
 
 
@@ -116,11 +104,11 @@ def test_a_payload_that_was_not_learnt_is_marked(days, done, model, tmp_path):
     moved = tmp_path / 'cell.yaml'
     moved.write_bytes(model.read_bytes())
     said = json.loads(done('evaluate', moved, days[2], '--reference', 'payload', '--json'))
-    marks = [each for each in said['warnings'] if 'is not in payloads.json' in each]
+    marks = [warning for warning in said['warnings'] if 'is not in payloads.json' in warning]
     assert ['1.30 kg' in marks[0], '2.10 kg' in marks[1]] == [True, True]
 
 
-def test_the_external_wrench_is_nothing_in_free_motion(days, done, model, tmp_path):
+def test_the_external_wrench_is_zero_in_free_motion(days, done, model, tmp_path):
     out = tmp_path / 'free.csv'
     done('compensate', model, days[2], '-o', out, '--reference', 'payload')
     with out.open() as file:

@@ -25,7 +25,7 @@ def bag(tmp_path_factory, messages, make):
             yield wrench, messages.wrench_type, at_ns, messages.wrench(at_ns, six, frame)
             warm = messages.temperature(at_ns, inside)
             yield TOPICS[0], messages.temperature_type, at_ns, warm
-            motors = [messages.make('arm_msgs/msg/Motor', each) for each in (0.0, outside)]
+            motors = [messages.make('arm_msgs/msg/Motor', celsius) for celsius in (0.0, outside)]
             yield '/arm/state', STATE, at_ns, messages.pack(STATE, at_ns, motors)
             aside = messages.temperature(at_ns, outside)
             yield '/arm/temperature', messages.temperature_type, at_ns, aside
@@ -40,7 +40,7 @@ def bag(tmp_path_factory, messages, make):
 
 def named(*temperatures, wrench='/ft/wrench'):
     """Name topics on the command line."""
-    words = (('--temperature-topic', each) for each in temperatures or TOPICS)
+    words = (('--temperature-topic', topic) for topic in temperatures or TOPICS)
     return '--wrench-topic', wrench, *(word for pair in words for word in pair)
 
 
@@ -63,11 +63,11 @@ def warnings(outcome):
     """Take the warnings of a command that succeeded, which are in its JSON, too."""
     assert outcome.code == 0, outcome
     said = json.loads(outcome.out)['warnings']
-    assert all(f'warning: {each}' in outcome.err for each in said) or not outcome.err
+    assert all(f'warning: {sentence}' in outcome.err for sentence in said) or not outcome.err
     return said
 
 
-def test_a_model_tells_its_sensor(learnt, done):
+def test_a_model_names_its_sensor(learnt, done):
     provenance = yaml.safe_load(learnt.read_text())['provenance']
     assert provenance['frame_id'] == 'ft_sensor'
     assert provenance['wrench_topic'] == '/ft/wrench'
@@ -77,31 +77,31 @@ def test_a_model_tells_its_sensor(learnt, done):
     assert f'°C, {TOPICS[1]}\n' in shown
 
 
-@pytest.mark.parametrize('command', ['evaluate', 'compensate'])
-class TestBesideAnotherSensor:
-    def test_swapped_thermometers_are_refused(self, command, learnt, bag, run, tmp_path):
-        argv = [command, learnt, bag('swapped', 1)]
-        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
-        sentence = run(*argv, *named(*TOPICS[::-1])).sentence
-        assert f'expected {TOPICS[0]}, {TOPICS[1]}.' in sentence
-        assert not (tmp_path / 'out').exists()
-
-    def test_another_frame_is_told(self, command, learnt, bag, run, tmp_path):
-        argv = [command, learnt, bag('other', 1, frame='right_ft'), *named(), '--json']
-        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
-        (warning,) = (each for each in warnings(run(*argv)) if 'another sensor' in each)
-        assert 'frame_id ft_sensor in model.yaml, right_ft in other' in warning
-
-    def test_the_same_names_written_otherwise_are_none(self, command, learnt, bag, run, tmp_path):
-        words = named(
-            'ft/temperature:temperature', 'arm/state:motors.1.celsius:C', wrench='ft/wrench'
-        )
-        argv = [command, learnt, bag('again', 1), *words, '--json']
-        argv += ['-o', tmp_path / 'out'] if command == 'compensate' else []
-        assert not [each for each in warnings(run(*argv)) if 'sensor' in each]
+@pytest.fixture(params=['evaluate', 'compensate'])
+def apply_model(request, learnt, run, tmp_path):
+    """Run a command that applies the model to a recording."""
+    output = ['-o', tmp_path / 'out'] if request.param == 'compensate' else []
+    return lambda recording, *words: run(request.param, learnt, recording, *output, *words)
 
 
-def test_recordings_of_two_sensors_in_one_fit_are_told(day, bag, done, tmp_path):
+def test_swapped_thermometers_are_refused(apply_model, bag, tmp_path):
+    sentence = apply_model(bag('swapped', 1), *named(*TOPICS[::-1])).sentence
+    assert f'expected {TOPICS[0]}, {TOPICS[1]}.' in sentence
+    assert not (tmp_path / 'out').exists()
+
+
+def test_another_frame_is_a_warning(apply_model, bag):
+    outcome = apply_model(bag('other', 1, frame='right_ft'), *named(), '--json')
+    (warning,) = (sentence for sentence in warnings(outcome) if 'another sensor' in sentence)
+    assert 'frame_id ft_sensor in model.yaml, right_ft in other' in warning
+
+
+def test_the_same_names_written_otherwise_are_the_same_sensor(apply_model, bag):
+    words = named('ft/temperature:temperature', 'arm/state:motors.1.celsius:C', wrench='ft/wrench')
+    assert 'sensor' not in ' '.join(warnings(apply_model(bag('again', 1), *words, '--json')))
+
+
+def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_path):
     other = bag('other', 1, frame='right_ft')
     argv = 'calibrate', day, other, '-o', tmp_path / 'm.yaml', '--method', 'pls', *named()
     (warning,) = (e for e in json.loads(done(*argv, '--json'))['warnings'] if 'several' in e)
@@ -109,22 +109,21 @@ def test_recordings_of_two_sensors_in_one_fit_are_told(day, bag, done, tmp_path)
 
 
 class TestWhatWasLearntFrom:
-    def judged(self, run, learnt, path):
-        return any(
-            'learnt from' in each
-            for each in warnings(run('evaluate', learnt, path, '--json', *named()))
+    def is_marked(self, run, learnt, path):
+        return 'learnt from' in ' '.join(
+            warnings(run('evaluate', learnt, path, '--json', *named()))
         )
 
-    def test_is_found_under_another_name(self, learnt, day, run, tmp_path):
+    def test_a_copy_is_found_under_another_name(self, learnt, day, run, tmp_path):
         shutil.copytree(day, tmp_path / 'wednesday')
         (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
-        assert self.judged(run, learnt, tmp_path / 'wednesday')
-        assert self.judged(run, learnt, day / 'day.mcap')
+        assert self.is_marked(run, learnt, tmp_path / 'wednesday')
+        assert self.is_marked(run, learnt, day / 'day.mcap')
 
-    def test_is_not_another_day_of_the_same_name(self, learnt, bag, run):
-        assert not self.judged(run, learnt, bag('day', 2))
+    def test_another_day_of_the_same_name_is_no_copy(self, learnt, bag, run):
+        assert not self.is_marked(run, learnt, bag('day', 2))
 
-    def test_is_counted_once(self, day, drift_csv, run, tmp_path):
+    def test_a_copy_is_counted_once(self, day, drift_csv, run, tmp_path):
         output = '-o', tmp_path / 'm.yaml'
         copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
         assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
@@ -136,7 +135,7 @@ class TestWhatWasLearntFrom:
 def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp_path):
     """CSV, mcap and sqlite3; temperatures on topics of their own and inside other messages."""
     columns = make.drifting(seed=3, both=True)
-    stamps = [START + round(each * 10**9) for each in columns.pop('stamp_s')]
+    stamps = [START + round(second * 10**9) for second in columns.pop('stamp_s')]
     days = {
         'csv': (make.csv(tmp_path / 'day.csv', {'stamp_ns': stamps, **columns}), ()),
         'mcap': (bag('m', 3), named()),

@@ -112,7 +112,7 @@ def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, message
     assert 'holds no raw wrench in a form that can be read, so nothing' in out
 
 
-def test_a_report_is_known(done, drift_csv, model, tmp_path):
+def test_a_report_is_recognised(done, drift_csv, model, tmp_path):
     page = tmp_path / 'r.html'
     done('evaluate', model, drift_csv, '--report', page)
     assert 'open it in a browser' in done('show', page)
@@ -147,7 +147,7 @@ def test_a_recording_says_which_directions_gravity_had(done, make, tmp_path):
     np.testing.assert_allclose(shown['spread'], [9.807 / 3**0.5, 9.807 / 3**0.5, 0], atol=1e-6)
 
 
-def test_a_recording_of_one_pose_says_that_no_payload_can_be_told(done, make, tmp_path):
+def test_a_recording_of_one_pose_says_that_it_shows_no_payload(done, make, tmp_path):
     out = done('show', accelerated(make, tmp_path, np.repeat([[0.0, 0.0, 9.8]], 9, axis=0)))
     assert 'none of them were seen' in out
     assert 'tilt the tool about two axes' in out
@@ -155,8 +155,8 @@ def test_a_recording_of_one_pose_says_that_no_payload_can_be_told(done, make, tm
 
 def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, tmp_path):
     file = tmp_path / PAYLOADS
-    known = Payload(1.4, np.array([0.0, 0.01, 0.1]), 0.01, np.full(3, 0.001), 0.5)
-    add_payloads(file, 'tool', [known, Payload(2.0, np.zeros(3))], ForceFrame())
+    tool = Payload(1.4, np.array([0.0, 0.01, 0.1]), 0.01, np.full(3, 0.001), 0.5)
+    add_payloads(file, 'tool', [tool, Payload(2.0, np.zeros(3))], ForceFrame())
     shown = run('show', file).out
     assert (
         'tool-1: 1.400 ± 0.01 kg, centre of mass at 0.0, 10.0, 100.0 mm (± 1), on for 50%' in shown
@@ -193,7 +193,7 @@ def folder(tmp_path):
     return folder
 
 
-def test_a_table_tells_of_every_day(done, folder):
+def test_the_table_of_days_has_a_row_for_every_day(done, folder):
     text = done('show', folder)
     lines = text.splitlines()
     assert lines[0].startswith(f'{folder}: days of a node that learns, 4')
@@ -230,7 +230,7 @@ def test_a_table_tells_of_every_day(done, folder):
     assert document['paused'] == 'zero of force_z jumped'
 
 
-def test_of_a_day_that_tells_nothing_neither_date_nor_length_is_told(done, folder):
+def test_a_day_without_date_and_length_is_shown_without_them(done, folder):
     (folder / 'days/day_00006.csv').write_text('stamp_s,force_x\n')
     text = done('show', folder)
     assert '1970' not in text
@@ -255,7 +255,7 @@ def day(number, live='', *, kind='', incident='', at=None):
         incident=incident, payloads=((1.4, 0.0, 0.0, 0.1),))  # fmt: skip
 
 
-def test_what_happened_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
+def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     silent = {'kind': 'thermometer', 'incident': 'On this day thermometer 2 is silent.'}
     jumped = {'kind': 'zero', 'incident': 'The zero jumped.'}
     days = (
@@ -307,7 +307,7 @@ def test_no_label_of_a_picture_lies_on_another_or_outside(count):
 
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
-def test_without_a_diary_the_files_are_told(done, folder, content):
+def test_without_a_diary_the_files_are_listed(done, folder, content):
     path = diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
     text = done('show', folder)

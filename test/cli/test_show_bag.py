@@ -191,19 +191,19 @@ def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensat
     assert left['axes']['force_z']['rms_before'] < 0.3, 'of 20 N: it is compensated already'
 
 
-def test_show_tells_how_good_each_topic_is(done, drivers, messages, tmp_path):
+def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     out = done('show', messages.write(tmp_path / 'day', drivers.ur_like(), 'mcap'))
-    told = {
+    cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }
-    assert told['/ftsensor/wrench'][:5] == ['raw', 'wrench', '2', '1199.5', '0.5']
+    assert cells['/ftsensor/wrench'][:5] == ['raw', 'wrench', '2', '1199.5', '0.5']
     # Of 1200 s, every fifth one; but 100 s are missing.
     heat = ['temperature', f'{220 / 1195:.4g}', '1195.0', '100', '23.0', 'to']
-    assert told['/joint_heat:temperatures[0]'][:6] == heat
-    assert told['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
-    assert not any(entry.endswith('.values[0]') for entry in told), 'a position is no temperature'
-    assert told['/tf'][0] == 'TF'
-    assert '/joint_heat:currents[0]' not in told
+    assert cells['/joint_heat:temperatures[0]'][:6] == heat
+    assert cells['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
+    assert not any(entry.endswith('.values[0]') for entry in cells), 'a position is no temperature'
+    assert cells['/tf'][0] == 'TF'
+    assert '/joint_heat:currents[0]' not in cells
 
 
 def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
@@ -223,7 +223,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     assert {'temperature'} == {c['role'] for c in shown['channels'] if 'frame' in c['name']}
 
 
-def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages, tmp_path):
+def test_named_topics_are_taken_before_likely_ones(done, drivers, messages, tmp_path):
     bag = messages.write(tmp_path / 'day', drivers.ur_like())
     given = ['--temperature-topic', '/joint_heat:temperatures[2]']
     calibrate, _, _ = commands(done('show', bag, *given))
@@ -235,9 +235,9 @@ def test_what_was_named_is_taken_before_what_looks_right(done, drivers, messages
     )
 
 
-def test_kelvins_and_temperatures_that_stand_still_are_told(done, messages, tmp_path):
+def test_kelvins_and_temperatures_that_stand_still_are_named(done, messages, tmp_path):
     heat = [messages.temperature(k + 1, 295.0 + k) for k in range(9)]
-    warm = [('/motor/heat', messages.temperature_type, T0, each) for each in heat]
+    warm = [('/motor/heat', messages.temperature_type, T0, data) for data in heat]
     wrench = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
     out = done('show', messages.write(tmp_path / 'bag', [wrench, *warm]))
     assert 'If /motor/heat is in kelvin, write /motor/heat:temperature:K.' in out
@@ -246,7 +246,7 @@ def test_kelvins_and_temperatures_that_stand_still_are_told(done, messages, tmp_
     assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
 
 
-def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
+def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
     def arms():
         for k in range(600):
             at = T0 + k * 10**8
@@ -260,16 +260,16 @@ def test_of_two_arms_one_is_proposed_with_its_own_thermometers(done, messages, t
     for arm, given in (('left', []), ('right', ['--wrench-topic', '/right/ft/wrench'])):
         out = done('show', bag, *given)
         calibrate, *_ = commands(out)
-        own, motor = f'/{arm}_ft/heat', f'/{arm}/motor_temperature'
+        inside, motor = f'/{arm}_ft/heat', f'/{arm}/motor_temperature'
         assert calibrate[-6:] == [
-            '--wrench-topic', f'/{arm}/ft/wrench', '--temperature-topic', own,
+            '--wrench-topic', f'/{arm}/ft/wrench', '--temperature-topic', inside,
             '--temperature-topic', motor,
         ]  # fmt: skip
-        assert f'by its name it is most probably {own}:' in out
+        assert f'by its name it is most probably {inside}:' in out
 
 
 @pytest.mark.parametrize('fault', ['none', 'wrench', 'temperature', 'clocks', 'hours'])
-def test_what_show_prints_calibrate_takes(  # noqa: PLR0913, PLR0917
+def test_commands_that_show_prints_are_taken_by_calibrate(  # noqa: PLR0913, PLR0917
     fault, run, done, messages, tmp_path, monkeypatch
 ):
     """Stamps of zero, another clock than the recorder's, and two clocks hours apart."""
@@ -346,7 +346,7 @@ def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR091
     assert node[-len(parameters) :] == parameters
     shown = json.loads(done('show', bag, *words, '--json'))
     assert shown['specific_force']['spread'][1] > 0.7
-    used = {each['name']: each['role'] for each in shown['channels']}
+    used = {channel['name']: channel['role'] for channel in shown['channels']}
     assert [name for name in used if used[name] == 'specific force'] == [
         '/ft/imu' if by == 'imu' else '/tf'
     ]

@@ -123,7 +123,7 @@ def test_a_relaxation_runs_as_the_plain_recursion(pole, cells):
 
 
 @pytest.mark.parametrize(
-    ('part', 'value', 'told'),
+    ('part', 'value', 'name'),
     [
         ('input_weight', np.ones(2), 'input_weight'),
         ('rotations', np.ones((4, 3)), 'rotations'),
@@ -133,8 +133,8 @@ def test_a_relaxation_runs_as_the_plain_recursion(pole, cells):
         ('output_mean', np.zeros(1), 'output_loadings'),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(general, part, value, told):
-    with pytest.raises(ModelFileError, match=rf'^{told} must have shape .* to fit 3 inputs, '):
+def test_parts_that_do_not_fit_are_refused(general, part, value, name):
+    with pytest.raises(ModelFileError, match=rf'^{name} must have shape .* to fit 3 inputs, '):
         replace(general, **{part: value})
 
 

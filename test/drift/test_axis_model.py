@@ -66,7 +66,7 @@ def textbook_run(axis, temperature_c):
     margin = 0.2 * (UPPER_C - LOWER_C)
     held = np.minimum(np.maximum(temperature_c, LOWER_C - margin), UPPER_C + margin)
     filtered = [
-        free_run(each, held[:, j]) for each in axis.filters or (static_gain(),) for j in (0, 1)
+        free_run(latent, held[:, j]) for latent in axis.filters or (static_gain(),) for j in (0, 1)
     ]
     reference = [30.0, 25.0] * max(len(axis.filters), 1)
     x = np.stack(
@@ -133,7 +133,7 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
     np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
 
 
-def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers(make_axis):
+def test_poles_are_those_of_the_parts_and_the_range_is_that_of_the_thermometers(make_axis):
     axis = make_axis()
     expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
     np.testing.assert_allclose(np.sort_complex(axis.poles), np.sort_complex(expected))
@@ -142,7 +142,7 @@ def test_its_poles_are_those_of_its_parts_and_its_range_that_of_the_thermometers
 
 
 class TestBeyondTheRange:
-    def test_it_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
+    def test_the_excess_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
         span, beyond_range = UPPER_C - LOWER_C, make_axis().beyond_range
         both = np.array([UPPER_C[0] + 0.2 * span[0], LOWER_C[1] - 0.5 * span[1]])
         at = np.array([LOWER_C, UPPER_C, LOWER_C - [0.1 * span[0], 0.0], both, UPPER_C + 2 * span])

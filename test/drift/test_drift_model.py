@@ -83,7 +83,7 @@ class TestUncertainty:
         model = make_model(axes, range_c=(10.0, 40.0))
         return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
 
-    def test_it_is_what_the_model_leaves_and_more_with_every_range_beyond(self, calibrated):
+    def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(self, calibrated):
         """A range is 30 K here."""
         celsius = np.array([10, 33.3, 40, 9, -20, 40.3, 100])
         ranges = np.array([0, 0, 0, 1 / 30, 1, 0.01, 2])
@@ -92,7 +92,7 @@ class TestUncertainty:
         np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
         np.testing.assert_array_equal(calibrated.uncertainty(celsius[4:5]), deviations[4])
 
-    def test_without_any_calibration_nothing_is_known(self, make_model):
+    def test_without_any_calibration_there_is_no_uncertainty(self, make_model):
         assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
 
 

@@ -76,12 +76,12 @@ class TestTangents:
     def powers(self, theta):
         return self.FEATURES.expand(20.0 + np.reshape(theta, (-1, 1)))
 
-    def test_inside_they_are_powers(self):
+    def test_inside_the_range_features_are_powers(self):
         theta = np.linspace(-10, 20, 61)
         np.testing.assert_allclose(self.powers(theta), theta[:, np.newaxis] ** np.arange(1, 5))
 
     @pytest.mark.parametrize(('edge', 'sign'), [(20.0, 1), (-10.0, -1)])
-    def test_outside_all_but_squares_go_on_straight(self, edge, sign):
+    def test_outside_the_range_all_but_squares_go_on_straight(self, edge, sign):
         """Squares stay curved for a third of the range; three ranges farther all is held."""
         excess, power = sign * np.array([0.0, 3.0, 9.9, 12.0, 90.0, 150.0]), np.arange(1, 5)
         outside = self.powers(edge + excess)
@@ -144,7 +144,7 @@ def test_knots_that_do_not_increase_are_refused(knots):
         ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
     ],
 )
-def test_what_makes_no_features_is_refused(change, sentence):
+def test_impossible_features_are_refused(change, sentence):
     right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
     with pytest.raises(SettingsError, match=sentence):
         replace(right, **change)

@@ -113,14 +113,14 @@ class TestEvidence:
     def test_forms_are_the_errors_of_models_that_run(self, body):
         made, held_out = body
         range_c = made.bins.temperature_c[0]
-        known = replace(made.features, lower_c=range_c.min(axis=0), upper_c=range_c.max(axis=0))
+        features = replace(made.features, lower_c=range_c.min(axis=0), upper_c=range_c.max(axis=0))
         for n, axis in enumerate(made.axes):
             data, shape = axis.data, (len(GRID_S), axis.moments.inputs)
             errors = _candidate_errors(axis, n, dict.fromkeys(axis.forms, held_out)).tared[1]
             left = []
             for theta in held_out[n]:
                 gains = by_relaxation(theta[:-1], *shape, loaded=axis.binned.loaded)
-                model = build_axis_model(known, GRID_S, gains, made.inputs, data.period_s)
+                model = build_axis_model(features, GRID_S, gains, made.inputs, data.period_s)
                 remainder = data.residual[1].copy()
                 if model is not None:
                     model = anchored(model, [0.0, theta[-2]][: model.outputs])

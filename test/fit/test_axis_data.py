@@ -30,7 +30,7 @@ def test_without_a_reference_the_raw_wrench_is_the_residual(build, reference):
     assert data.period_s == 10.0
 
 
-def test_with_a_reference_it_is_taken_off(build):
+def test_a_recorded_reference_is_subtracted(build):
     raw = 1.02 * LOAD + 5
     raw[7] = np.nan
     data = build(raw)
@@ -47,13 +47,13 @@ def test_a_gain_error_is_not_mistaken_for_noise(build, gain_error):
 
 
 @pytest.mark.parametrize(
-    ('share', 'why'), [(1 / 30, 'less than 10 times the noise'), (0.0, 'varied by 0')]
+    ('share', 'reason'), [(1 / 30, 'less than 10 times the noise'), (0.0, 'varied by 0')]
 )
-def test_a_load_that_hardly_varies_teaches_no_sensitivity(build, share, why):
+def test_a_load_that_hardly_varies_teaches_no_sensitivity(build, share, reason):
     noise = np.random.default_rng(1).standard_normal(CELLS)
     data = build(share * LOAD + noise, share * LOAD)
     assert data.load is None
-    assert why in data.no_sensitivity
+    assert reason in data.no_sensitivity
 
 
 def test_an_axis_without_reference_teaches_nothing(build):
@@ -89,7 +89,7 @@ class TestFolds:
         (folds,) = assign_folds([make_recording(stairs, {'force_x': raw})])
         np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
-    def test_one_that_is_held_out_loses_its_samples_only(self, make_axis_data):
+    def test_a_recording_that_is_held_out_loses_its_samples_only(self, make_axis_data):
         data = make_axis_data([LOAD] * 3, [LOAD] * 3)
         assert data.fold_numbers == [0, 1, 2]
         part = data.without(1)

@@ -77,7 +77,7 @@ def choose(problem, errors, chosen, competing=None, model=None):
 
 
 class TestReasons:
-    def test_the_best_is_called_so(self, make_problem):
+    def test_the_reason_says_that_the_best_won(self, make_problem):
         errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
         fit = choose(replace(make_problem(), unit='N m'), errors, 'lag')
         assert fit.reason == (
@@ -89,7 +89,7 @@ class TestReasons:
             {'none': 2.0, 'line': 1.0, 'lag': 0.5}
         )
 
-    def test_a_simpler_one_that_is_as_good_says_so(self, make_problem):
+    def test_the_reason_says_that_a_simpler_one_is_as_good(self, make_problem):
         best = np.ones(4)
         line = best + np.array([0.95, -0.45, 0.95, -0.45])
         errors = {'none': np.full(4, 9.0), 'line': line, 'lag': best}
@@ -98,7 +98,7 @@ class TestReasons:
             'is better by no more than chance, or than 15 % in mean square, and less simple.'
         )
 
-    def test_one_that_is_alone_is_called_so(self, make_problem):
+    def test_the_reason_says_that_nothing_else_competed(self, make_problem):
         errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
         assert choose(make_problem(), errors, 'line', ['line']).reason == (
             'line leaves 2 N RMS on held-out data, no compensation 1 N; nothing else competed.'
@@ -108,7 +108,7 @@ class TestReasons:
 class TestFinish:
     ERRORS = {'none': np.ones(4), 'lag': np.full(4, 0.1)}  # noqa: RUF012 -- never changed
 
-    def test_what_was_mended_is_said_and_time_constants_are_read_from_the_poles(
+    def test_a_mended_model_is_noted_and_time_constants_are_read_from_the_poles(
         self, make_problem
     ):
         fit = choose(make_problem(), self.ERRORS, 'lag', model=lag())
@@ -177,7 +177,7 @@ def test_gain_drift_is_learnt_where_it_holds_at_temperatures_left_out(chamber):
     np.testing.assert_allclose(gains, [0, 0.015, 0.03, 0.045, 0.06], atol=1e-3)
 
 
-def test_of_a_gain_that_does_not_drift_nothing_is_learnt(chamber):
+def test_a_gain_that_does_not_drift_is_not_learnt(chamber):
     data = chamber(np.arange(0, 66, 6), lambda t: 0.5 * t, lambda t: 0.03 + 0 * t)
     assert identify_axis(data, IdentificationSettings()).model.outputs == 1
 
@@ -214,7 +214,7 @@ def pose_lags(make_axis_data, warm_up, lagged):
 class TestFreeTimeConstants:
     @pytest.mark.parametrize(('loaded', 'thermometers'), [(False, 1), (True, 2)])
     @pytest.mark.parametrize('kind', ['powers', 'hats'])
-    def test_what_is_stated_in_terms_is_what_runs(
+    def test_stated_terms_give_the_drift_of_the_model_that_runs(
         self, pose_lags, lagged, loaded, thermometers, kind
     ):
         """Of every candidate."""
@@ -240,7 +240,7 @@ class TestFreeTimeConstants:
             np.testing.assert_array_less(spread, 1e-9 * np.ptp(expected, axis=0))
 
     @pytest.mark.parametrize('truth', [{300.0: 0.5}, {120.0: 0.5, 1500.0: -0.5}], ids=str)
-    def test_true_ones_are_found_within_their_standard_errors(self, pose_lags, truth):
+    def test_time_constants_are_found_within_their_standard_errors(self, pose_lags, truth):
         fit = identify_axis(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))
         assert fit.chosen.startswith(f'{len(truth)} time constant')
         assert len(fit.time_constants_s) == len(truth)
@@ -273,7 +273,7 @@ class TestFreeTimeConstants:
         assert fit.reason == f'{fit.refusal}.'
         assert fit.rms_after == fit.rms_before
 
-    def test_the_longest_one_that_is_searched_is_named(self, pose_lags):
+    def test_the_longest_time_constant_that_is_searched_is_named(self, pose_lags):
         """In a recording that lasts longer still."""
         fit = identify_axis(pose_lags({3e4: 5.0}, cells=800), IdentificationSettings('arx_pls_oe'))
         note = 'its slowest time constant is the longest that is searched, 5629 s'

@@ -19,7 +19,7 @@ LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 TEMPERATURE_C = np.linspace(20, 40, CELLS)
 
 
-def test_what_a_model_leaves_is_the_measurement_minus_its_free_run(make_axis_data, lagged):
+def test_the_remainder_is_the_measurement_minus_the_free_run(make_axis_data, lagged):
     features = Features('powers', np.array([20.0]), np.zeros(1), np.full(1, 99.0))
     noise = np.random.default_rng(4).standard_normal(CELLS)
     moved = lagged(TEMPERATURE_C - 20, 300.0)

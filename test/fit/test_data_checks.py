@@ -50,17 +50,6 @@ def test_too_long_a_stretch_is_refused(record):
         drop_stuck_cells([record(slice(200, 251), 9.0)], ['force_x'])
 
 
-def test_a_dead_axis_is_named_and_nothing_but_dead_axes_are_refused(record):
-    recording = record(force_y=2.5)
-    _, (sentence,) = drop_stuck_cells([recording], ['force_x', 'force_y'])
-    assert sentence == (
-        'force_y reads 2.5 N throughout: the channel is dead, or not connected. It is left '
-        'uncompensated.'
-    )
-    with pytest.raises(CalibrationRefusedError, match=r'Every axis of a\.csv keeps one value'):
-        drop_stuck_cells([recording], ['force_y'])
-
-
 def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
     first = record().temperature_c[:, 0]
     wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))

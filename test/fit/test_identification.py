@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.model_building import build_features
@@ -122,7 +121,7 @@ class TestEveryMethod:
         ('thermometers', 'features', 'loaded'),
         [(1, 'powers', False), (2, 'powers', True), (2, 'hats', False), (1, 'hats', True)],
     )
-    def test_it_runs_and_helps(self, simulate, method, thermometers, features, loaded):
+    def test_every_method_removes_drift(self, simulate, method, thermometers, features, loaded):
         def record(seed, share=1.0):
             sensitivity = {200.0: 1e-3} if loaded else None
             drift = {200.0: 0.5}, sensitivity
@@ -150,7 +149,7 @@ class TestEveryMethod:
     def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
         self, make_recording, warm_up, method
     ):
-        """The gain error at T_ref cannot be told from the unknown constants then."""
+        """The gain error at T_ref cannot be separated from the constants then."""
         runs = []
         for i, payload in enumerate((0.0, 50.1, 20.3)):
             temperature_c = warm_up(CELLS, i)
@@ -165,7 +164,7 @@ class TestEveryMethod:
         runs = [simulate(i, {300.0: 0.5}, noise=0.05) for i in range(3)]
         shifted = [replace(run, temperature_c=run.temperature_c - 50.0) for run in runs]
         (expected, _), (zero, _) = (
-            drift_of(calibrate(each, settings(method)), each[0]) for each in (runs, shifted)
+            drift_of(calibrate(days, settings(method)), days[0]) for days in (runs, shifted)
         )
         np.testing.assert_allclose(zero, expected, atol=1e-3 * np.ptp(expected))
 
@@ -174,11 +173,11 @@ class TestFeatures:
     def test_the_features_span_what_was_recorded(self, warm_up):
         temperatures = [warm_up(100, i)[:, np.newaxis] for i in range(2)]
         features = build_features(temperatures, IdentificationSettings(degree=3))
-        everything = np.concatenate(temperatures)
+        whole = np.concatenate(temperatures)
         assert features.degree == 3
-        assert features.lower_c == everything.min(axis=0)
-        assert features.upper_c == everything.max(axis=0)
-        np.testing.assert_allclose(features.reference_c, everything.mean(axis=0))
+        assert features.lower_c == whole.min(axis=0)
+        assert features.upper_c == whole.max(axis=0)
+        np.testing.assert_allclose(features.reference_c, whole.mean(axis=0))
 
     def test_hats_stand_on_the_plateaus_or_where_they_were_put(self):
         plateaus = np.repeat([20.0, -15.0, 50.0], 40)[:, np.newaxis]
@@ -207,9 +206,3 @@ class TestFeatures:
 def test_settings_outside_their_range_are_refused(change, sentence):
     with pytest.raises(SettingsError, match=sentence):
         IdentificationSettings(**change)
-
-
-@pytest.mark.parametrize('taus', [(np.nan,), (30.0, np.inf)])
-def test_time_constants_that_are_no_numbers_are_refused(taus):
-    with pytest.raises(SettingsError, match='time_constants_s'):
-        Orders(time_constants_s=taus)

@@ -140,7 +140,7 @@ class TestNuisances:
         transient = np.exp(-10.0 * np.arange(400) / tau)
         assert still(transient) < 0.4 * still(transient, soaked=True)
 
-    def test_a_constant_is_new_after_each_step_that_is_told(self, still):
+    def test_a_constant_begins_anew_after_every_step(self, still):
         stepped = np.repeat([0.0, 7.0, -3.0], [150, 100, 150])
         assert still(stepped, steps=(150, 250)) < 1e-6
         assert still(stepped, steps=(250,)) > 0.01

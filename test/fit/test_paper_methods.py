@@ -296,8 +296,8 @@ class TestDegenerateData:
 
     @pytest.mark.parametrize('value', [3.0, np.nan])
     def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
-        nothing = [np.full(CELLS, value) for _ in temperatures]
-        assert identify(method, pose(temperatures, nothing), TWO, Orders())[0] is None
+        drifts = [np.full(CELLS, value) for _ in temperatures]
+        assert identify(method, pose(temperatures, drifts), TWO, Orders())[0] is None
 
 
 class TestObservedDrift:
@@ -313,7 +313,7 @@ class TestObservedDrift:
 
         return make
 
-    def test_without_load_it_is_the_residual(self, observe):
+    def test_without_load_the_observed_drift_is_the_residual(self, observe):
         np.testing.assert_array_equal(observe(LOAD), LOAD[:, np.newaxis])
 
     def test_windows_do_not_cross_gaps(self, observe):

@@ -23,31 +23,15 @@ OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
     output=Path('out/model.yaml'),
     settings=CalibrationSettings(
-        reference='recorded',
-        min_temperature_span_k=1.25,
-        max_gap_s=33.0,
+        reference='recorded', min_temperature_span_k=1.25, max_gap_s=33.0,
         identification=IdentificationSettings(
-            method='filtered_pls',
-            features='hats',
-            degree=3,
-            hat_temperatures_c=(20.0, 35.5),
-            latents=4,
-            orders=Orders(3, 1, 4, 0, (0.0, 7.0)),
+            method='filtered_pls', features='hats', degree=3, hat_temperatures_c=(20.0, 35.5),
+            latents=4, orders=Orders(3, 1, 4, 0, (0.0, 7.0)),
         ),
     ),
     period_s=2.5,
     topics=Topics(
-        '/w',
-        ('/t1', '/t2'),
-        '/r',
-        '/imu',
-        '',
-        'imu',
-        'tool0',
-        'force_z=f',
-        'iso',
-        '1',
-        '9',
+        '/w', ('/t1', '/t2'), '/r', '/imu', '', 'imu', 'tool0', 'force_z=f', 'iso', '1', '9',
         ('2..3',),
     ),
     skip_unusable=True,
@@ -55,7 +39,7 @@ OTHER = CalibrationJob(
     report=Path('out/report.html'),
     learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml'),
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
-)
+)  # fmt: skip
 
 
 def leaves(value, name='job'):
@@ -131,16 +115,16 @@ def test_the_model_is_saved_with_where_it_came_from(good, tmp_path):
 
 
 def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_path):
-    empty, gone = tmp_path / 'empty.csv', tmp_path / 'gone.csv'
+    empty, missing = tmp_path / 'empty.csv', tmp_path / 'gone.csv'
     empty.write_text('stamp_ns,force_x,temperature_c\n')
-    outcome = run_job(job(tmp_path, empty, gone, good, two, skip_unusable=True))
+    outcome = run_job(job(tmp_path, empty, missing, good, two, skip_unusable=True))
     names = [sentence.split()[0] for sentence in outcome.left_out]
     assert names == ['empty.csv', 'gone.csv', 'two.csv']
     assert '2 thermometers; 1 are expected' in outcome.left_out[-1]
     (source,) = outcome.stored.document['provenance']['recordings']
     assert source['path'] == str(good)
     with pytest.raises(RecordingError, match=r'gone\.csv does not exist'):
-        run_job(job(tmp_path, empty, gone, skip_unusable=True))
+        run_job(job(tmp_path, empty, missing, skip_unusable=True))
 
 
 def test_recordings_without_the_reference_are_left_out(good, tmp_path):

@@ -74,7 +74,7 @@ def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, cre
     )
     path = directory / 'days' / f'day_{number:05d}.csv'
     path.parent.mkdir(exist_ok=True)
-    lines = [','.join(COLUMNS), *(','.join(f'{each:.9g}' for each in row) for row in rows)]
+    lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
     path.write_text('\n'.join(lines) + '\n')
     return path
 
@@ -111,19 +111,19 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     stored = load_model(second['path'])
     assert stored.sha256 == second['sha256']
     provenance = stored.document['provenance']
-    sources = [Path(each['path']).name for each in provenance['recordings']]
+    sources = [Path(source['path']).name for source in provenance['recordings']]
     assert sources == ['day_00001.csv', 'day_00002.csv']
     assert provenance['settings']['reference'] == 'payload'
     report = stored.path.with_suffix('.html').read_text()
     assert 'What happened before it was learnt' in report
     assert '2 days, ' in report
     diary = load_diary(sensor)
-    assert [each.name for each in diary.days] == sources
+    assert [entry.name for entry in diary.days] == sources
     assert stored.path.name in diary.decisions[0].sentence
     assert diary.decisions[0].kind == 'learnt'
 
 
-def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
+def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     champion = Path(answers[1]['path'])
     diary_path(sensor).write_text('{"format": ')
     decided = {'since': 'day_00001.csv', 'decision': 'a person chose m.yaml'}
@@ -132,13 +132,13 @@ def test_a_lost_diary_and_a_live_model_are_no_hurdle(sensor, answers):
     diary = load_diary(sensor)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]
-    assert {each.live for each in diary.days} == {live}
-    assert all(np.isfinite(each.left[live]).all() for each in diary.days)
+    assert {entry.live for entry in diary.days} == {live}
+    assert all(np.isfinite(entry.left[live]).all() for entry in diary.days)
     assert diary.decisions[0] == ('day_00001.csv', 'a person chose m.yaml', 'person')
     assert 'the live model left 0.0' in again['message']
 
 
-def test_what_cannot_be_is_said_and_nothing_is_changed(sensor, answers, tmp_path):
+def test_an_impossible_lesson_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
     assert answers[0]['success']
     before = diary_path(sensor).read_bytes()
     broken = _answer(job_of(sensor, 3, tmp_path / 'gone.yaml'))
@@ -161,7 +161,7 @@ def own_days(tmp_path):
     return tmp_path
 
 
-def test_foreign_things_among_days_cost_a_sentence_each(own_days):
+def test_foreign_files_among_days_are_one_sentence_per_file(own_days):
     folder = own_days / 'days'
     write_day(own_days, 1).rename(folder / 'day_1.csv')
     write_day(own_days, 1)
@@ -172,12 +172,12 @@ def test_foreign_things_among_days_cost_a_sentence_each(own_days):
         file.truncate(50 * LARGEST_BYTES)
     write_day(own_days, 7)
     job = job_of(own_days, 9, keep_days=2)
-    assert [each.name[:9] for each in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
+    assert [path.name[:9] for path in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
     answer = _answer(job)
     assert (answer['success'], answer['learnt']) == (True, True), answer['message']
     entries = load_diary(own_days).days
-    assert [each.kind for each in entries] == ['', '', *4 * ['unreadable'], '']
-    assert all('Move it away' in each.incident for each in entries[2:6])
+    assert [entry.kind for entry in entries] == ['', '', *4 * ['unreadable'], '']
+    assert all('Move it away' in entry.incident for entry in entries[2:6])
     assert 'Old days stay' in answer['incident'], 'a folder is not removed'
     assert (folder / 'day_1.csv').exists()
 
@@ -192,7 +192,7 @@ def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days)
     assert len(load_diary(own_days).days) == 2
 
 
-def test_what_the_system_refuses_is_an_answer(own_days, monkeypatch):
+def test_an_error_of_the_system_is_an_answer(own_days, monkeypatch):
     (own_days / 'days/diary.json').mkdir()
     kept = _answer(job_of(own_days, 2))
     assert (kept['success'], kept['learnt']) == (True, True)

@@ -26,9 +26,9 @@ class Specimen:
     warm_k: float = 10.0
 
 
-def record(number: int, **what) -> Recording:
+def record(number: int, **properties) -> Recording:
     """Record twenty minutes of a robot that goes from pose to pose and warms up."""
-    specimen = Specimen(**what)
+    specimen = Specimen(**properties)
     rng = np.random.default_rng(number)
     hours = PERIOD_S * np.arange(CELLS) / 3600
     warm = specimen.warm_k * (1 - np.exp(-hours / rng.uniform(0.05, 0.2)))
@@ -59,14 +59,14 @@ def record(number: int, **what) -> Recording:
 
 
 @pytest.fixture(scope='session')
-def looked():
-    """Days that were looked at; each is separated once."""
-    known = {}
+def separated():
+    """Separated days by number and specimen; a day is separated once."""
+    days = {}
 
-    def look(number, **what):
-        key = number, *sorted(what.items())
-        if key not in known:
-            known[key] = look_at(record(number, **what))
-        return known[key]
+    def look(number, **properties):
+        key = number, *sorted(properties.items())
+        if key not in days:
+            days[key] = look_at(record(number, **properties))
+        return days[key]
 
     return look

@@ -65,11 +65,11 @@ def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
     (tmp_path / 'days').mkdir()
     for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~', 'diary.json'):
         (tmp_path / 'days' / name).touch()
-    assert [each.name for each in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
+    assert [path.name for path in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
 
 
 def recorded(folder, sizes):
-    """Make recordings of so many bytes, and a diary of them that knows the same temperatures."""
+    """Make recordings of some sizes, bytes, and a diary in which they share their temperatures."""
     (folder / 'days').mkdir()
     for name, size in sizes.items():
         (folder / 'days' / name).write_bytes(b'x' * size)

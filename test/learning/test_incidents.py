@@ -11,18 +11,18 @@ from wrist_ft_comp.learning.incidents import incident, pause
 
 
 @pytest.fixture
-def before(looked):
+def before(separated):
     """Three ordinary days."""
-    return [describe(looked(number)) for number in (1, 2, 3)]
+    return [describe(separated(number)) for number in (1, 2, 3)]
 
 
-def test_ordinary_days_are_no_incidents(looked, before):
+def test_ordinary_days_are_no_incidents(separated, before):
     for number, past in enumerate(before, 1):
-        assert incident(looked(number), past, before[: number - 1]) == ('', '')
+        assert incident(separated(number), past, before[: number - 1]) == ('', '')
 
 
 @pytest.mark.parametrize(
-    ('what', 'kind', 'said'),
+    ('properties', 'kind', 'said'),
     [
         ({'jump': 5.0}, 'zero', 'The zero jumped at 00:11 UTC by 5, -5, 3, '),
         ({'gain': 1.2}, 'gain', 'weigh 1.20 times'),
@@ -32,8 +32,8 @@ def test_ordinary_days_are_no_incidents(looked, before):
         ({'stopped': True}, 'thermometer', 'Thermometer 2 stood still at 19.8 °C for 0.3 h'),
     ],
 )  # fmt: skip
-def test_what_happened_is_named_with_its_size(looked, before, what, kind, said):
-    day = looked(9, **what)
+def test_an_incident_is_named_with_its_size(separated, before, properties, kind, said):
+    day = separated(9, **properties)
     found, sentence = incident(day, describe(day), before)
     assert found == kind
     assert said in sentence
@@ -46,20 +46,20 @@ def test_a_temperature_is_one_of_the_day_from_two_minutes_on(make_recording):
     ) == {(5,), (7,)}
 
 
-def test_a_day_in_contact_is_named(looked, before):
-    for day in (replace(looked(3), contact=0.7), replace(looked(3), unexplained=0.2)):
+def test_a_day_in_contact_is_named(separated, before):
+    for day in (replace(separated(3), contact=0.7), replace(separated(3), unexplained=0.2)):
         assert incident(day, before[-1], before[:-1])[0] == 'contacts'
 
 
-def test_a_weight_that_is_lost_on_two_days_is_another_gain(looked, before):
-    day = replace(looked(3), payloads=None, doubt='It is crooked.')
+def test_a_weight_that_is_lost_on_two_days_is_another_gain(separated, before):
+    day = replace(separated(3), payloads=None, doubt='It is crooked.')
     lost = replace(before[-1], payloads=())
     assert incident(day, lost, before) == ('', '')
     assert incident(day, lost, [*before, lost])[0] == 'gain'
 
 
-def test_a_thermometer_that_says_nothing_is_silent(looked, before):
-    day = looked(9, stopped=True)
+def test_a_thermometer_that_says_nothing_is_silent(separated, before):
+    day = separated(9, stopped=True)
     recording = replace(day.recording, measured=np.array([True, False]) & day.recording.measured)
     recording.measured[0] = True
     assert 'was silent' in incident(replace(day, recording=recording), describe(day), before)[1]
@@ -86,33 +86,33 @@ def pressed_from_then_on(day, step):
     return replace(day, drift=replace(day.drift, wrench=free))
 
 
-def gone_beyond(day, step):
+def jumped_further(day, step):
     raw = day.recording.wrench.copy()
     raw[step.cell + 20 :] += 2 * step.jump
     return with_raw(day, raw)
 
 
 @pytest.mark.parametrize(
-    'harmless', [tared, tared_behind_a_press, pressed_from_then_on, gone_beyond]
+    'harmless', [tared, tared_behind_a_press, pressed_from_then_on, jumped_further]
 )
-def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(looked, before, harmless):
-    day = looked(9, jump=5.0)
+def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(separated, before, harmless):
+    day = separated(9, jump=5.0)
     day = harmless(day, *day.steps)
     assert incident(day, describe(day), before) == ('', '')
 
 
-def test_a_jump_that_matters_on_one_axis_is_told(looked, before):
-    day = looked(9, jump=5.0)
+def test_a_jump_that_matters_on_one_axis_is_named(separated, before):
+    day = separated(9, jump=5.0)
     entry = describe(day)
     drift = np.array(entry.left['none']) * [1, 100, 100, 100, 100, 100]
     assert incident(day, replace(entry, left={'none': tuple(drift)}), before)[0] == 'zero'
     assert incident(day, replace(entry, left={'none': tuple(100 * drift)}), before) == ('', '')
 
 
-def test_the_next_day_with_another_tool_is_ordinary(looked, before):
+def test_the_next_day_with_another_tool_is_ordinary(separated, before):
     tool = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
-    changed = replace(describe(looked(9, **tool)), kind='tool', incident='Another tool.')
-    day = looked(10, **tool)
+    changed = replace(describe(separated(9, **tool)), kind='tool', incident='Another tool.')
+    day = separated(10, **tool)
     assert incident(day, describe(day), [*before, changed]) == ('', '')
 
 
@@ -130,18 +130,18 @@ NOTHING, SOME, MUCH, BACK = (0.0, 1e-3), (1e-3, 3e-4), (4e-3, 3e-4), (-1e-3, 3e-
         ((), (NOTHING, SOME, NOTHING, MUCH), 'keeps 0.4 ± 0.03 % of the largest load'),
     ],
 )
-def test_creep_is_named_where_a_day_or_days_together_show_it(looked, before, past, today, said):
+def test_creep_is_named_where_a_day_or_days_together_show_it(separated, before, past, today, said):
     shown = [replace(before[0], creep=(NOTHING, share, NOTHING, NOTHING)) for share in past]
     entry = replace(before[2], creep=today)
-    kind, sentence = incident(looked(3), entry, shown)
+    kind, sentence = incident(separated(3), entry, shown)
     assert kind == ('creep' if said else '')
     assert said in sentence
 
 
-def test_a_day_of_twenty_minutes_says_nothing_of_creep(looked):
-    day = looked(1)
-    nothing = np.zeros_like(day.recording.wrench)
-    assert shares(day, Drift(nothing, nothing)) == ()
+def test_a_day_of_twenty_minutes_says_nothing_of_creep(separated):
+    day = separated(1)
+    no_drift = np.zeros_like(day.recording.wrench)
+    assert shares(day, Drift(no_drift, no_drift)) == ()
 
 
 @pytest.mark.parametrize('reading', ['zero', 'frozen'])
@@ -156,8 +156,8 @@ def test_a_reading_that_stands_still_says_nothing_of_creep(make_working_day, rea
             wrench=np.tile(recording.wrench[:1], (cells, 1)) * (reading == 'frozen'),
         )
     )
-    nothing = np.zeros((cells, 6))
-    found = shares(day, Drift(nothing, nothing))
+    no_drift = np.zeros((cells, 6))
+    found = shares(day, Drift(no_drift, no_drift))
     assert len(found) == 4
     for share in found:
         assert abs(share.share) < share.error

@@ -20,15 +20,16 @@ NAMES = [f'day_{number:05d}.csv' for number in range(20)]
 
 
 @pytest.fixture
-def look(looked):
+def look(separated):
     """Ordinary days by their names."""
-    return lambda name: looked(int(name[4:9]))
+    return lambda name: separated(int(name[4:9]))
 
 
 @pytest.fixture(scope='module')
-def good(looked):
+def good(separated):
     """A model of two days."""
-    return calibrate([looked(n).drift for n in (1, 2)], replace(QUICK, reference='recorded')).model
+    days = [separated(n).drift for n in (1, 2)]
+    return calibrate(days, replace(QUICK, reference='recorded')).model
 
 
 @pytest.fixture
@@ -54,7 +55,8 @@ def test_a_model_is_learnt_where_there_is_none(look):
     assert lesson.better is not None
     assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
     assert lesson.better.settings.reference == 'payload'
-    assert [round(each.mass_kg, 1) for each in lesson.better.payloads.payloads.values()] == [1.5]
+    (payload,) = lesson.better.payloads.payloads.values()
+    assert round(payload.mass_kg, 1) == 1.5
     assert 'It is better' in lesson.entry.verdict
     by_new, none = (np.array(lesson.entry.left[key]) for key in (CHALLENGER, NONE))
     assert (by_new < 0.3 * none).all(), 'what a fit to the other days left'
@@ -87,9 +89,9 @@ def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
         assert said in lesson.entry.verdict
 
 
-def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, looked):
+def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, separated):
     before = past(look, Champion(), 1, 2)
-    hit = take(NAMES[9], lambda _: looked(9, jump=5.0), before, Champion(), NAMES)
+    hit = take(NAMES[9], lambda _: separated(9, jump=5.0), before, Champion(), NAMES)
     assert (hit.better, hit.entry.kind) == (None, 'zero')
     after = take(NAMES[10], look, [*before, hit.entry], Champion(), NAMES)
     assert (after.better, after.entry.kind) == (None, '')
@@ -105,8 +107,8 @@ def test_a_day_that_cannot_be_read_is_named(look):
     assert 'day_00003.csv is empty.' in lesson.entry.incident
 
 
-def test_what_is_left_is_what_evaluate_says(looked, good):
-    day = looked(3)
+def test_the_drift_left_is_that_of_evaluate(separated, good):
+    day = separated(3)
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])
     before = np.array([axis.rms_before for axis in figures.values()])
     after = np.array([axis.rms_after for axis in figures.values()])
@@ -118,10 +120,10 @@ def test_what_is_left_is_what_evaluate_says(looked, good):
 def test_the_newer_half_is_always_learnt_from():
     common = [DayEntry(f'day_{n}', known=frozenset({(0, 0)})) for n in range(6)]
     rare = [DayEntry(f'day_{n}', known=frozenset({(n, n)})) for n in range(-6, 0)]
-    assert [each.name for each in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
+    assert [day.name for day in worthiest([*rare, *common], 4)][2:] == ['day_4', 'day_5']
 
 
-def test_a_new_model_is_compared_on_days_that_neither_knew():
+def test_a_new_model_is_compared_on_days_that_neither_learnt_from():
     days = [DayEntry(name, left={NONE: (2.0,) * 6, 'a': (0.4,) * 6}) for name in NAMES[:4]]
     errors = np.full((4, 6), 0.1)
     errors[0] = 2.0  # the live model was learnt from this one
@@ -133,14 +135,14 @@ def test_a_new_model_is_compared_on_days_that_neither_knew():
         compare(days, errors, 'another', '')
 
 
-def test_a_live_model_for_other_thermometers_is_said(look, good):
+def test_a_live_model_for_other_thermometers_is_named(look, good):
     other = Champion('a' * 12, replace(good, period_ns=1))
     lesson = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
     assert (lesson.better, lesson.entry.kind) == (None, '')
     assert 'for other thermometers' in lesson.entry.verdict
 
 
-def test_a_day_with_a_thermometer_that_lies_is_told_and_not_learnt_from(look, good, monkeypatch):
+def test_a_day_with_a_thermometer_that_lies_is_named_and_not_learnt_from(look, good, monkeypatch):
     monkeypatch.setattr(lessons, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
     champion = Champion('a' * 12, good)
     entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
@@ -174,26 +176,26 @@ def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_
     assert reason([*diary[:10], spent, warm], 'a') == (False, ANY)
 
 
-def test_why_nothing_is_tried_is_said_in_three_ways_and_a_slow_computer_learns():
+def test_the_reason_not_to_learn_is_one_of_three_and_a_slow_computer_learns():
     slow = entries(20, seconds=100.0)
     assert reason(slow, '') == (True, 'no model is live')
     tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]
     quick = [*entries(19), replace(tried[-1], seconds=1)]
     for diary, words in (slow[:1], 'Another'), (tried, '25 minutes'), (quick, '0 of 7 more'):
-        due, why = reason(diary, 'a')
+        due, sentence = reason(diary, 'a')
         assert not due
-        assert words in why
+        assert words in sentence
 
 
-def test_days_that_know_what_no_other_does_are_kept():
+def test_days_with_temperatures_of_no_other_day_are_kept():
     diary = entries(6)
     diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
     diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
-    assert [each.name for each in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
-    assert [each.name for each in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
+    assert [day.name for day in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
+    assert [day.name for day in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
 
 
-def test_what_a_model_left_of_no_drift_is_no_number():
+def test_the_share_left_of_no_drift_is_absent():
     assert np.isnan(share_left(DayEntry('day'), 'a')).all()
 
 
@@ -216,14 +218,14 @@ def test_days_with_other_thermometers_are_of_another_sensor(look):
     def fewer(day):
         return replace(day, recording=one(day.recording), drift=one(day.drift))
 
-    def look_then(name):
+    def look_at_fewer(name):
         return fewer(look(name)) if name in NAMES[:3] else look(name)
 
-    before = past(look_then, Champion(), 1, 2, 3, 4)
+    before = past(look_at_fewer, Champion(), 1, 2, 3, 4)
     first, later = (
-        take(NAMES[n], look_then, before[: n - 1], Champion(), NAMES, settings=QUICK)
+        take(NAMES[n], look_at_fewer, before[: n - 1], Champion(), NAMES, settings=QUICK)
         for n in (3, 5)
     )
     assert 'Another good day is needed' in first.entry.verdict
     assert later.days == tuple(NAMES[3:6])
-    assert [each.name for each in worthiest(before, 2)] == NAMES[3:5]
+    assert [day.name for day in worthiest(before, 2)] == NAMES[3:5]

@@ -228,10 +228,10 @@ def executable(ros_domain):  # noqa: ARG001
         return running[-1]
 
     yield start
-    for each in running:
-        if each.process.poll() is None:
-            each.process.kill()
-        each.process.communicate(timeout=TIMEOUT_S)
+    for program in running:
+        if program.process.poll() is None:
+            program.process.kill()
+        program.process.communicate(timeout=TIMEOUT_S)
 
 
 @pytest.fixture

@@ -55,7 +55,7 @@ def sourced(workspace):
     """The environment of a shell that sourced the workspace, far from these sources."""
     environment = {k: v for k, v in os.environ.items() if k != 'PYTHONPATH'}
     listing = run(['sh', '-c', '. install/setup.sh && env -0'], workspace, environment)
-    return dict(each.split('=', 1) for each in listing.split('\0') if '=' in each)
+    return dict(line.split('=', 1) for line in listing.split('\0') if '=' in line)
 
 
 @pytest.fixture(scope='module')
@@ -65,8 +65,8 @@ def prefix(workspace):
 
 def test_the_executables_are_where_ros2_run_looks(prefix):
     folder = prefix / 'lib' / NAME
-    assert {each.name for each in folder.iterdir()} == EXECUTABLES
-    assert all(os.access(each, os.X_OK) for each in folder.iterdir())
+    assert {file.name for file in folder.iterdir()} == EXECUTABLES
+    assert all(os.access(file, os.X_OK) for file in folder.iterdir())
 
 
 def test_the_package_is_in_the_index(prefix, sourced):
@@ -79,13 +79,13 @@ def test_the_package_is_in_the_index(prefix, sourced):
     assert printed.split() == [str(prefix), str(prefix / 'share' / NAME)]
 
 
-def test_what_people_read_and_load_is_in_share(prefix):
+def test_documents_and_configurations_are_in_share(prefix):
     share = prefix / 'share' / NAME
     for name in ('package.xml', 'README.md', 'CHANGELOG.rst', 'LICENSE'):
         assert (share / name).read_bytes() == (ROOT / name).read_bytes(), name
     for folder in ('config', 'docs', 'data/keller_pa10'):
-        wanted = {each.name for each in (ROOT / folder).iterdir() if each.is_file()}
-        assert wanted == {each.name for each in (share / folder).iterdir()}, folder
+        wanted = {file.name for file in (ROOT / folder).iterdir() if file.is_file()}
+        assert wanted == {file.name for file in (share / folder).iterdir()}, folder
     assert yaml.safe_load((share / 'config/compensator.yaml').read_text('utf-8'))
 
 

@@ -1,4 +1,4 @@
-"""What the log says of troubles that begin, change, come and go, and end."""
+"""Lines of the log about troubles that begin, change, come and go, and end."""
 
 import pytest
 
@@ -26,8 +26,8 @@ class Logger:
 
 
 @pytest.fixture
-def told():
-    """Report statuses one after the other; give what was logged."""
+def logged():
+    """Report statuses one after the other; give the log's lines."""
     logger = Logger()
     log = NodeLog(logger)
 
@@ -40,36 +40,36 @@ def told():
     return tell
 
 
-def test_a_trouble_is_told_once_and_its_end_when_it_stays_away(told):
-    assert told(WELL) == []
-    assert told(*[NAN] * 30) == [('warning', f'input: {NAN.message}')]
-    assert told(*[WELL] * 9) == []
-    assert told(WELL) == [('info', 'input: 999 wrenches per second')]
-    assert told(*[WELL] * 30) == []
-    assert told(NAN) == [('warning', f'input: {NAN.message}')]
+def test_a_trouble_is_logged_once_and_its_end_when_it_stays_away(logged):
+    assert logged(WELL) == []
+    assert logged(*[NAN] * 30) == [('warning', f'input: {NAN.message}')]
+    assert logged(*[WELL] * 9) == []
+    assert logged(WELL) == [('info', 'input: 999 wrenches per second')]
+    assert logged(*[WELL] * 30) == []
+    assert logged(NAN) == [('warning', f'input: {NAN.message}')]
 
 
-def test_troubles_that_come_and_go_do_not_fill_the_log(told):
-    assert len(told(*[NAN, WELL, SILENT, WELL] * 500)) == 2
+def test_troubles_that_come_and_go_do_not_fill_the_log(logged):
+    assert len(logged(*[NAN, WELL, SILENT, WELL] * 500)) == 2
 
 
-def test_numbers_are_no_news_but_other_thermometers_are(told):
-    def silent(which, seconds):
-        return Status('temperature', WARN, f'thermometer {which} silent for {seconds} s; held')
+def test_changed_numbers_are_not_logged_but_other_thermometers_are(logged):
+    def silent(numbers, seconds):
+        return Status('temperature', WARN, f'thermometer {numbers} silent for {seconds} s; held')
 
-    assert len(told(*[silent('1', seconds) for seconds in (5, 6.5, 77)])) == 1
-    assert len(told(silent('2', 5))) == 1
-    assert len(told(silent('1, 2', 5), silent('1, 3', 5))) == 2
-
-
-def test_an_error_is_one_in_the_log(told):
-    assert told(Status('output', ERROR, 'at its limit')) == [('error', 'output: at its limit')]
+    assert len(logged(*[silent('1', seconds) for seconds in (5, 6.5, 77)])) == 1
+    assert len(logged(silent('2', 5))) == 1
+    assert len(logged(silent('1, 2', 5), silent('1, 3', 5))) == 2
 
 
-def test_a_driver_may_take_its_time_to_start(told):
-    assert told(*[SILENT] * 5) == []
-    assert told(SILENT) == [('warning', 'input: no raw wrenches arrive')]
+def test_an_error_is_one_in_the_log(logged):
+    assert logged(Status('output', ERROR, 'at its limit')) == [('error', 'output: at its limit')]
 
 
-def test_what_is_logged_elsewhere_is_not_repeated(told):
-    assert told(Status('model', ERROR, 'broken'), Status('calibration', WARN, 'refused')) == []
+def test_a_driver_may_take_its_time_to_start(logged):
+    assert logged(*[SILENT] * 5) == []
+    assert logged(SILENT) == [('warning', 'input: no raw wrenches arrive')]
+
+
+def test_warnings_that_are_logged_elsewhere_are_not_repeated(logged):
+    assert logged(Status('model', ERROR, 'broken'), Status('calibration', WARN, 'refused')) == []

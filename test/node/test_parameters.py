@@ -120,7 +120,7 @@ def test_one_bad_value_refuses_the_whole_atomic_set(make):
 
 def test_describe_shows_unit_range_and_time_of_change(make):
     descriptors = make().describe_parameters([row.name for row in TABLE])
-    shown = {each.name: each for each in descriptors}
+    shown = {d.name: d for d in descriptors}
     assert shown['speed'].description == 'How fast. Unit: m/s. May change at run time.'
     assert shown['speed'].floating_point_range[0].to_value == 1000.0
     assert shown['positive'].floating_point_range[0].to_value == float('inf')
@@ -129,8 +129,8 @@ def test_describe_shows_unit_range_and_time_of_change(make):
     assert shown['label'].read_only
     assert 'start-up only' in shown['label'].description
     assert shown['files'].type == RosParameter.Type.STRING_ARRAY.value
-    assert [each.name for each in descriptors if each.read_only] == ['label', 'files']
-    assert not any(each.dynamic_typing for each in descriptors)
+    assert [d.name for d in descriptors if d.read_only] == ['label', 'files']
+    assert not any(d.dynamic_typing for d in descriptors)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 class Example(Node):
-    """Hands out its replies, and answers them in the executor's thread when told to."""
+    """Hands out its replies, and answers them in the executor's thread when a test lets it."""
 
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)
@@ -42,7 +42,7 @@ def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
 
 
 @executors
-def test_each_asker_gets_the_own_answer_in_any_order(bench, executor):
+def test_answers_reach_their_askers_in_any_order(bench, executor):
     node = bench.start(Example, executor=executor)
     flags = True, False, True
     asked = [bench.ask(SetBool, '/example/work', SetBool.Request(data=flag)) for flag in flags]
@@ -59,7 +59,7 @@ def test_each_asker_gets_the_own_answer_in_any_order(bench, executor):
 
 
 @executors
-def test_an_answer_after_the_asker_has_gone_harms_nobody(bench, executor):
+def test_an_answer_after_its_asker_has_ended_is_harmless(bench, executor):
     node = bench.start(Example, executor=executor)
     client = bench.helper.create_client(SetBool, '/example/work')
     assert client.wait_for_service(timeout_sec=TIMEOUT_S)

@@ -42,7 +42,7 @@ def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench, exe
     first = bench.listen(Temperature, '/arm/heat')
     second = bench.listen(Temperature, 'temperature_2')
     bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, remap=remap, executor=executor)
-    messages = [each.get(timeout=TIMEOUT_S) for each in (raw, reference, first, second)]
+    messages = [topic.get(timeout=TIMEOUT_S) for topic in (raw, reference, first, second)]
     assert before_ns <= stamp_ns(messages[0])
     assert stamp_ns(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
     assert {message.header.frame_id for message in messages} == {'tool0'}
@@ -121,24 +121,24 @@ def unspun(ros_context, monkeypatch):
 
 def test_run_waits_until_its_subscribers_have_come(unspun, monkeypatch):
     node, wake, sent = unspun
-    there = dict.fromkeys(('_to_raw', '_to_reference'), 0)
-    for name in tuple(there):
+    subscribers = dict.fromkeys(('_to_raw', '_to_reference'), 0)
+    for name in tuple(subscribers):
         publisher = getattr(node, name)
-        monkeypatch.setattr(publisher, 'get_subscription_count', lambda name=name: there[name])
+        monkeypatch.setattr(publisher, 'get_subscription_count', lambda k=name: subscribers[k])
     wake(0.0, 5.0, 10.0)
-    there['_to_raw'] = 1
+    subscribers['_to_raw'] = 1
     wake(15.0, 15.0 + 0.9 * SETTLE_S)
-    there['_to_reference'] = 1
+    subscribers['_to_reference'] = 1
     wake(16.0, 16.0 + 0.9 * SETTLE_S)
     assert sent == []
     wake(16.0 + SETTLE_S)
     assert sent == [0, 0]
-    there.update(_to_raw=0, _to_reference=0)
+    subscribers.update(_to_raw=0, _to_reference=0)
     wake(16.0 + SETTLE_S + LONGEST_WAKE_S)
     assert len(sent) > 2
 
 
-def test_pause_is_made_up_for_in_part_only(unspun, monkeypatch):
+def test_a_long_pause_is_caught_up_in_part(unspun, monkeypatch):
     node, wake, sent = unspun
     monkeypatch.setattr(node, '_may_begin', lambda _: True)
     wake(0.0, 0.0105, 10.0, 10.0105)
@@ -163,7 +163,7 @@ def test_executable_publishes_and_ends_by_a_signal(bench, executable):
     assert 'Traceback' not in errors
 
 
-def test_a_robot_at_work_publishes_what_it_feels_and_what_pushes_on_its_tool(bench):
+def test_a_robot_at_work_publishes_its_imu_and_its_contacts(bench):
     """Weight is what raw holds beyond contacts: of the masses that were asked for, at rest."""
     topics = {'imu': Imu, 'wrench_reference': WrenchStamped}
     topics['wrench_external_reference'] = WrenchStamped
@@ -171,10 +171,10 @@ def test_a_robot_at_work_publishes_what_it_feels_and_what_pushes_on_its_tool(ben
     work = {'work.tool_mass': 1.5, 'work.part_mass': 0.5, 'load.force_n': 0.0}
     bench.start(SimulatedSensor, parameters={**FAST, **work})
     seen = {topic: {stamp_ns(m): m for m in take(heard[topic], 200)} for topic in topics}
-    stamps = sorted(set.intersection(*(set(each) for each in seen.values())))
+    stamps = sorted(set.intersection(*map(set, seen.values())))
     assert len(stamps) > 100
     imu, whole, external = ([seen[topic][stamp] for stamp in stamps] for topic in topics)
-    assert {each.header.frame_id for each in imu} == {'wrist_ft_imu'}
+    assert {message.header.frame_id for message in imu} == {'wrist_ft_imu'}
     turning = np.array([[getattr(m.angular_velocity, axis) for axis in 'xyz'] for m in imu])
     rest = np.linalg.norm(turning, axis=1) < 0.02
     weight = np.array([six(m) for m in whole]) - [six(m) for m in external]
@@ -184,7 +184,7 @@ def test_a_robot_at_work_publishes_what_it_feels_and_what_pushes_on_its_tool(ben
     assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)
 
 
-def test_creep_and_hysteresis_change_what_is_read_and_not_what_is_true(bench):
+def test_creep_and_hysteresis_change_the_reading_and_not_the_reference(bench):
     load = {'load.force_n': 500.0}
     creeping = record(bench, 'creeping', {**load, 'creep': 0.01, 'hysteresis': 0.01})
     loaded = record(bench, 'loaded', load)

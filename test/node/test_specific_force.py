@@ -19,7 +19,7 @@ NO_TURN = [0.0, 0.0, 0.0, 1.0]
 TO_TOOL = 'arm', 'tool', NO_TURN
 
 
-class Kept:
+class KeptMessages:
     """A subscription that only keeps messages."""
 
     def __init__(self):
@@ -36,11 +36,11 @@ class Kept:
         return (self.messages.pop(0), None) if self.messages else None
 
 
-class Heard:
-    """The part on a hub that keeps what it subscribed to, and what it told."""
+class FakeHub:
+    """Stands for the hub: keeps the subscriptions and the samples of specific force."""
 
     def __init__(self, source='tf', upper='world', frame='tool'):
-        self.on, self.told, self.frame = {}, [], frame
+        self.on, self.samples, self.frame = {}, [], frame
         self.log = SimpleNamespace(info=lambda _: None)
         self.source = Gravity({'gravity.source': source, 'gravity.frame': upper})
         self.source.start(self)
@@ -50,13 +50,13 @@ class Heard:
 
     def tell(self, verb, *values):
         assert verb == 'on_force'
-        self.told.append(values)
+        self.samples.append(values)
 
     def subscribe_for(self, _part, _kind, topic, callback, _qos):
         self.on[topic] = callback
 
     def subscribe_unserved(self, _kind, topic, _qos):
-        return self.on.setdefault(topic, Kept())
+        return self.on.setdefault(topic, KeptMessages())
 
 
 @pytest.fixture
@@ -75,10 +75,10 @@ def without_tf2(monkeypatch):
 def moving(messages):
     """Send the transform of an arm that turns about x by 1 rad/s to a source."""
 
-    def send(heard, milliseconds, *more):
+    def send(hub, milliseconds, *more):
         at = START + round(milliseconds * 1e6)
         turned = Rotation.from_euler('x', milliseconds / 1000).as_quat()
-        heard.on['/tf'](messages.transforms(at, [('/world', 'arm', turned), *more]))
+        hub.on['/tf'](messages.transforms(at, [('/world', 'arm', turned), *more]))
 
     return send
 
@@ -88,51 +88,51 @@ def true_force(seconds):
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_tf_tells_how_an_imu_is_mounted_once_both_frames_are_known(messages):
-    heard = Heard('imu', frame='')
-    assert list(heard.on) == ['imu', '/tf_static']
+def test_tf_gives_the_mounting_of_an_imu_once_it_has_both_frames(messages):
+    hub = FakeHub('imu', frame='')
+    assert list(hub.on) == ['imu', '/tf_static']
     turned = Rotation.from_rotvec([0.1, -0.2, 1.0])
-    heard.on['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
-    heard.on['/tf_static'](b'nonsense')
-    assert heard.source.unreadable == 1
-    heard.frame = 'tool'
-    assert heard.source.mount() is None
-    heard.on['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
-    heard.source.poll()
-    np.testing.assert_allclose(heard.source.mount().rotation, turned.as_matrix(), atol=1e-12)
+    hub.on['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
+    hub.on['/tf_static'](b'nonsense')
+    assert hub.source.unreadable == 1
+    hub.frame = 'tool'
+    assert hub.source.mount() is None
+    hub.on['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
+    hub.source.poll()
+    np.testing.assert_allclose(hub.source.mount().rotation, turned.as_matrix(), atol=1e-12)
     for frame in ('', 'elsewhere'):
-        heard.frame = frame
-        assert heard.source.mount() is None
-    assert Heard('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
+        hub.frame = frame
+        assert hub.source.mount() is None
+    assert FakeHub('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
 
 
 @pytest.mark.usefixtures('without_tf2')
-def test_an_imu_is_told_as_it_comes_and_what_is_none_is_counted(messages):
-    heard = Heard('imu')
-    assert list(heard.on) == ['imu']
-    heard.on['imu'].messages += [
+def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(messages):
+    hub = FakeHub('imu')
+    assert list(hub.on) == ['imu']
+    hub.on['imu'].messages += [
         messages.imu(START, [1, 2, 9], [0.3, 0, 0.4]),
         messages.imu(START + 1, [1, 2, 9], [0, 0, 0], little=False),
         messages.imu(START, [1, np.nan, 9], [0, 0, 0]),
         b'nonsense',
     ]
-    heard.source.poll()
-    assert heard.told == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
-    assert heard.source.unreadable == 2
+    hub.source.poll()
+    assert hub.samples == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
+    assert hub.source.unreadable == 2
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_tf_is_told_where_all_transforms_are_there(messages, moving):
-    """Two publishers: what is told waits for the slower one, and is interpolated."""
-    heard = Heard()
-    assert heard.source.problem().startswith('TF does not say how tool is turned against world: ')
+def test_tf_gives_samples_where_all_transforms_are_there(messages, moving):
+    """Two publishers: a sample waits for the slower one, and is interpolated."""
+    hub = FakeHub()
+    assert hub.source.problem().startswith('TF does not say how tool is turned against world: ')
     for milliseconds in range(0, 2000, 4):
-        moving(heard, milliseconds)
+        moving(hub, milliseconds)
         if milliseconds % 50 == 0:  # of the faster one some are there already
             at = START + (milliseconds - 2) * 10**6
-            heard.on['/tf'](messages.transforms(at, [TO_TOOL]))
-    assert heard.source.problem() == ''
-    at, forces, speeds = zip(*heard.told, strict=True)
+            hub.on['/tf'](messages.transforms(at, [TO_TOOL]))
+    assert hub.source.problem() == ''
+    at, forces, speeds = zip(*hub.samples, strict=True)
     seconds = (np.array(at) - START) / 1e9
     np.testing.assert_allclose(forces, true_force(seconds), atol=1e-4)
     assert speeds[0] is None
@@ -144,50 +144,48 @@ def test_tf_is_told_where_all_transforms_are_there(messages, moving):
 def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memory(
     messages, moving
 ):
-    heard = Heard(frame='')
-    heard.on['/tf_static'](messages.transforms(0, [TO_TOOL]))
+    hub = FakeHub(frame='')
+    hub.on['/tf_static'](messages.transforms(0, [TO_TOOL]))
     for milliseconds in range(4500):
-        heard.frame = 'tool' if milliseconds > 999 else ''
-        moving(heard, milliseconds)
-    assert len(heard.told) == 350
-    kept = heard.source._tree._links.values()
+        hub.frame = 'tool' if milliseconds > 999 else ''
+        moving(hub, milliseconds)
+    assert len(hub.samples) == 350
+    kept = hub.source._tree._links.values()
     assert max(len(link._columns[0]) + len(link._new) for link in kept) < 3300
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_a_joint_that_stops_ends_what_is_told_and_a_clock_that_ran_back_begins_anew(
-    messages, moving
-):
-    heard = Heard()
-    heard.on['/tf_static'](messages.transforms(0, [('tool', 'unused', NO_TURN)]))
+def test_a_joint_that_stops_ends_the_samples_and_a_clock_set_back_begins_anew(messages, moving):
+    hub = FakeHub()
+    hub.on['/tf_static'](messages.transforms(0, [('tool', 'unused', NO_TURN)]))
     for milliseconds in range(0, 5000, 20):
-        moving(heard, milliseconds, *([TO_TOOL] if milliseconds <= 1000 else []))
-    assert heard.told[-1][0] == START + SECOND
-    heard.told.clear()
+        moving(hub, milliseconds, *([TO_TOOL] if milliseconds <= 1000 else []))
+    assert hub.samples[-1][0] == START + SECOND
+    hub.samples.clear()
     for milliseconds in range(-60_000, -59_000, 20):
-        moving(heard, milliseconds, TO_TOOL)
-    assert len(heard.told) == 50
-    np.testing.assert_allclose(heard.told[-1][1], true_force(-59.02), atol=1e-9)
+        moving(hub, milliseconds, TO_TOOL)
+    assert len(hub.samples) == 50
+    np.testing.assert_allclose(hub.samples[-1][1], true_force(-59.02), atol=1e-9)
 
 
 @pytest.mark.usefixtures('with_tf2')
 def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messages, moving):
-    heard = Heard()
+    hub = FakeHub()
     for k in range(3000):
-        heard.on['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
-        heard.on['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
-        heard.on['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
-    tree = heard.source._tree
+        hub.on['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
+        hub.on['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
+        hub.on['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
+    tree = hub.source._tree
     assert len(tree._numbers) <= 1001
     assert sum(len(link._new) + len(link._columns[0]) for link in tree._links.values()) <= 1001
-    assert heard.source.problem().count(', ') < 30
-    moving(heard, 0)
-    np.testing.assert_allclose(heard.told[0][1], true_force(0), atol=1e-9)
+    assert hub.source.problem().count(', ') < 30
+    moving(hub, 0)
+    np.testing.assert_allclose(hub.samples[0][1], true_force(0), atol=1e-9)
 
 
 @pytest.mark.usefixtures('without_tf2')
 def test_without_tf2_msgs_or_a_frame_tf_is_refused():
     with pytest.raises(SettingsError, match='package tf2_msgs with this type is not installed'):
-        Heard()
+        FakeHub()
     with pytest.raises(SettingsError, match='is empty; expected the frame whose z'):
-        Heard(upper='')
+        FakeHub(upper='')

@@ -23,6 +23,6 @@ def test_a_type_is_imported_by_its_name():
         ('', 'which is no message of ROS'),
     ],
 )
-def test_what_cannot_be_imported_is_a_sentence(name, words):
+def test_a_type_that_cannot_be_imported_is_a_sentence(name, words):
     with pytest.raises(SettingsError, match=words):
         load_type('/state', name)

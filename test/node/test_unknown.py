@@ -14,17 +14,17 @@ TABLE = (
 
 
 @pytest.fixture
-def told(bench):
-    """Give a node arguments; what it says of them, warnings and others."""
+def log_of(bench):
+    """Give a node arguments; what it logs about them, warnings and others."""
 
     def tell(*arguments):
-        rules = [word for each in arguments for word in ('-p', each)]
+        rules = [word for argument in arguments for word in ('-p', argument)]
         node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
         declare(node, TABLE)
-        said = {'warning': [], 'info': []}
-        log = SimpleNamespace(**{level: lines.append for level, lines in said.items()})
+        lines = {'warning': [], 'info': []}
+        log = SimpleNamespace(**{level: of_level.append for level, of_level in lines.items()})
         tell_unknown(node, ['/late'], log)
-        return said['warning'], said['info']
+        return lines['warning'], lines['info']
 
     return tell
 
@@ -45,28 +45,28 @@ def told(bench):
         ),
     ],
 )
-def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(told, given, meant):
-    warnings, others = told(f'{given}:=x')
+def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(log_of, given, meant):
+    warnings, others = log_of(f'{given}:=x')
     assert warnings == [
         f'There is no parameter {given}, so its value is ignored. Did you mean {meant}?'
     ]
     assert others == []
 
 
-def test_what_is_another_nodes_is_told_in_one_line(told):
+def test_parameters_of_another_node_are_one_warning(log_of):
     names = [f'joint_limits.joint_{k}.max_effort' for k in range(10)]
     also = 'qos_overrides./tf.subscription.depth'
-    warnings, (line,) = told(*(f'{name}:=1' for name in [*names, also]))
+    warnings, (line,) = log_of(*(f'{name}:=1' for name in [*names, also]))
     assert warnings == []
     assert line.startswith('Parameters that this node does not have are ignored: joint_limits')
     assert line.endswith('joint_7.max_effort and 3 more.')
 
 
-def test_parameters_that_every_node_has_are_no_mistypes(told):
+def test_parameters_of_every_node_are_not_taken_for_mistyped_ones(log_of):
     given = (
         'use_sim_time:=true',
         'start_type_description_service:=true',
         'temperature_topics:=[a]',
         'qos_overrides./late.subscription.depth:=5',
     )
-    assert told(*given) == ([], [])
+    assert log_of(*given) == ([], [])

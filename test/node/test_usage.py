@@ -41,15 +41,15 @@ def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, ca
     text = capsys.readouterr().out
     ends = [end.topic_name for end in (*made.subscriptions, *made.publishers)]
     ends += [service.srv_name for service in made.services]
-    own = [end for end in ends if not any(word in end for word in COMMON)]
-    assert len(own) >= 4
-    for end in own:
+    of_the_node = [end for end in ends if not any(word in end for word in COMMON)]
+    assert len(of_the_node) >= 4
+    for end in of_the_node:
         inside = f'/shown/{made.get_name()}/'
         asked = f'~/{end.removeprefix(inside)}' if end.startswith(inside) else end
         assert asked.removeprefix('/shown/') in text
 
 
-def test_a_node_without_usage_takes_help_for_a_stray():
+def test_help_without_a_usage_text_is_an_unread_word():
     assert run_nodes(list, ['example', '--help']) == 1
 
 

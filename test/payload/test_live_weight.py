@@ -51,7 +51,7 @@ def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(force
     assert forces.count == 5
 
 
-def test_a_sample_farther_away_than_the_timeout_is_none_of_the_wrench(forces):
+def test_a_sample_beyond_the_timeout_does_not_hold(forces):
     assert forces.at(0) is None
     forces.add(START, UP)
     for away in (-SECOND // 5, SECOND // 5):

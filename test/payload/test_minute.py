@@ -91,7 +91,7 @@ def everywhere():
 
 
 @pytest.mark.parametrize('contacts', [0.0, 0.15])
-def test_a_minute_of_ordinary_motion_tells_mass_and_center(contacts):
+def test_a_minute_of_ordinary_motion_gives_mass_and_center(contacts):
     """Within 3 % and 5 mm; stated errors cover two standard errors and a half."""
     pressed = []
     for seed in range(6):
@@ -151,7 +151,7 @@ ANGLES = np.linspace(-30, 30, 60)
         (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'for 10 s only, .* least 10 s'),
     ],
 )
-def test_motion_that_does_not_tell_is_refused_with_what_is_missing(cells, numbers):
+def test_motion_that_shows_no_payload_is_refused_with_what_is_missing(cells, numbers):
     with pytest.raises(CalibrationRefusedError, match=numbers):
         identify(cells, CELL_S, LEVEL)
 
@@ -184,7 +184,7 @@ def test_whatever_comes_gives_a_payload_or_a_sentence(cells, part, scale):
         assert found.payload.mass_kg > 0
 
 
-def test_a_robot_at_rest_under_a_noiseless_accelerometer_is_told_to_tilt():
+def test_a_robot_at_rest_under_a_noiseless_accelerometer_is_asked_to_tilt():
     for wrench in (REST[:, :6], 0.0, CONSTANT):
         with pytest.raises(CalibrationRefusedError, match=r'gravity moved by 0\.00, 0\.00, 0\.00'):
             identify(changed(REST, wrench=wrench), CELL_S, None)
@@ -196,7 +196,7 @@ def test_a_wrench_that_never_changes_weighs_nothing():
             identify(changed(still(SHAKEN, frame=LEVEL), wrench=CONSTANT), CELL_S, sensor)
 
 
-def test_an_accelerometer_that_is_no_longer_as_it_was_found_is_fitted_anew(everywhere):
+def test_an_accelerometer_that_changed_is_fitted_anew(everywhere):
     louder = changed(everywhere, force=1.05 * everywhere[:, 6:9])
     found = identify(louder, CELL_S, LEVEL)
     assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-3)

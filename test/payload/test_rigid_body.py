@@ -1,4 +1,4 @@
-"""Rigid bodies from gains: exact recovery, whatever the frame, and what can't be told."""
+"""Rigid bodies from gains: exact recovery, whatever the frame, and what cannot be found."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_errors_are_as_large_as_they_say():
         (gains_of(np.eye(3)) * [1, 1, 1.8, 1, 1, 1], NORMAL, 'not that of a rigid body'),
     ],
 )
-def test_what_is_no_payload_is_said(gains, normal, said):
+def test_reasons_against_a_payload_are_named(gains, normal, said):
     found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
     assert any(said in doubt for doubt in found.doubts())
 

@@ -65,7 +65,7 @@ class TestPayloads:
         shares = [payload.share for payload in learnt.payloads.payloads.values()]
         np.testing.assert_allclose(shares, 0.5, atol=0.05)
 
-    def test_without_noise_they_are_exact(self, make_working_day):
+    def test_without_noise_payloads_are_exact(self, make_working_day):
         day = make_working_day(contacts=0.0, noise=0.0)
         flat = replace(day, wrench=without_drift(day))
         masses, centers = masses_and_centers(calibrate([flat, flat], AT_WORK))
@@ -88,7 +88,7 @@ class TestPayloads:
         free = np.isfinite(held.wrench[:50, 0])
         np.testing.assert_allclose(pushed[free], held.reference[:50][free], atol=0.1)
 
-    def test_a_rotation_that_is_not_known_is_seen_in_the_specific_force(self, days):
+    def test_an_absent_speed_of_rotation_is_taken_from_the_specific_force(self, days):
         blind = [replace(day, rotation_speed=None) for day in days]
         masses, _ = masses_and_centers(calibrate(blind, AT_WORK))
         np.testing.assert_allclose(masses, MASSES, rtol=0.005)
@@ -110,7 +110,7 @@ def test_blocks_end_at_steps_and_are_joined_again(plain):
 
 
 class TestDrift:
-    def test_it_is_learnt_beside_weight_and_contacts(self, learnt):
+    def test_drift_is_learnt_beside_weight_and_contacts(self, learnt):
         for axis in ('force_x', 'force_z', 'torque_y'):
             fit = learnt.fits[axis]
             assert fit.rms_after < 0.15 * fit.rms_before
@@ -215,7 +215,7 @@ class TestAccelerometer:
         np.testing.assert_allclose(drift, 0.0)
 
     @pytest.mark.parametrize('samples', [0, 5])
-    def test_nothing_felt_tells_nothing(self, samples):
+    def test_without_specific_force_nothing_is_found(self, samples):
         frame, _, _ = fit_norm(np.zeros((samples, 3)), np.zeros((samples, 1)))
         np.testing.assert_allclose(frame.bias, 0.0)
 
@@ -228,7 +228,7 @@ class TestAccelerometer:
         turned = found.frame.turn(crooked.specific_force)
         np.testing.assert_allclose(turned, days[0].specific_force, atol=0.05)
 
-    def test_what_stands_still_for_long_is_not_known(self, plain):
+    def test_a_force_that_stands_still_for_long_is_absent(self, plain):
         force = plain[0].specific_force.copy()
         force[300:] = force[300]
         frozen = replace(plain[0], specific_force=force)
@@ -269,7 +269,7 @@ class TestDoubts:
         with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
             calibrate(wrong, AT_WORK)
 
-    def test_one_pose_tells_no_payload_but_drift(self, make_working_day):
+    def test_one_pose_gives_the_drift_and_no_payload(self, make_working_day):
         still = [
             make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
             for n in range(2)
@@ -287,7 +287,7 @@ class TestDoubts:
         assert calibration.payloads is None
         assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
 
-    def test_a_tool_change_is_said(self, plain):
+    def test_a_tool_change_is_named(self, plain):
         heavier = replace(plain[1], wrench=1.5 * plain[1].wrench)
         assert 'The tool was changed after 0.5 h' in warned([plain[0], heavier])
 

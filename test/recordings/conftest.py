@@ -100,8 +100,9 @@ def installed(messages, monkeypatch):
             modules[f'{package}.msg'] = modules[package].msg = ModuleType(f'{package}.msg')
         texts = {field: idl(what) for field, what in fields}
         texts.pop('structure_needs_at_least_one_member', None)  # rclpy does not show it
-        told = classmethod(lambda _, texts=texts: texts)
-        setattr(modules[package].msg, name, type(name, (), {'get_fields_and_field_types': told}))
+        lists_fields = classmethod(lambda _, texts=texts: texts)
+        made = type(name, (), {'get_fields_and_field_types': lists_fields})
+        setattr(modules[package].msg, name, made)
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     return modules

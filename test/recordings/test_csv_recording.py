@@ -123,11 +123,8 @@ HEADER = 'stamp_s,force_z,temperature_c\n'
         ('0.1,2,3\n0.2,2,3\n', 'Line 1 of run.csv must be a header'),
         ('stamp_s,force_z,force_z,temperature_c\n0,1,1,1\n', 'column force_z twice'),
         ('stamp_s,stamp_s,force_z\n0,1,1\n', 'column stamp_s twice'),
-        ('force_z,temperature_c\n1,20\n', 'no stamp column'),
         ('stamps_s,force_z\n1,20\n', "'stamps_s' meant to be 'stamp_s'"),
         ('stamp_s,forcez,temperature_c\n1,2,3\n', "'forcez' meant to be 'force_z'"),
-        ('stamp_s,force_z,temp_c\n1,2,3\n', "'temp_c' meant to be 'temperature_c'"),
-        ('stamp_s,a,temperature_c\n1,2,3\n', 'no raw wrench column; expected force_x or'),
         (HEADER + '0,1,20\n1,1\n2,1,20\n', 'Line 3 of run.csv has 2 cells.*3 columns'),
         (HEADER + '0,1,20\n\n1,1,2,3\n', 'Line 4 of run.csv has 4 cells'),
         (HEADER + '0,"1",20\n\n1,1\n', 'Line 4 of run.csv has 2 cells'),
@@ -169,7 +166,7 @@ CELLS = st.one_of(st.floats(allow_nan=False, width=64), st.just(math.nan))
 
 @given(st.lists(st.tuples(st.integers(0, 2**62), CELLS, CELLS, CELLS), min_size=1, max_size=20))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_what_the_writer_wrote_is_read_back_exactly(tmp_path_factory, rows):
+def test_a_written_recording_is_read_back_exactly(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp('csv') / 'own.csv'
     channels = ('force_x', 'force_y', 'temperature_c')
     with closing(CsvRecordingWriter(path, channels)) as writer:

@@ -79,7 +79,7 @@ def test_a_chamber_table_is_a_recording_too():
         ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path, name, content, sentence):
+def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentence):
     path = tmp_path / name
     if content is not None:
         path.parent.mkdir(exist_ok=True)
@@ -144,7 +144,7 @@ def every_other(_stamps_ns, wrench):
     return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
 
 
-def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_known(make_bag):
+def test_an_external_wrench_has_its_own_topic_and_messages_where_it_is_finite(make_bag):
     source = make_bag(count=200)
     target = source.with_name('out')
     rewrite_recording(source, target, halve, external=every_other)
@@ -156,7 +156,7 @@ def test_an_external_wrench_has_a_topic_of_its_own_and_messages_where_it_is_know
     np.testing.assert_array_equal(values, raw[1][::2] + 1)
 
 
-def test_an_external_wrench_has_columns_of_its_own_and_cells_where_it_is_known(make_csv):
+def test_an_external_wrench_has_its_own_columns_and_cells_where_it_is_finite(make_csv):
     source = make_csv(CSV)
     target = source.with_name('out.csv')
     rewrite_recording(source, target, halve, external=every_other)
@@ -175,9 +175,6 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     rewrite_recording(source, target, halve, output_topic='cleaned')
     assert target.is_file()
     assert len(raw_messages(target)['/cleaned']) == 200
-    other = {'.db3': '.mcap', '.mcap': '.db3'}[suffix]
-    with pytest.raises(OutputError, match=f'a copy ends in {suffix}, not in {other}'):
-        rewrite_recording(source, target.with_name(f'x{other}'), halve)
 
 
 @pytest.fixture(params=['sqlite3', 'mcap', 'csv', 'table'])
@@ -209,13 +206,6 @@ def test_a_target_that_exists_or_is_the_source_is_refused(source, tmp_path):
         with pytest.raises(OutputError, match=sentence):
             rewrite_recording(source, target, halve)
     assert existing.read_text() == 'mine'
-
-
-def test_an_output_topic_that_is_taken_is_refused(make_bag):
-    source = make_bag(count=100)
-    with pytest.raises(OutputError, match='bag holds log already'):
-        rewrite_recording(source, source.with_name('out'), halve, output_topic='log')
-    assert not source.with_name('out').exists()
 
 
 def test_a_bag_is_described_from_its_index(make_bag):

@@ -176,8 +176,8 @@ def test_every_wrong_entry_gets_its_sentence(driver, messages, tmp_path, entry, 
 def test_messages_that_arrive_at_once_count_as_one(driver, messages, tmp_path):
     """As in simulated time, which stands still between two messages of its clock."""
     parts = [('/wrench_raw', messages.wrench_type, T0, messages.wrench(T0, range(6)))]
-    states = [driver.of_state(20.0 + k) for k in range(30)]
-    parts += [('/driver/state', driver.state, T0 + k // 10, each) for k, each in enumerate(states)]
+    kind, state = driver.state, driver.of_state
+    parts += [('/driver/state', kind, T0 + k // 10, state(20.0 + k)) for k in range(30)]
     path = messages.write(tmp_path / 'bag', parts)
     found = read(path, '/driver/state:temperatures[0]', '/driver/state:temperatures[1]')
     assert found[0] == ([T0, T0 + 1, T0 + 2], [20.0, 30.0, 40.0])
@@ -203,9 +203,9 @@ def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
 
 
 @pytest.mark.usefixtures('ready')
-def test_what_could_be_used_is_found_and_judged(driver, messages, tmp_path):
+def test_usable_topics_and_fields_are_found_and_rated(driver, messages, tmp_path):
     path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
-    found = {each.entry: each for each in describe_recording(path).candidates}
+    found = {candidate.entry: candidate for candidate in describe_recording(path).candidates}
     assert list(found) == [
         '/driver/frame:wrench', '/wrench_raw', '/driver/frame:temperature',
         *(f'/driver/state:temperatures[{k}]' for k in range(6)),
@@ -302,7 +302,7 @@ def definitions_of(messages, kind):
     return import_module(f'{BAGS}.rosbags_backend')._define(topic_of(messages, kind))
 
 
-def test_both_backends_know_the_installed_types_alike(messages):
+def test_both_backends_find_the_same_installed_types(messages):
     """What messages of rclpy say of their fields against what is written in their definitions."""
     kinds = [
         kind
@@ -334,7 +334,7 @@ def test_without_any_backend_the_sentence_says_what_to_install(monkeypatch, tmp_
         read(tmp_path / 'a.mcap', '/temperature')
 
 
-def test_what_serialize_message_leaves_behind_the_last_field_is_no_damage():
+def test_padding_behind_the_last_field_is_no_damage():
     """Bytes of a sensor_msgs/JointState of two efforts and empty arrays, as rclpy wrote them."""
     data = bytes.fromhex(
         '00010000 00000000 00000000 01000000 009475ee 00000000 00000000 00000000 02000000'

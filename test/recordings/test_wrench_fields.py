@@ -116,7 +116,7 @@ def test_every_form_is_read_and_rewritten_as_a_wrench_of_its_own(bag, tmp_path, 
         ('text', 'is not there'),
     ],
 )
-def test_where_there_is_none_the_sentence_says_what_there_is(bag, inside, words):
+def test_without_a_wrench_the_sentence_names_the_fields_there_are(bag, inside, words):
     with pytest.raises(RecordingError, match=words):
         read_recording(bag, topics=topics(inside))
 

@@ -57,7 +57,7 @@ class Browser:
         while b'\0' not in self._buffer:
             assert select([self._in], [], [], _ANSWER_TIMEOUT_S)[0], 'the browser is silent'
             part = os.read(self._in, 1 << 20)
-            assert part, 'the browser has gone'
+            assert part, 'the browser has ended'
             self._buffer += part
         message, self._buffer = self._buffer.split(b'\0', 1)
         return json.loads(message)
@@ -99,9 +99,9 @@ class Browser:
         """Everything that the page printed, threw, logged, or loaded besides itself."""
         bad = {'Runtime.exceptionThrown', 'Runtime.consoleAPICalled', 'Log.entryAdded'}
         requests = [
-            each['params']['request']['url']
-            for each in self.events
-            if each.get('method') == 'Network.requestWillBeSent'
+            event['params']['request']['url']
+            for event in self.events
+            if event.get('method') == 'Network.requestWillBeSent'
         ]
         return [e for e in self.events if e.get('method') in bad] + requests[1:]
 

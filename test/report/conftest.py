@@ -55,7 +55,7 @@ def learn(recordings, folder, reference='unloaded', **identification):
     )
     calibration = calibrate(recordings, settings)
     provenance = {
-        'recordings': [{'path': f'/data/{each.name}', 'sha256': 'a' * 64} for each in recordings],
+        'recordings': [{'path': f'/data/{day.name}', 'sha256': 'a' * 64} for day in recordings],
         'settings': {'reference': reference, 'identification': identification},
     }
     return calibration, save_model(folder / '<i>model.yaml', calibration, provenance)
@@ -84,7 +84,7 @@ def stored(tmp_path_factory):
 
 @pytest.fixture(scope='session')
 def view(tmp_path_factory, stored, make_working_day):
-    """Views by kind, each made once."""
+    """Views by kind, made once."""
 
     @cache
     def build(kind):

@@ -172,7 +172,7 @@ def test_paper_and_the_text_of_pictures_take_the_colours_of_the_scheme(browser, 
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_it_prints(kind, browser, files):
+def test_the_page_prints(kind, browser, files):
     """On paper it is light whatever the screen is, and nothing is hidden."""
     browser.open(files(kind), 1280, 'dark')
     assert browser.pdf().startswith(b'%PDF')

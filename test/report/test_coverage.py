@@ -1,4 +1,4 @@
-"""What was seen, what was not, and what a person is told to record next."""
+"""What was seen, what was not, and what a person should record next."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def ramp(start, end, cells=HOUR):
     return np.linspace(start, end, cells)
 
 
-def nothing(cells):
+def unloaded(cells):
     return {'force_z': np.zeros(cells)}
 
 
@@ -28,7 +28,7 @@ def seen(make_recording):
     """Cover recordings that are made of these temperatures."""
 
     def make(*temperatures):
-        return cover([make_recording(t, nothing(len(t))) for t in temperatures])
+        return cover([make_recording(t, unloaded(len(t))) for t in temperatures])
 
     return make
 
@@ -49,7 +49,7 @@ def test_every_second_is_counted_once(seen):
     assert (np.diff(coverage.edges_c) == 1).all()
 
 
-def test_what_lies_below_above_and_between_is_unseen(seen):
+def test_temperatures_below_above_and_between_are_unseen(seen):
     low, high = WORKING_RANGE_C
     assert unseen_temperatures(seen(ramp(20.5, 35))) == [(low, 20.5), (35.0, high)]
     assert unseen_temperatures(seen(ramp(low - 5, high + 5, 1000))) == []
@@ -88,7 +88,7 @@ def test_the_thermometer_that_spans_most_leads(seen):
 
 def test_loads_are_those_of_the_reference(make_recording):
     load = np.where(np.arange(HOUR) < 10, np.nan, np.linspace(-20, 40, HOUR))
-    recording = make_recording(ramp(20, 30), nothing(HOUR), {'force_y': load})
+    recording = make_recording(ramp(20, 30), unloaded(HOUR), {'force_y': load})
     ((axis, (low, high, deviation)),) = cover([recording]).loads.items()
     assert axis == 'force_y'
     assert (low, high) == (np.nanmin(load), 40.0)
@@ -112,7 +112,7 @@ def test_a_second_thermometer_is_asked_for_where_one_is_not_enough(levels, asked
     assert 'two: put another one' not in advice(two, {'force_x': levels})
 
 
-def test_the_way_that_is_missing_is_asked_for_and_noise_is_no_way(seen):
+def test_a_missing_warm_up_or_cooling_is_asked_for_in_spite_of_noise(seen):
     noise = np.random.default_rng(1).normal(0, 0.2, HOUR)
     assert 'let it cool down' in advice(seen(ramp(20, 35) + noise))
     assert 'let it cool down' in advice(seen(ramp(20, 35)))
@@ -136,7 +136,7 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
     assert 'No recording holds force y, force z' in advice(coverage, {'force_x': 'good'})
     assert 'drift of the gain is not known' in advice(coverage)
     load = {'force_z': np.sin(np.arange(HOUR))}
-    loaded = cover([make_recording(ramp(20, 35), nothing(HOUR), load)])
+    loaded = cover([make_recording(ramp(20, 35), unloaded(HOUR), load)])
     assert 'drift of the gain' not in advice(loaded, reference='recorded')
 
 

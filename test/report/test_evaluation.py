@@ -39,13 +39,13 @@ def loaded(make_recording, moved):
 @pytest.mark.parametrize(('tare_s', 'tare_cells'), [(60.0, 6), (65.0, 7), (0.0, 1)])
 def test_errors_are_what_a_hand_computes(model, loaded, moved, tare_s, tare_cells):
     raw, true = loaded.wrench[:, Z], loaded.reference[:, Z]
-    known = [k for k in range(CELLS) if np.isfinite(raw[k])]
-    tared = range(known[0], known[0] + tare_cells)
+    measured = [k for k in range(CELLS) if np.isfinite(raw[k])]
+    tared = range(measured[0], measured[0] + tare_cells)
     judged = judge_errors([tared_errors(model, loaded, 'recorded', tare_s)])
     assert set(judged) == {'force_z'}
     for name, o, s in (('before', 0 * moved, 0 * moved), ('after', 0.4 * moved, 1e-2 * moved)):
         tare = np.mean([raw[k] - o[k] - (1 + s[k]) * true[k] for k in tared])
-        values = [(raw[k] - o[k] - tare) / (1 + s[k]) - true[k] for k in known]
+        values = [(raw[k] - o[k] - tare) / (1 + s[k]) - true[k] for k in measured]
         rms = np.sqrt(sum(v * v for v in values) / len(values))
         assert getattr(judged['force_z'], f'rms_{name}') == pytest.approx(rms, rel=1e-9)
         peak = max(abs(v) for v in values)
@@ -68,7 +68,7 @@ def test_nothing_to_compare_with_is_refused(model, loaded):
 
 
 def errors(axis, before, after):
-    """Errors of one axis; nothing is known of the others."""
+    """Errors of one axis; the others have none."""
     table = np.full((2, len(before), len(AXES)), np.nan)
     table[:, :, axis] = before, after
     return TaredErrors(*table)

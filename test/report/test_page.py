@@ -139,7 +139,7 @@ def test_the_headline_counts(view):
     assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
 
 
-def test_a_refused_axis_is_said_once_at_the_top(make, tmp_path):
+def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     recordings = [make.recording()]
     calibration, stored = make.learn(recordings, tmp_path, method='pls')
     refusal = 'force_z drifts too slowly'
@@ -173,8 +173,8 @@ def test_pictures_of_a_calibration_show_its_held_out_errors(view):
         assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.errors.rms_after, rel=1e-2)
 
 
-def test_an_evaluation_says_what_was_learnt_and_tells_recordings_apart(view, text):
-    names = [each.name for each in view('evaluation').recordings]
+def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
+    names = [day.name for day in view('evaluation').recordings]
     for axis in view('evaluation').axes:
         assert axis.entry['reason'].startswith('pls')
         spreads = axis.entry['time_constant_errors_s']
@@ -235,7 +235,7 @@ def test_names_that_are_no_text_do_not_stop_the_report(make, judge):
     assert b'?.csv' in brief(judge(make.recording('\udcff.csv'))).encode(errors='replace')
 
 
-def test_loads_are_shown_where_they_are_known(make, tmp_path):
+def test_loads_are_shown_where_there_is_a_reference(make, tmp_path):
     load = np.outer(np.sin(np.arange(400) / 5), [20, 20, 20, 1, 1, 1])
     recordings = [make.recording(reference=load)]
     calibration, stored = make.learn(recordings, tmp_path, 'recorded', method='pls')
@@ -245,20 +245,20 @@ def test_loads_are_shown_where_they_are_known(make, tmp_path):
     assert 'Loads are not known' not in whole
 
 
-def test_standard_errors_and_reasons_are_shown_where_they_are_known(view):
-    told = {
+def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
+    entry = {
         'time_constants_s': [60.0, 7200.0],
         'time_constant_errors_s': [3.0, None],
         'reason': 'It was the simplest.',
     }
     first = view('good').axes[0]
-    first = replace(first, entry={**first.entry, **told})
+    first = replace(first, entry={**first.entry, **entry})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
     assert '60 ± 3 s, 2.0 h' in whole
     assert 'It was the simplest.' in whole
 
 
-def test_where_it_comes_from_is_said(text, view):
+def test_the_page_names_its_sources(text, view):
     whole = Outline(text('good')).whole
     assert 'a' * 64 in whole
     assert view('good').provenance['SHA-256'] in whole

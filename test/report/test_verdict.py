@@ -70,7 +70,7 @@ def test_a_sentence_holds_its_numbers():
     assert 'at most 25 %' in weak.sentence
 
 
-def test_what_is_not_calibrated_says_why():
+def test_an_axis_without_a_model_has_its_reason():
     bare = replace(FINE, compensated=False, after=10.0)
     assert judge(bare).sentence.startswith('The model does not compensate this axis')
     tried = judge(replace(bare, best_candidate=9.5)).sentence
@@ -96,7 +96,7 @@ def test_a_harmful_axis_says_of_how_many_recordings():
     ('recordings', 'words'),
     [(1, 'judged on parts of a single recording'), (2, 'which rests on two recordings')],
 )
-def test_what_was_learnt_from_few_recordings_says_so(after, recordings, words):
+def test_a_verdict_from_few_recordings_names_their_number(after, recordings, words):
     assert words in judge(replace(FINE, after=after, recordings=recordings)).sentence
     for enough in (0, 3):
         assert words not in judge(replace(FINE, after=after, recordings=enough)).sentence

@@ -227,7 +227,7 @@ def test_thermometers_see_other_temperatures_than_the_gauges(sensor):
 def test_seed_makes_the_specimen():
     one, same, other = (build_sensor(SETTINGS, seed) for seed in (1, 1, 2))
     hot = steady_state(one, 1.0, 22.0)
-    drifts = [measured_wrench(each, hot, UNLOADED) for each in (one, same, other)]
+    drifts = [measured_wrench(sensor, hot, UNLOADED) for sensor in (one, same, other)]
     np.testing.assert_array_equal(drifts[0], drifts[1])
     assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()
 

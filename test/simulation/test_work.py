@@ -29,13 +29,13 @@ def test_speeds_and_specific_force_are_those_of_the_path():
     np.testing.assert_allclose(turned, now.omega, atol=2e-3)
     np.testing.assert_allclose((after.omega - before.omega) / (2 * step), now.alpha, atol=2e-2)
     at_m = np.array([0.1, -0.2, 0.3])
-    path = [each.pose.apply(at_m) for each in (before, now, after)]
+    path = [motion.pose.apply(at_m) for motion in (before, now, after)]
     swung = (path[0] - 2 * path[1] + path[2]) / step**2
     felt = now.pose.inv().apply(swung)
     np.testing.assert_allclose(felt, lever(now.omega, now.alpha, at_m), atol=2e-2)
 
 
-def test_at_rest_gravity_is_all_that_is_felt_and_the_payload_weighs_what_it_is_said_to():
+def test_at_rest_the_imu_measures_gravity_and_the_payload_weighs_its_mass():
     work = program(contacts=0.0, tool_kg=1.5, part_kg=0.7)
     motion = move(work, a_cycle(work))
     rest = np.linalg.norm(motion.omega, axis=1) == 0
@@ -46,7 +46,7 @@ def test_at_rest_gravity_is_all_that_is_felt_and_the_payload_weighs_what_it_is_s
     assert not motion.contact.any()
 
 
-def test_speed_contacts_and_reach_are_about_what_was_asked_for():
+def test_speed_contacts_and_reach_are_about_their_settings():
     work = program(contacts=0.3, speed_rad_s=0.8)
     motion = move(work, a_cycle(work))
     assert np.linalg.norm(motion.omega, axis=1).max() <= 0.8

@@ -64,7 +64,7 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
 
 
 @pytest.mark.parametrize('content', ['text', b'PNG'])
-def test_what_cannot_be_written_is_a_sentence(content, target):
+def test_a_target_that_cannot_be_written_is_a_sentence(content, target):
     kind = Output(name='sheet', says='^old', endings='')
     kind.write(target, content)
     assert target.read_bytes() in {b'text', b'PNG'}
@@ -86,22 +86,22 @@ def test_what_cannot_be_written_is_a_sentence(content, target):
 @pytest.mark.parametrize(
     'foreign', [b'{"format": "other", "of": []}', b'["list"]', b'{', bytes(9)]
 )
-def test_what_is_not_the_node_s_is_moved_aside_once(name, write, foreign, tmp_path):
+def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     path = tmp_path / name
     for _ in range(2):
         write(tmp_path)
-    own = path.read_bytes()
+    written = path.read_bytes()
     path.write_bytes(foreign)
     write(tmp_path)
     kept = path.with_name(f'{path.name}.kept')
-    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
     path.write_bytes(b'also mine')
     with pytest.raises(WristFtCompError, match=f'{name} cannot be written: it exists and is'):
         write(tmp_path)
     assert (path.read_bytes(), kept.read_bytes()) == (b'also mine', foreign)
-    path.write_bytes(own[:40])  # cut off by a disk
+    path.write_bytes(written[:40])  # cut off by a disk
     write(tmp_path)
-    assert (path.read_bytes(), kept.read_bytes()) == (own, foreign)
+    assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n', 'time;fz\n1;2\n3;4\n'])
@@ -116,7 +116,7 @@ def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
     assert (tmp_path / 'days/day_00008.csv').exists()
 
 
-def test_what_is_no_file_has_no_beginning(target):
+def test_a_path_that_is_no_file_has_no_beginning(target):
     target.write_bytes(b'old \xff' + b'x' * 10_000)
     assert beginning(target).startswith('old \ufffd')
     for path in (target.parent, target / 'below', target.with_name('x' * 300)):

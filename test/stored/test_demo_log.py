@@ -20,7 +20,7 @@ def log():
     )
 
 
-def test_what_was_saved_is_loaded_digit_for_digit(log, tmp_path):
+def test_a_saved_log_is_loaded_digit_for_digit(log, tmp_path):
     save_demo_log(tmp_path / 'log.npz', log)
     loaded = load_demo_log(tmp_path / 'log.npz')
     for name, value in vars(log).items():

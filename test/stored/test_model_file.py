@@ -106,7 +106,7 @@ def saved(calibration, tmp_path_factory):
     return path
 
 
-def test_names_limits_and_what_thermometers_show_of_each_other_come_back(calibration, tmp_path):
+def test_sensor_limits_and_predictions_come_back(calibration, tmp_path):
     rng = np.random.default_rng(0)
     prediction = Prediction(np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2)))
     sensor = {'wrench_topic': ['/w'], 'temperature_topics': ['/t1', '/t2'], 'frame_id': ['flange']}
@@ -212,7 +212,7 @@ def test_the_evidence_is_there_for_people(calibration, saved):
     assert '“constant”' in saved.read_text(encoding='utf-8')
 
 
-def test_what_each_axis_leaves_is_known_after_loading(calibration, saved):
+def test_the_deviation_of_every_axis_comes_back(calibration, saved):
     loaded = load_model(saved).model
     assert loaded.deviation == calibration.model.deviation
     assert set(loaded.deviation) == {'force_x', 'force_y', 'force_z', 'torque_z'}
@@ -238,7 +238,7 @@ def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(saved):
     assert '.nan' not in saved.read_text(encoding='utf-8').lower()
 
 
-def test_every_key_of_it_is_needed(document, load):
+def test_every_key_of_a_model_file_is_needed(document, load):
     load(document)
     removed = 0
     for path, _ in one_of_each_kind(document):
@@ -254,7 +254,7 @@ def test_every_key_of_it_is_needed(document, load):
     assert removed > 40
 
 
-def test_a_file_of_before_keeps_the_rules_that_it_was_made_with(calibration, document, load):
+def test_a_model_of_an_earlier_version_keeps_its_rules(calibration, document, load):
     """It starts at its first cell, and beyond the range it is held."""
     del document['start_s']
     for entry in document['axes'].values():
@@ -263,8 +263,8 @@ def test_a_file_of_before_keeps_the_rules_that_it_was_made_with(calibration, doc
         if entry['model']:
             del entry['model']['features']['beyond']
     axes = {
-        axis: replace(each, features=replace(each.features, beyond='clamped'))
-        for axis, each in calibration.model.axes.items()
+        axis: replace(axis_model, features=replace(axis_model.features, beyond='clamped'))
+        for axis, axis_model in calibration.model.axes.items()
     }
     before = replace(calibration.model, axes=axes, start_s=0.0)
     np.testing.assert_array_equal(run(load(document)), run(before))
@@ -286,7 +286,7 @@ def test_every_value_has_its_type(document, load):
 
 
 @pytest.mark.parametrize('value', [float('nan'), float('inf'), -float('inf')])
-def test_what_runs_is_finite(document, load, value):
+def test_numbers_of_what_runs_are_finite(document, load, value):
     tried = 0
     for path, number in one_of_each_kind(document):
         if 'model' in path and isinstance(number, int | float):
@@ -313,7 +313,7 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', it, 'of version .* reads version 1') for it in (0, 2, '1', 1.5, None, [1])),
+        *(('version', n, 'of version .* reads version 1') for n in (0, 2, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),
@@ -330,7 +330,7 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
         ('axes torque_z model features knots_c 0', [20.0, 10.0, 60.0], 'increasing'),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_place(document, load, place, value, sentence):
+def test_an_impossible_value_is_refused_with_its_place(document, load, place, value, sentence):
     path = [int(word) if word.isdigit() else word for word in place.split()]
     with pytest.raises(ModelFileError, match=sentence) as refusal:
         load(with_value(document, path, value))
@@ -377,7 +377,7 @@ def test_a_huge_file_is_refused_unread(tmp_path):
     ],
     ids=lambda content: re.sub(r'\W+', '_', str(content[:30])),
 )  # fmt: skip
-def test_what_is_no_model_is_refused(load, content):
+def test_content_that_is_no_model_is_refused(load, content):
     with pytest.raises(ModelFileError, match=r'changed.yaml is not a model file'):
         load(content)
 
@@ -390,7 +390,7 @@ def test_another_file_than_a_model_is_not_overwritten(calibration, tmp_path):
     assert path.read_text('utf-8') == 'mine: true\n'
 
 
-def test_a_model_tells_what_it_was_learnt_from_and_how(calibration, tmp_path):
+def test_a_model_file_names_its_recordings_and_settings(calibration, tmp_path):
     learnt = replace(calibration, sources=('a.csv', 'b'), settings=CalibrationSettings('constant'))
     document = save_model(str(tmp_path / 'm.yaml'), learnt).document
     assert document['provenance']['recordings'] == [{'path': 'a.csv'}, {'path': 'b'}]

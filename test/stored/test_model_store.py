@@ -151,17 +151,17 @@ def test_leftovers_of_killed_processes_are_swept(store):
     before = path.read_text()
     assert subprocess.run([sys.executable, '-c', source, str(path)], check=False).returncode == -9
     assert path.read_text() == before
-    (leftover,) = [each for each in store.directory.iterdir() if each != path]
+    (leftover,) = [file for file in store.directory.iterdir() if file != path]
     assert store.sweep() == 0, 'it may be somebody else in the middle of writing'
     os.utime(leftover, (0, 0))
     (store.directory / '.kept.tmp').write_text('not ours')
     assert store.sweep() == 1
-    assert sorted(each.name for each in store.directory.iterdir()) == [
+    assert sorted(file.name for file in store.directory.iterdir()) == [
         '.kept.tmp', 'active.json', 'lock',
     ]  # fmt: skip
 
 
-def test_whether_a_folder_takes_something_is_found_out_without_a_trace(store, tmp_path):
+def test_checking_whether_a_folder_is_writable_leaves_no_trace(store, tmp_path):
     assert store.check_writable() == ''
     assert list(tmp_path.iterdir()) == []
     store.directory.mkdir()

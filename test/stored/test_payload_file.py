@@ -22,7 +22,7 @@ def path(tmp_path):
     return tmp_path / 'models' / PAYLOADS
 
 
-def test_payloads_come_back_to_the_last_bit_with_what_nobody_knows(path):
+def test_payloads_come_back_to_the_last_bit_with_their_absent_values(path):
     assert load_payloads(path) == {}
     assert add_payloads(path, 'day', [TOOL, BARE], FRAME) == ['day-1', 'day-2']
     back = load_payloads(path)
@@ -45,7 +45,7 @@ def test_a_name_is_never_given_to_another_payload(path):
     assert {name: json.loads(path.read_text('utf-8'))['payloads'][name] for name in first} == first
 
 
-def test_a_file_of_before_sources_were_kept_is_read(path):
+def test_a_file_without_sources_is_read(path):
     add_payloads(path, 'day', [TOOL], FRAME)
     document = json.loads(path.read_text('utf-8'))
     del document['payloads']['day-1']['source']
@@ -83,7 +83,7 @@ def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, change, senten
         assert path.read_text('utf-8') == broken
 
 
-def test_a_disk_that_refuses_is_told(tmp_path):
+def test_a_disk_that_refuses_is_a_sentence(tmp_path):
     (tmp_path / 'file').write_text('', 'utf-8')
     with pytest.raises(ModelFileError, match=r'cannot be written: .*\. Make room'):
         add_payloads(tmp_path / 'file' / PAYLOADS, 'day', [TOOL], FRAME)

@@ -72,9 +72,9 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
     assert back is not None
     assert plain(back) == plain(state)
     if state.thermal is not None and back.thermal is not None:
-        for axis, each in state.thermal.filters.items():
-            assert back.thermal.filters[axis].shape == each.shape
-    assert [each.name for each in path.parent.iterdir()] == ['state.json']
+        for axis, values in state.thermal.filters.items():
+            assert back.thermal.filters[axis].shape == values.shape
+    assert [file.name for file in path.parent.iterdir()] == ['state.json']
 
 
 def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrote(load):
@@ -85,7 +85,7 @@ def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrot
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
 @pytest.mark.parametrize('place', range(7))
-def test_what_is_written_can_be_read_whatever_numbers_a_model_makes(tmp_path, place, value):
+def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_path, place, value):
     """The thermal state goes as a whole, each tare by itself, and nothing else."""
     state = replace(example(), external_tare=np.arange(6.0))
     assert state.thermal is not None
@@ -130,7 +130,7 @@ def load(tmp_path):
     ],
     ids=range(14),
 )  # fmt: skip
-def test_what_is_no_state_is_refused(load, content, sentence):
+def test_content_that_is_no_state_is_refused(load, content, sentence):
     with pytest.raises(StateFileError, match=sentence):
         load(content)
 

@@ -102,7 +102,7 @@ def test_a_lie_is_found_and_replaced_without_a_step(learn, make_day, thermometer
     (found,) = lies(model, day)
     assert found.startswith('thermometer 2 ')
     assert left(day, model) < 0.5 * left(day, replace(model, prediction=None))
-    zero, usual = (simulate_drift(model, each).zero[:, FORCE_Z] for each in (day, healthy))
+    zero, usual = (simulate_drift(model, run).zero[:, FORCE_Z] for run in (day, healthy))
     assert np.abs(np.diff(zero[BEGIN + 2 :])).max() < 2 * np.abs(np.diff(usual)).max()
 
 
@@ -132,7 +132,7 @@ def test_one_thermometer_predicts_nothing(learn, make_day):
 
 
 @pytest.mark.parametrize('thermometers', [2, 3])
-def test_of_those_that_contradict_each_other_none_is_replaced(learn, make_day, thermometers):
+def test_thermometers_that_contradict_are_not_replaced(learn, make_day, thermometers):
     day = lying(make_day(7, thermometers), 'loose')
     compensator = Compensator(thermometers, model=learn(thermometers).model)
     stream(compensator, day)
@@ -140,14 +140,14 @@ def test_of_those_that_contradict_each_other_none_is_replaced(learn, make_day, t
     assert 'thermometers 1, 2 contradict' in compensator.tracker.agreement.doubt
 
 
-def test_who_agrees_again_is_believed_again_without_a_step(learn, make_day):
+def test_a_thermometer_that_agrees_again_is_believed_again_without_a_step(learn, make_day):
     model, healthy = learn(3).model, make_day(7)
     day = lying(healthy, 'frozen', end=700)
     compensator = Compensator(3, model=model)
     seen = stream(compensator, day)
     assert compensator.tracker.agreement.findings == []
     assert len(lies(model, day)) == 1
-    zero, usual = (simulate_drift(model, each).zero[:, FORCE_Z] for each in (day, healthy))
+    zero, usual = (simulate_drift(model, run).zero[:, FORCE_Z] for run in (day, healthy))
     assert np.abs(np.diff(zero[BEGIN + 2 :])).max() < 2 * np.abs(np.diff(usual)).max()
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 

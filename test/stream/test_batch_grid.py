@@ -57,9 +57,9 @@ def streams(draw):
 @given(blocks=streams(), period_s=st.sampled_from([0.5, 1.0, 3.0]), size=st.integers(1, 30))
 def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, size):
     pieces = [
-        Samples(each.channels, each.stamps_ns[at : at + size], each.values[at : at + size])
-        for each in blocks
-        for at in range(0, len(each.stamps_ns), size)
+        Samples(block.channels, block.stamps_ns[at : at + size], block.values[at : at + size])
+        for block in blocks
+        for at in range(0, len(block.stamps_ns), size)
     ]
     recording = grid_samples(pieces, period_s=period_s)
     period_ns = round(period_s * SECOND)
@@ -127,13 +127,13 @@ def test_unusable_samples_are_dropped_and_counted(fault):
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
     gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
     np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
-    why = {
+    sentence = {
         'nan': 'are not finite',
         'infinite': 'are not finite',
         'kelvin': 'are outside -100 to 200 °C, which no sensor reads, such as 295.1 °C',
     }.get(fault, 'have a stamp that does not increase')
     assert gridded.warnings == (
-        f'temperature_c of a.csv: 1 of 201 samples {why}; they were dropped.',
+        f'temperature_c of a.csv: 1 of 201 samples {sentence}; they were dropped.',
     )
 
 
@@ -199,7 +199,7 @@ def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     assert not grid_samples(blocks).warnings
 
 
-def test_one_stamp_of_another_century_is_refused_without_the_memory_for_it():
+def test_one_stamp_of_another_century_is_refused_before_memory_is_taken():
     blocks = [samples('temperature_c', (0, 20), (MAX_NUMBERS, 21)), wrenches(0)]
     with pytest.raises(RecordingError, match=r'span 4.2e\+06 s; at most 2100000 thermal cells'):
         grid_samples(blocks)

@@ -22,7 +22,7 @@ READINGS = {
 
 @pytest.mark.parametrize('axes', [{}, {'force_z': (0.4, 1e-3, 30.0)}])
 @pytest.mark.parametrize('readings', READINGS.values(), ids=READINGS)
-def test_what_is_kept_does_not_grow(make_model, readings, axes):
+def test_memory_does_not_grow_with_time(make_model, readings, axes):
     settings = StreamSettings(history_s=HISTORY_S)
     compensator = Compensator(2, settings, make_model(axes, thermometers=2) if axes else None)
     sizes = []

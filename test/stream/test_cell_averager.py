@@ -13,7 +13,7 @@ NAN = math.nan
 
 
 class Node:
-    """Feeds a grid and a averager as the node does."""
+    """Feeds a grid and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
         self.grid = ThermalGrid(SECOND, thermometers, patience_s)
@@ -69,7 +69,7 @@ def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_
     np.testing.assert_equal(cells(node.averager.rows()), [(1, 9.0, 6.0, 21.0)])
 
 
-def test_without_wrenches_rows_wait_for_50_cells_and_then_come_after_all():
+def test_rows_without_wrenches_come_50_cells_late():
     node = Node()
     for second in range(60):
         node.heat(second + 0.5, 20.0)
@@ -147,8 +147,8 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
 def test_wrenches_without_any_temperature_do_not_pile_up(sent):
     node, rows = Node(), []
     for second in range(2000):
-        for each in sent:
-            getattr(node, each)(second + 0.1, float(second))
+        for kind in sent:
+            getattr(node, kind)(second + 0.1, float(second))
         rows += node.averager.rows()
         assert len(node.averager._cells) <= 600
     written = cells(rows)
@@ -220,7 +220,7 @@ def test_a_time_that_begins_anew_goes_on_being_averaged(late_s):
         if second == 30:
             node.raw(1e6, 0.0)
         rows += node.averager.rows()
-        sent = [each for each in sent if each[0] <= second + 1]  # of the time before
+        sent = [wrench for wrench in sent if wrench[0] <= second + 1]  # of the time before
     seen = {row[0]: row[1] for row in cells(rows)}  # of the later time, where both had a cell
     expected = {second: second + 0.5 for second in (*range(27), *range(31, 145))}
     assert {second: seen[second] for second in expected} == expected, 'but for the stray one'

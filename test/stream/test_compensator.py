@@ -120,8 +120,8 @@ def fed_cell_by_cell(model, temperature_c):
 
 @pytest.mark.parametrize('start_s', [0.0, 10.0])
 @pytest.mark.parametrize('cells', [1, 4, 9, 10, 11, 60])
-def test_a_start_is_that_of_offline_whatever_has_come(model, make_recording, cells, start_s):
-    """Below, at and above the ten cells that it looks at."""
+def test_a_stream_starts_as_the_batch_after_any_cells(model, make_recording, cells, start_s):
+    """Below, at and above the ten cells that a start averages."""
     model = replace(model, start_s=start_s)
     temperature_c = 20 + np.random.default_rng(0).normal(0, 2, cells) + np.arange(cells) / 5
     recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
@@ -186,7 +186,7 @@ class TestLimits:
         assert compensator.limits.too_fast == ()
         np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
-    def test_limits_that_held_one_model_back_are_not_told_of_the_next(self, make_model):
+    def test_axes_that_a_limit_held_back_are_cleared_for_the_next_model(self, make_model):
         hasty, calm = make_model({'force_z': (20.0, 0.0, 0.1)}), make_model(TRUTH)
         for following in (None, calm):
             compensator = Compensator(1, StreamSettings(), hasty)
@@ -198,14 +198,14 @@ class TestLimits:
 
     @pytest.mark.parametrize('sign', [-1.0, 1.0])
     def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
-        limits, here = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
-        for share, reached, told in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
+        limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
+        for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
             rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
-            target = Drift(*(part + share * rate for part, rate in zip(here, rates, strict=True)))
-            moved = limits.rate_limit(target, here, 2.5)
-            np.testing.assert_allclose(moved.zero - here.zero, reached * rates[0])
+            target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
+            moved = limits.rate_limit(target, drift, 2.5)
+            np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
             np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
-            assert limits.too_fast == told
+            assert limits.too_fast == too_fast
 
     def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(self):
         limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
@@ -266,7 +266,7 @@ class TestModelSwap:
         np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
 
     @pytest.mark.parametrize('period_s', [0.5, 1.0, 2.0])
-    def test_what_was_counted_stays_counted_and_what_was_told_goes_with_its_model(
+    def test_counts_survive_a_change_of_the_model_and_its_origin_does_not(
         self, make_model, model, period_s
     ):
         compensator = Compensator(1, StreamSettings(), model)
@@ -280,8 +280,8 @@ class TestModelSwap:
         compensator.go_live(make_model(OTHER, period_s=period_s))
         assert (tracker.grid.rejected, tracker.grid.restarts) == (1, 1)
         assert tracker.grid.period_ns == round(period_s * SECOND)
-        known = 'the drift was found from 9 thermal cells before'
-        assert tracker.origin == (known if period_s == 1.0 else 'no temperatures yet')
+        origin = 'the drift was found from 9 thermal cells before'
+        assert tracker.origin == (origin if period_s == 1.0 else 'no temperatures yet')
         stream(compensator, (10, 20))
         assert tracker.origin.startswith(
             'the drift was found' if period_s == 1.0 else 'the drift s'
@@ -301,7 +301,7 @@ class TestModelSwap:
         with pytest.raises(SettingsError):
             Compensator(2, StreamSettings(), model)
 
-    def test_where_the_wrench_is_no_number_the_unloaded_output_stays(self, model, other):
+    def test_the_unloaded_output_stays_where_the_wrench_is_no_number(self, model, other):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         stamp = 30 * SECOND
@@ -360,8 +360,8 @@ class TestTare:
             tared.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
             assert (tared.tare != before).any() == (second == 1)
             alone.add_temperature(0, second * SECOND, 35.0)
-            for each in (free, swapped):
-                each.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
+            for compensator in (free, swapped):
+                compensator.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
         np.testing.assert_allclose(swapped.correct(4 * SECOND, LOAD.tolist()), LOAD)
         np.testing.assert_allclose(tared.correct(4 * SECOND, LOAD.tolist()), 0, atol=1e-9)
         np.testing.assert_array_equal(alone.tare, LOAD)
@@ -384,7 +384,7 @@ class TestTrouble:
 
     @pytest.mark.parametrize('hours', [1, 5])
     def test_a_temperature_after_an_outage_does_not_block_the_stream(self, make_model, hours):
-        """The model runs through so many cells at once; the drift rests until it has caught up."""
+        """The model runs through few cells at once; the drift rests until it has caught up."""
         slow = make_model({'force_z': (2.0, 0.0, 7200.0)})
         compensator = Compensator(1, StreamSettings(), slow)
         whole = drift_model.start(slow, np.array([40.0]))
@@ -410,7 +410,7 @@ class TestTrouble:
 
 
 @pytest.mark.parametrize('thermometer', [-1, 1])
-def test_a_thermometer_that_is_not_there_is_named(make_model, thermometer):
+def test_a_thermometer_of_no_such_number_is_refused(make_model, thermometer):
     compensator = Compensator(1, model=make_model({'force_z': (1.0, 0.0, 10.0)}))
     with pytest.raises(SettingsError, match=f'from 0 to 0; got {thermometer}'):
         compensator.add_temperature(thermometer, 10**9, 20.0)

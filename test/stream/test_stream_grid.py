@@ -73,8 +73,8 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
         )
         for j in range(thermometers)
     ]
-    anything = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
-    batch = grid_samples([*blocks, anything], max_bad_share=1.0)
+    wrench = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
+    batch = grid_samples([*blocks, wrench], max_bad_share=1.0)
     # All but the cells that a thermometer may still deliver to.
     ready = min(samples[-1][1] // SECOND for samples in usable) - batch.first_cell
     if ready <= 0:
@@ -151,7 +151,7 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
-def test_samples_for_cells_that_are_gone_are_counted():
+def test_samples_for_completed_cells_are_counted():
     grid = ThermalGrid(SECOND, 2, patience_s=1.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
     feed(grid, seconds(0, (9.5, 20.0)))

@@ -48,7 +48,7 @@ def test_the_stretch_is_complete_after_its_duration_with_ten_wrenches(step_ns, w
         (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
     ],
 )
-def test_the_axis_that_moved_most_for_its_limit_is_told(force, torque, moved):
+def test_the_axis_that_moved_most_for_its_limit_is_named(force, torque, moved):
     """A fifth of the time each; by just its limit it may."""
     wrenches = np.zeros((50, 6))
     wrenches[:20, [0, 5]] = np.repeat([[force, torque], [-force, -torque]], 10, axis=0)

@@ -49,9 +49,9 @@ def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
     assert feed(timestamps, START) == START
     for share in followed or [0.0]:
         offset = round(share * leap)
-        sent = [3 * SECOND + round(each * leap) for each in strays]
-        there = [offset + stamp for stamp in GOES_ON]
-        assert feed(timestamps, [*sent, *there]) == there
+        sent = [3 * SECOND + round(stray * leap) for stray in strays]
+        moved = [offset + stamp for stamp in GOES_ON]
+        assert feed(timestamps, [*sent, *moved]) == moved
         dropped += len(strays)
         assert timestamps.strays == dropped
     assert timestamps.leaps == leaps
@@ -80,8 +80,8 @@ def test_a_thermometer_that_becomes_slow_is_heard_with_all_its_samples(step_s):
     stamps = [k * SECOND for k in range(5)]
     stamps += [(4 + k * step_s) * SECOND for k in range(1, 10)]
     heard = [feed(timestamps, [stamp]) for stamp in stamps]
-    assert [each for some in heard for each in some] == stamps
-    assert [len(some) for some in heard] == [1] * 5 + [0, 0, 3] + [1] * 6
+    assert [stamp for passed in heard for stamp in passed] == stamps
+    assert [len(passed) for passed in heard] == [1] * 5 + [0, 0, 3] + [1] * 6
     assert (timestamps.strays, timestamps.leaps) == (0, 1)
 
 
@@ -103,6 +103,6 @@ def test_a_first_sample_far_from_where_stamps_ended_is_kept_back(leap):
     assert timestamps.strays == 1
     follows = TimestampFilter(1)
     follows.expect(9 * HOUR)
-    there = [9 * HOUR + leap, 9 * HOUR + leap + SECOND]
-    assert feed(follows, there) == there
+    moved = [9 * HOUR + leap, 9 * HOUR + leap + SECOND]
+    assert feed(follows, moved) == moved
     assert follows.leaps == 0, 'a restart is no leap'

@@ -86,7 +86,7 @@ class TestGap:
             (10, 100, 'moved on by 10 s while 100 s passed since the thermal state was saved'),
         ],
     )
-    def test_that_makes_no_sense_starts_at_the_steady_state_and_says_so(
+    def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
         self, model, gap_s, at_least_s, words
     ):
         killed = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
@@ -107,9 +107,7 @@ class TestGap:
     @pytest.mark.parametrize(
         ('gap_s', 'at_least_s'), [(-60, 0.0), (0, 0.0), (10, 70.0), (round(LEAST_GAP_S), 0.0)]
     )
-    def test_is_crossed_on_a_straight_line_up_to_what_is_told_as_its_end(
-        self, make_model, gap_s, at_least_s
-    ):
+    def test_a_gap_is_crossed_on_a_straight_line(self, make_model, gap_s, at_least_s):
         """Stamps that are a minute behind, or behind another clock, and the longest gap."""
         hasty = make_model({'force_z': (1.0, 0.0, 1.0)})
         killed = ran(hasty, 100)
@@ -125,7 +123,7 @@ class TestGap:
         )
 
     @pytest.mark.parametrize('at_least_s', [0.0, 0.4, 1.0, 10.0])
-    def test_of_another_clock_is_run_at_the_temperature_before(self, model, at_least_s):
+    def test_a_gap_by_another_clock_is_run_at_the_last_temperature(self, model, at_least_s):
         killed = ran(model, 100)
         memory = memory_of(killed)
         held = np.tile(memory.temperature_c, (round(at_least_s), 1))
@@ -154,7 +152,7 @@ def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
         {'temperature_c': np.array([20.0, 20.0])},
         {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
         {'filters': {'force_z': filters['force_z']}},
-        {'filters': {axis: np.full(each.shape, 1.7e308) for axis, each in filters.items()}},
+        {'filters': {axis: np.full(values.shape, 1.7e308) for axis, values in filters.items()}},
         {'history': ((np.zeros(2), 60),)},
         {'period_ns': 2 * SECOND},
     ):
@@ -178,7 +176,7 @@ def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(model
     assert len(after.history) == len(before.history)
 
 
-def test_a_model_that_goes_live_after_a_restart_knows_what_was_before_it(model, make_model):
+def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):
     """A calibration or a rollback behind a restart: the coarse history does as well."""
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
     never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
@@ -206,9 +204,7 @@ def test_a_gap_that_was_crossed_is_a_part_of_the_history(model):
     )
 
 
-def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next_model(
-    make_model, model
-):
+def test_a_refused_memory_leaves_no_history_and_no_mark_on_the_next_model(make_model, model):
     killed = ran(model, 700)
     for following in (None, make_model({'force_z': (1.0, 0.0, 60.0)})):
         again = restarted(model, killed)
@@ -220,7 +216,7 @@ def test_a_memory_that_was_refused_leaves_no_history_and_is_not_told_of_the_next
 
 
 @pytest.mark.parametrize('seconds', [1, 61, 121, 150])
-def test_what_is_remembered_are_means_of_cells(model, seconds):
+def test_the_saved_history_holds_means_of_cells(model, seconds):
     with_model, without = Compensator(1, SETTINGS, model), Compensator(1, SETTINGS)
     for compensator in (with_model, without):
         assert compensator.memory() is None

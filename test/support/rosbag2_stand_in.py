@@ -115,8 +115,8 @@ class SequentialReader:
         storages = getattr(reader.storage, 'storages', [reader.storage])
         storage = 'mcap' if 'Mcap' in type(storages[0]).__name__ else 'sqlite3'
         counts = [
-            SimpleNamespace(topic_metadata=each, message_count=c.msgcount)
-            for each, c in zip(self.get_all_topics_and_types(), reader.connections, strict=True)
+            SimpleNamespace(topic_metadata=topic, message_count=c.msgcount)
+            for topic, c in zip(self.get_all_topics_and_types(), reader.connections, strict=True)
         ]
         return SimpleNamespace(
             storage_identifier=storage,

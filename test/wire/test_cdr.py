@@ -39,7 +39,7 @@ wrenches = st.tuples(
 
 @given(parts=st.lists(wrenches, max_size=12))
 def test_bulk_reading_agrees_with_rosbags_one_by_one(parts, messages, textbook):
-    contents = [messages.wrench(*each) for each in parts]
+    contents = [messages.wrench(*fields) for fields in parts]
     stamps_ns, values = cdr.decode_many(contents, 6)
     expected = [textbook(content) for content in contents]
     assert stamps_ns.tolist() == [stamp for stamp, _ in expected]
@@ -52,7 +52,7 @@ def test_bulk_reading_agrees_with_rosbags_one_by_one(parts, messages, textbook):
 def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(
     messages, textbook, parts, random
 ):
-    contents = [messages.wrench(*each) for each in parts]
+    contents = [messages.wrench(*fields) for fields in parts]
     before = list(contents)
     values = np.array([[random.uniform(-1e3, 1e3) for _ in range(6)] for _ in contents])
     replaced = cdr.encode_many(contents, values)
@@ -101,7 +101,7 @@ def with_length(length):
     ],
     ids=range(9),
 )
-def test_what_is_not_the_message_is_refused_in_a_sentence(messages, change, sentence):
+def test_bytes_of_another_message_are_refused_in_a_sentence(messages, change, sentence):
     wrench = messages.wrench(1, [0.0] * 6, 'ft')
     data = change(wrench)
     with pytest.raises(RecordingError, match=sentence):

@@ -152,7 +152,7 @@ def test_a_number_is_found_anywhere_in_a_message(entry, celsius):
         ('/s:header[0]', 'header has no element 0'),
     ],
 )
-def test_where_no_number_is_found_the_sentence_says_what_there_is(entry, sentence):
+def test_the_sentence_for_a_missing_number_names_the_fields_there_are(entry, sentence):
     with pytest.raises(SettingsError, match=sentence) as raised:
         parse_source(entry).read(State())
     assert repr(entry) in str(raised.value)
@@ -208,6 +208,6 @@ def test_the_stamp_is_the_headers_where_it_was_filled():
         ('force', False),
     ],
 )  # fmt: skip
-def test_a_name_tells_whether_it_may_be_a_temperature(name, telling):
+def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert may_be_temperature(('joints', 2, name)) is telling
     assert may_be_temperature((name, 0)) is telling

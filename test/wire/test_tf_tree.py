@@ -52,8 +52,8 @@ def test_gaps_up_to_half_a_second_are_bridged(gap):
     gravity = GravityByTf('world', 'tool')
     send(gravity, 'world', 'tool', [1.0, 1.0 + gap], turning([1.0, 1.0 + gap]))
     force, _ = ask(gravity, 0.99, 1.0, 1.0 + gap / 2, 1.0 + gap, 1.01 + gap)
-    known = np.isfinite(force[:, 0]).tolist()
-    assert known == [False, True, gap == 0.5, True, False]
+    finite = np.isfinite(force[:, 0]).tolist()
+    assert finite == [False, True, gap == 0.5, True, False]
     np.testing.assert_allclose(force[1], turning(1.0).inv().apply([0, 0, GRAVITY]))
 
 
@@ -68,7 +68,7 @@ def test_transforms_may_come_late_twice_and_out_of_order():
     np.testing.assert_allclose(force, turning(at).inv().apply([0, 0, GRAVITY]), atol=2e-3)
 
 
-def test_what_is_waited_for_is_the_slowest_frame_that_still_comes():
+def test_the_tree_is_settled_up_to_its_slowest_frame_that_still_comes():
     gravity = GravityByTf('world', 'tool')
     send(gravity, 'world', 'arm', [0, 9.9], TURNS['a'])
     assert gravity.settled_ns() is None, 'the tool hangs nowhere'
@@ -123,5 +123,5 @@ def test_directions_count_where_gravity_moved():
     assert describe_force(moments_of(np.full((3, 3), np.nan))) is None
 
 
-def test_a_frame_that_nobody_named_is_its_own_root():
+def test_without_a_world_frame_a_frame_is_its_own_root():
     assert GravityByTf('', 'flange').root() == 'flange'

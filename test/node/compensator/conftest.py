@@ -29,7 +29,7 @@ from wrist_ft_comp.stored.model_file import save_model
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-#: So few messages are under way at once that best effort loses none.
+#: Messages that are under way at once: best effort loses none of so few.
 WINDOW = 40
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_GRACE_S = 0.05, 0.2
@@ -63,9 +63,11 @@ class Rig:
         self.thermometers = options.pop('thermometers', 1)
         more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
         self.topics = options.pop('topics', ['temperature', *more])
+        model = options.pop('model', None)
         options['parameters'] = {
             'data_directory': str(directory),
             'temperature_topics': self.topics,
+            **({'model_file': str(model.path)} if model else {}),
             **options.pop('parameters', {}),
         }
         #: Whether wrenches come on a topic of their own.
@@ -93,8 +95,8 @@ class Rig:
     def send_reference(self, stamp, values):
         """Send one reference wrench to what is subscribed to them."""
         topic = self.topic('wrench_reference')
-        (heard,) = (each for each in self.node.subscriptions if each.topic_name == topic)
-        heard.callback(serialize_message(wrench_message(stamp, 'world', values)))
+        (reference,) = (s for s in self.node.subscriptions if s.topic_name == topic)
+        reference.callback(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp, values, frame='tool0'):
         """Send one raw wrench."""
@@ -131,8 +133,8 @@ class Rig:
         """Take outputs in their order."""
         taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
         return [
-            deserialize_message(each, WrenchStamped) if isinstance(each, bytes) else each
-            for each in taken
+            deserialize_message(output, WrenchStamped) if isinstance(output, bytes) else output
+            for output in taken
         ]
 
     def ask_output(self, stamp, values):
@@ -150,18 +152,18 @@ class Rig:
             for stamp, values in zip(part, wrenches[first : first + WINDOW], strict=True):
                 self.put(int(stamp), values)
             messages = self.take(len(part))
-            assert [stamp_ns(each) for each in messages] == [int(stamp) for stamp in part]
-            corrected += [six(each) for each in messages]
+            assert [stamp_ns(message) for message in messages] == [int(stamp) for stamp in part]
+            corrected += [six(message) for message in messages]
         return np.array(corrected)
 
     def ask(self, service, data=None):
         """Call a service of the node; its answer comes in the queue."""
         answers: queue.Queue[Any] = queue.Queue()
         name = f'{self.namespace}/wrist_ft_comp/{service}'
-        (served,) = (each for each in self.node.services if each.service_name == name)
+        (served,) = (service for service in self.node.services if service.service_name == name)
         kind, request = _request(data)
         response = served.callback(request, kind.Response())
-        deferred = {id(getattr(each, 'service', None)): each for each in self.node._offered}
+        deferred = {id(getattr(offer, 'service', None)): offer for offer in self.node._offered}
         if id(served) in deferred:
             deferred[id(served)]._on_header(response, answers)
         else:
@@ -173,6 +175,18 @@ class Rig:
         answers = self.ask(service, data)
         self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
         return answers.get()
+
+    def refusal(self, service, data=None):
+        """Call a service that has to refuse; return its sentence."""
+        answer = self.call(service, data)
+        assert not answer.success, answer.message
+        return answer.message
+
+    def refused_value(self, name, value):
+        """Set a parameter that has to be refused; return the sentence."""
+        verdict = self.set(name, value)
+        assert not verdict.successful
+        return verdict.reason
 
     def set(self, name, value):
         """Set a parameter; return the verdict."""
@@ -193,17 +207,17 @@ class Rig:
         full = f'{self.namespace.lstrip("/")}/wrist_ft_comp: {name}'
         statuses: list[Status] = []
 
-        def told():
+        def as_wanted():
             statuses.extend(
-                Status(each.name, each.level, each.message, {v.key: v.value for v in each.values})
-                for each in self._report()
-                if each.name == full
+                Status(s.name, s.level, s.message, {v.key: v.value for v in s.values})
+                for s in self._report()
+                if s.name == full
             )
             if not statuses or callable(wanted):
                 return bool(statuses) and wanted(statuses[-1])
             return wanted in statuses[-1].message
 
-        self.wait_until(told, f'{full} to be as wanted')
+        self.wait_until(as_wanted, f'{full} to be as wanted')
         return statuses[-1]
 
     def _report(self):
@@ -274,7 +288,7 @@ class Peer:
         self._second = 0
 
     def send(self, second, celsius):
-        """Send a temperature, stamped so many seconds after the start."""
+        """Send a temperature, stamped some seconds after the start."""
         message = Temperature(temperature=float(celsius))
         message.header.stamp.sec = START // SECOND + second
         self._heat.publish(message)
@@ -333,7 +347,7 @@ def _request(data):
 
 @pytest.fixture
 def rig(bench, tmp_path):
-    """Make compensators; each in its own namespace, all with the same data_directory."""
+    """Make compensators with the same data_directory; ``model`` is a stored one to start with."""
     return partial(_make_rig, Rig, bench, tmp_path)
 
 
@@ -382,8 +396,8 @@ def make_model(make_model, tmp_path):
         gains = axes or {'force_z': (2.0, 0.0, 0.0)}
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
-            axis: AxisFit(each, 'by hand', (), 1.0, 0.1, (1.0,))
-            for axis, each in model.axes.items()
+            axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, (1.0,))
+            for axis, axis_model in model.axes.items()
         }
         ranges = np.tile(range_c, (model.thermometers, 1))
         path = tmp_path / 'data/models' / name

@@ -51,7 +51,7 @@ LIVE = {
 OWN_TYPES = ('wrench and temperature in one message', 'a stamp taken for a temperature')
 
 
-class Here:
+class JobHere:
     """A calibration in this process, without a report."""
 
     def __init__(self, job):
@@ -64,8 +64,8 @@ class Here:
 @pytest.mark.parametrize(
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
-def test_the_node_says_what_the_files_say_and_loses_nothing(kind, rig, messages, monkeypatch):
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', Here)
+def test_the_node_warns_and_drops_as_the_files_do(kind, rig, messages, monkeypatch):
+    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', JobHere)
     change, pattern, _ = KINDS[kind]
     table = FILES['good']()
     if change:

@@ -79,7 +79,7 @@ def cell(rig, make_model):
     model = make_model('m.yaml', MODEL)
 
     def make(**parameters):
-        return Cell(rig(parameters={'model_file': str(model.path), **parameters}))
+        return Cell(rig(model=model, parameters=parameters))
 
     return make
 
@@ -150,7 +150,7 @@ def test_a_restarted_node_goes_on_without_a_step(cell, tmp_path):
     np.testing.assert_allclose(again.controller.reference, held, atol=0.1)
 
 
-def test_nothing_is_said_before_the_drift_is_found_and_only_the_tare_without_a_model(cell):
+def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(cell):
     robot = cell()
     robot.node.ask_output(START, CONTACT)
     robot.controller.reference += 1.0
@@ -164,9 +164,8 @@ def test_nothing_is_said_before_the_drift_is_found_and_only_the_tare_without_a_m
     np.testing.assert_array_equal(robot.controller.reference, np.zeros(6))
 
 
-def test_it_comes_at_its_rate_whether_the_driver_speaks_or_not(wired, make_model):
-    model = make_model('m.yaml', MODEL)
-    node = wired(parameters={'model_file': str(model.path), 'correction.rate': 100.0})
+def test_corrections_come_at_their_rate_with_and_without_wrenches(wired, make_model):
+    node = wired(model=make_model('m.yaml', MODEL), parameters={'correction.rate': 100.0})
     topic = f'{node.namespace}/wrist_ft_comp/correction'
     corrections = node.bench.listen(WrenchStamped, topic)
     node.warm_up(40.0, seconds=30)

@@ -17,13 +17,13 @@ def test_statuses_are_published_named_after_the_node_and_the_frame(wired):
     node = wired()
     node.put(START, LOAD, frame='wrist_3_link')
     node.take()
-    node.diagnosis('input', lambda each: each.values['frame'] == 'wrist_3_link')
+    node.diagnosis('input', lambda status: status.values['frame'] == 'wrist_3_link')
     name = f'{node.namespace.lstrip("/")}/wrist_ft_comp'
-    statuses = [each for each in node._report() if each.name.startswith(f'{name}:')]
+    statuses = [status for status in node._report() if status.name.startswith(f'{name}:')]
     concerns = ('input', 'temperature', 'model', 'calibration', 'output', 'payload')
-    assert [each.name for each in statuses] == [f'{name}: {c}' for c in concerns]
-    assert {each.hardware_id for each in statuses} == {'wrist_3_link'}
-    assert all(each.message for each in statuses)
+    assert [status.name for status in statuses] == [f'{name}: {c}' for c in concerns]
+    assert {status.hardware_id for status in statuses} == {'wrist_3_link'}
+    assert all(status.message for status in statuses)
 
 
 def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
@@ -41,13 +41,13 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     assert status.level == STALE, 'none has come since'
 
 
-def test_what_a_calibration_and_a_recording_are_at_is_said(rig):
+def test_the_progress_of_a_calibration_and_a_recording_is_published(rig):
     node = rig()
     assert (node.diagnosis('calibration').level, node.diagnosis('model').level) == (OK, WARN)
     assert node.call('record', data=True).success
     status = node.diagnosis('calibration', 'recording')
     assert status.values['recording'].endswith('.csv')
-    assert not node.call('calibrate').success
+    node.refusal('calibrate')
     assert node.diagnosis('calibration', 'refused').level == WARN
 
 
@@ -59,7 +59,7 @@ def test_input_is_stale_or_well_or_unusable(rig):
     )  # fmt: skip
     node.bench.helper.create_publisher(compensator_node.WrenchStamped, node.topic('wrench_raw'), 1)
     words = f'though {node.topic("wrench_raw")} has a publisher; is the sensor running?'
-    assert node.diagnosis('input', lambda each: words in each.message).level == STALE
+    assert node.diagnosis('input', lambda status: words in status.message).level == STALE
     node.ask_output(START, LOAD)
     status = node.diagnosis('input')
     assert (status.level, status.values['received']) == (OK, '1')
@@ -76,7 +76,7 @@ def test_a_thermometer_that_never_reported_is_named(rig):
 
 def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     model = make_model('m.yaml', range_c=(20.0, 30.0))
-    node = rig(parameters={'model_file': str(model.path), 'temperature_timeout': 3600})
+    node = rig(model=model, parameters={'temperature_timeout': 3600})
     node.warm_up(25.0)
     status = node.diagnosis('temperature')
     assert (status.level, status.message) == (OK, 'all thermometers report')
@@ -93,7 +93,7 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1118 N'
 
 
-def test_stamps_of_two_clocks_are_told(rig):
+def test_stamps_of_two_clocks_are_a_warning(rig):
     node = rig()
     node.ask_output(50 * SECOND, LOAD)
     node.warm(START, 25.0)
@@ -103,7 +103,7 @@ def test_stamps_of_two_clocks_are_told(rig):
 
 def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
     node = rig()
-    assert not node.set('model_file', '/' + 'm' * 100_000).successful
+    node.refused_value('model_file', '/' + 'm' * 100_000)
     refusal = node.diagnosis('calibration').values['last_refusal']
     assert refusal.startswith('set_parameters: model_file set at run time must lie inside')
     assert len(refusal) == 1000
@@ -117,7 +117,7 @@ def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
 
 @pytest.mark.parametrize('name', [b'a\0b\0', b'\xff\xfe\0', b'\xed\xa0\x80\0', b'\0\0\0\0'])
 def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
-    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    node = rig(model=make_model('m.yaml'))
     whole = serialize_message(wrench_message(START, 'abc', LOAD))
     node.put_bytes(whole[:16] + name.ljust(4, b'\0') + whole[20:])
     assert node.outputs.get()[:20] == whole[:16] + name.ljust(4, b'\0')
@@ -126,7 +126,7 @@ def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
     assert node.ask_output(START + 5 * SECOND, LOAD)[2] == pytest.approx(LOAD[2] - 10.0)
 
 
-def test_what_people_look_for_is_there(rig, make_model):
+def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
     """The model and what it does, its range, drift and its error, tare, the last refusal."""
     node = rig(parameters={'temperature_timeout': 3600})
     status = node.diagnosis('model')
@@ -136,7 +136,7 @@ def test_what_people_look_for_is_there(rig, make_model):
     assert node.set('model_file', str(model.path)).successful
     node.warm_up(30.0)
     node.ask_output(START + 3 * SECOND, LOAD)
-    assert not node.set('model_file', '/etc/passwd').successful
+    node.refused_value('model_file', '/etc/passwd')
     node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]))
     status = node.diagnosis('model', 'compensating 1 axis')
     assert status.level == OK

@@ -10,15 +10,15 @@ import pytest
 V0_1_0, V0_2_0 = VERSIONS = sorted((Path(__file__).parents[2] / 'fixtures').glob('v*'))
 SECOND = 1_000_000_000
 AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
-every_version = pytest.mark.parametrize('here', VERSIONS, ids=lambda here: here.name)
+every_version = pytest.mark.parametrize('version', VERSIONS, ids=lambda version: version.name)
 
 
 @pytest.fixture
 def start(rig, tmp_path):
     """Start a node in a copy of a store; by simulated time, or the state would be too old."""
 
-    def make(here, **parameters):
-        shutil.copytree(here / 'store', tmp_path / 'data')
+    def make(version, **parameters):
+        shutil.copytree(version / 'store', tmp_path / 'data')
         return rig(thermometers=2, parameters={'use_sim_time': True, **parameters})
 
     return make
@@ -33,9 +33,9 @@ def close(expected):
 
 
 @every_version
-def test_it_goes_on_from_the_saved_state(start, here):
-    node, expected = start(here), read_json(here / 'state.json')
-    thermal = read_json(here / 'store/state.json')['thermal']
+def test_a_node_goes_on_from_the_saved_state(start, version):
+    node, expected = start(version), read_json(version / 'state.json')
+    thermal = read_json(version / 'store/state.json')['thermal']
     assert node.ask_output(thermal['end_ns'], [1.0] * 6) == close(expected['held'])
     with (V0_1_0 / 'input_2.csv').open(encoding='utf-8') as file:
         rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
@@ -50,7 +50,7 @@ def test_it_goes_on_from_the_saved_state(start, here):
         assert output == close(wanted)
 
 
-def test_it_goes_on_learning(start):
+def test_a_node_goes_on_learning(start):
     chosen = {'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu'}
     node = start(V0_2_0, **chosen)
     learning = node.node.learning

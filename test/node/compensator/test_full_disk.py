@@ -25,16 +25,16 @@ sys.exit(compensator_node.main())
 """
 
 
-def says(arrays, peer, words):
-    """Wait until a status says so; cells go on meanwhile."""
+def wait_for_status(arrays, peer, words):
+    """Wait until a status wait_for_status so; cells go on meanwhile."""
     for _ in range(200):
         peer.cells()
         with suppress(queue.Empty):
             while True:
                 statuses = arrays.get(timeout=0.05).status
-                if any(words in each.message for each in statuses):
+                if any(words in status.message for status in statuses):
                     return
-    pytest.fail(f'no status says {words!r}')
+    pytest.fail(f'no status wait_for_status {words!r}')
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def data(tmp_path, make_model):
     return folder
 
 
-def test_a_full_disk_is_told_and_the_stream_goes_on(bench, peer, executable, data):
+def test_a_full_disk_is_a_warning_and_the_stream_goes_on(bench, peer, executable, data):
     name = 'full'
     process = executable(
         '',
@@ -66,10 +66,10 @@ def test_a_full_disk_is_told_and_the_stream_goes_on(bench, peer, executable, dat
     peer, arrays = peer(f'/{name}', name), bench.listen(DiagnosticArray, '/diagnostics')
 
     peer.cells(3)
-    says(arrays, peer, 'state.json cannot be written: File too large')
+    wait_for_status(arrays, peer, 'state.json cannot be written: File too large')
 
     assert peer.call('record', data=True).success
-    says(arrays, peer, 'The recording has ended after')
+    wait_for_status(arrays, peer, 'The recording has ended after')
     answer = peer.call('record', data=False)
     assert not answer.success
     assert 'cannot be written: File too large' in answer.message

@@ -85,7 +85,7 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     assert (topics.imu, topics.gravity_frame) == ('', 'base')
 
 
-def test_by_default_nothing_is_heard_and_the_columns_are_those_of_before(rig):
+def test_by_default_no_imu_is_subscribed_to_and_no_column_is_added(rig):
     node = rig()
     assert node.node.count_subscribers(node.topic('imu')) == 0
     assert node.node.count_subscribers('/tf') == 0
@@ -95,7 +95,7 @@ def test_by_default_nothing_is_heard_and_the_columns_are_those_of_before(rig):
     assert 'linear_acceleration' not in path.read_text()
 
 
-def test_two_publishers_of_an_imu_are_told(rig):
+def test_two_publishers_of_an_imu_are_a_warning(rig):
     node = rig(parameters={'gravity.source': 'imu'})
     topic = node.topic('imu')
     both = [node.bench.helper.create_publisher(Imu, topic, 1) for _ in 'ab']

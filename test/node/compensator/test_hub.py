@@ -34,7 +34,7 @@ def sabotaged(*_, **__):
 @pytest.mark.parametrize('verb', VERBS)
 def test_parts_that_fail_one_after_the_other_in_any_verb_cost_no_wrench(rig, make_model, verb):
     model = make_model('m.yaml')
-    node = rig(parameters={'model_file': str(model.path), 'gravity.source': 'imu'})
+    node = rig(model=model, parameters={'gravity.source': 'imu'})
     node.warm_up(25.0)
     for second, part in enumerate(PARTS, start=3):
         victim = getattr(node.node, part)
@@ -53,7 +53,7 @@ def test_parts_that_fail_one_after_the_other_in_any_verb_cost_no_wrench(rig, mak
     node.node.destroy_node()
 
 
-def test_a_part_that_failed_is_told_once_named_and_its_services_say_so(rig, capfd):
+def test_a_part_that_failed_is_logged_once_and_its_services_refuse(rig, capfd):
     node = rig()
     node.node.tare.on_wrench = sabotaged
     answers = node.ask('tare')
@@ -88,7 +88,7 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
 def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
     run = Hub.run
     monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, order(parts)))
-    node = rig(parameters={'model_file': str(make_model('m.yaml').path)})
+    node = rig(model=make_model('m.yaml'))
     node.warm_up(30.0)
     (_, _, force_z, *_) = node.ask_output(START + 3 * SECOND, [100.0] * 6)
     assert force_z == pytest.approx(80.0)  # 2 N/K over 20 °C

@@ -27,7 +27,7 @@ IMU = {'gravity.source': 'imu'}
 def working(rig, make_model):
     """A node whose drift model runs, and which knows where down is."""
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
-    node = rig(parameters={**IMU, 'model_file': str(model.path)})
+    node = rig(model=model, parameters=IMU)
     node.warm_up(20.0)
     node.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
     return node
@@ -60,15 +60,14 @@ def ask(node):
     return answers
 
 
-def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minute):
+def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     tool = minute[0]
     working.node.gravity.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
     answers = ask(working)
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
-    second = working.call('identify_payload')
-    assert not second.success
-    assert second.message.startswith('A payload is being identified for 30 of 60 s; wait')
+    second = working.refusal('identify_payload')
+    assert second.startswith('A payload is being identified for 30 of 60 s; wait')
     send(working, minute, range(600, 1202))
     working.wait_until(lambda: not answers.empty(), 'the answer')
     answer = answers.get()
@@ -94,7 +93,7 @@ def test_a_minute_of_work_tells_what_is_mounted_and_how_to_use_it(working, minut
     assert externals.qsize() == 8
 
 
-def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
+def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in refusal(bare)
     bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
@@ -105,13 +104,12 @@ def test_without_specific_force_or_drift_model_it_is_refused(rig, working):
 
 def refusal(node):
     """Ask, and be refused."""
-    answer = node.call('identify_payload')
-    assert not answer.success
-    assert answer.message.startswith('No payload was identified: ')
-    return answer.message
+    sentence = node.refusal('identify_payload')
+    assert sentence.startswith('No payload was identified: ')
+    return sentence
 
 
-def test_a_robot_that_stands_still_is_told_to_move(working):
+def test_a_robot_that_stands_still_is_asked_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
@@ -122,7 +120,7 @@ def test_a_robot_that_stands_still_is_told_to_move(working):
     assert not (working.directory / 'models/payloads.json').exists()
 
 
-def test_a_tare_meanwhile_ends_it(working, minute):
+def test_a_tare_meanwhile_ends_an_identification(working, minute):
     answers = ask(working)
     send(working, minute, range(10))
     working.node.compensator.reset_tare()
@@ -130,7 +128,7 @@ def test_a_tare_meanwhile_ends_it(working, minute):
     assert 'The tare or the model changed meanwhile. Call again.' in answers.get().message
 
 
-def test_silence_ends_it(working, minute, monkeypatch):
+def test_silence_ends_an_identification(working, minute, monkeypatch):
     monkeypatch.setattr(identify, '_PATIENCE_S', 0.05)
     answers = ask(working)
     send(working, minute, range(10))
@@ -138,7 +136,7 @@ def test_silence_ends_it(working, minute, monkeypatch):
     assert 'Wrenches with specific force have stayed away for 0.05 s' in answers.get().message
 
 
-def test_who_waits_is_told_of_the_end(working):
+def test_a_caller_that_waits_is_answered_at_the_end(working):
     answers = ask(working)
     assert working.node.identification.end()
     assert answers.get().message == 'No payload was identified: The node is shutting down.'

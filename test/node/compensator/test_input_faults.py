@@ -44,11 +44,11 @@ def log(capfd):  # noqa: ARG001 -- which makes standard error a file
 
 
 @pytest.fixture
-def told(log):
+def warns(log):
     """Wait until a status warns in some words, and the log says the same; gives the status."""
 
     def wait(node, name, words):
-        status = node.diagnosis(name, lambda each: each.level == WARN and words in each.message)
+        status = node.diagnosis(name, lambda s: s.level == WARN and words in s.message)
         log(node, f'{name}: .*{re.escape(words)}')
         return status
 
@@ -63,8 +63,7 @@ def warm(rig, make_model):
         more = {'thermometers': thermometers, 'prediction': prediction}
         model = make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more)
         options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
-        options['parameters']['model_file'] = str(model.path)
-        node = kind(thermometers=thermometers, **options)
+        node = kind(model=model, thermometers=thermometers, **options)
         node.warm_up(30.0, 20)
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
         return node
@@ -108,24 +107,24 @@ def test_looks_without_a_new_wrench_do_not_count():
 
 
 class TestWrench:
-    def test_that_is_unusable_is_dropped_counted_and_told(self, warm, told):
+    def test_an_unusable_wrench_is_dropped_and_counted(self, warm, warns):
         node, whole = warm(), serialize_message(wrench_message(START, 'tool0', RAW))
         for bad in (math.nan, math.inf, -math.inf):
             node.put(START, [0, 0, bad, 0, 0, 0])
         node.put(START, [0, math.inf, -math.inf, 0, 0, 0])
         for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
             node.put_bytes(data)
-        status = told(node, 'input', 'all wrenches are unusable and dropped; check the driver')
+        status = warns(node, 'input', 'all wrenches are unusable and dropped; check the driver')
         names = ('received', 'dropped_not_finite', 'dropped_malformed')
         assert [status.values[name] for name in names] == ['0', '4', '4']
         assert node.outputs.empty()
         unharmed(node)
 
     @pytest.mark.usefixtures('quick')
-    def test_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, told, log):
+    def test_a_wrench_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, warns, log):
         node = warm()
         look_at(node, [RAW] * 10)
-        told(
+        warns(
             node, 'input', 'the reading has not changed by a bit for seconds; is the sensor frozen'
         )
         for k, wrench in enumerate(noisy(12)):
@@ -135,13 +134,13 @@ class TestWrench:
         unharmed(node)
 
     @pytest.mark.usefixtures('quick')
-    def test_that_stays_at_an_extreme_is_taken_for_saturated(self, warm, told):
+    def test_a_wrench_that_stays_at_an_extreme_is_taken_for_saturated(self, warm, warns):
         node = warm()
         wrenches = noisy(20, 5.0)
         wrenches[10:, 2] = 200.0
         wrenches[:, 5] = 0.0  # an axis the sensor does not have
         look_at(node, wrenches)
-        told(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
+        warns(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
         assert node.node.wrench_input.sensor.saturated == ('force_z',)
         unharmed(node)
 
@@ -159,18 +158,18 @@ class TestWrench:
         ],
         ids=['zero', 'repeated', 'backwards', 'hours ahead'],
     )
-    def test_with_a_strange_stamp_is_corrected_all_the_same(self, warm, told, stamps, words):
+    def test_a_wrench_with_a_strange_stamp_is_corrected(self, warm, warns, stamps, words):
         node = warm()
         look_at(node, noisy(40), stamps)
-        told(node, 'input', words)
+        warns(node, 'input', words)
 
-    def test_without_a_stamp_or_a_clock_is_told(self, warm, told):
+    def test_a_wrench_without_a_stamp_or_a_clock_is_a_warning(self, warm, warns):
         node = warm(parameters={'use_sim_time': True})
         look_at(node, noisy(4), [0] * 4)
         words = 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
-        told(node, 'input', words)
+        warns(node, 'input', words)
 
-    def test_of_another_frame_is_told(self, warm, told):
+    def test_a_wrench_of_another_frame_is_a_warning(self, warm, warns):
         """A name of the same length, which no layout of bytes would tell."""
         node = warm()
         look_at(node, [RAW])
@@ -178,87 +177,85 @@ class TestWrench:
         (message,) = node.take()
         assert message.header.frame_id == 'tool1'
         words = "the frame changed from 'tool0' to 'tool1'; is it another sensor?"
-        assert told(node, 'input', words).values['frame_changes'] == '1'
+        assert warns(node, 'input', words).values['frame_changes'] == '1'
 
-    def test_or_temperature_of_two_publishers_is_told(self, warm, log):
-        node = warm()
+    def test_two_publishers_of_a_topic_are_a_warning(self, warm, log):
+        node, stamp = warm(), START + 20 * SECOND
         for kind, topic, name, words in (
             (WrenchStamped, 'wrench_raw', 'input', '2 publishers share the topic; their readings'),
             (Temperature, 'temperature', 'temperature', 'thermometer 1 has 2 publishers; their'),
         ):
             both = [node.bench.helper.create_publisher(kind, node.topic(topic), 1) for _ in 'ab']
 
-            def told(status, words=words):
-                node.ask_output(START + 20 * SECOND, RAW)
+            def of_two(status, words=words):
+                node.ask_output(stamp, RAW)
                 return status.level == WARN and words in status.message
 
-            node.diagnosis(name, told)
+            node.diagnosis(name, of_two)
             log(node, f'{name}: {words}')
             node.bench.helper.destroy_publisher(both[0])
-            node.diagnosis(
-                name, lambda each: node.ask_output(START + 20 * SECOND, RAW) and each.level == OK
-            )
+            node.diagnosis(name, lambda s: node.ask_output(stamp, RAW) and s.level == OK)
         unharmed(node)
 
 
 class TestTemperature:
     @pytest.mark.parametrize('value', [math.nan, 298.15])
-    def test_that_no_sensor_reads_is_dropped_counted_and_told(self, warm, told, value):
+    def test_an_impossible_temperature_is_dropped_and_counted(self, warm, warns, value):
         node = warm()
         node.put_temperature_bytes(0, b'\0\1\0\0 too short')
         node.warm(START + 20 * SECOND, value)
         words = 'readings of thermometer 1 are dropped; they are '
-        assert told(node, 'temperature', words).values['unusable'] == '2'
+        assert warns(node, 'temperature', words).values['unusable'] == '2'
         assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
         unharmed(node)
 
-    def test_that_stops_leaves_the_drift_where_it_is_and_is_told(self, warm, told):
+    def test_a_temperature_that_stops_holds_the_drift_with_a_warning(self, warm, warns):
         node = warm(parameters={'temperature_timeout': 0.2})
-        told(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
+        warns(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
         unharmed(node, START + 10 * HOUR)
 
-    def test_of_one_of_several_that_stops_is_held_and_the_others_go_on(self, warm, log):
+    def test_one_thermometer_that_stops_is_held_and_the_others_go_on(self, warm, log):
         node = warm(thermometers=2, parameters={'temperature_timeout': 0.5})
         stamps = iter(range(START + 20 * SECOND, START + HOUR, SECOND))
 
-        def told(status):
+        def one_is_silent(status):
             node.put_temperature(next(stamps), 30.0)
             return '2 silent' in status.message
 
-        status = node.diagnosis('temperature', told)
+        status = node.diagnosis('temperature', one_is_silent)
         assert status.message == 'thermometer 2 silent for more than 0.5 s; drift is held'
         log(node, 'temperature: thermometer 2 silent')
         assert node.node.compensator.tracker.grid._next > START // SECOND + 20
         unharmed(node)
 
-    def test_that_stands_still_while_another_moves_is_replaced_and_told(self, warm, told):
+    def test_a_frozen_thermometer_is_replaced_with_a_warning(self, warm, warns):
         node = warm(thermometers=2, prediction=ALIKE)
         for second in range(20, 420):
             celsius = 30.0 + max(second - 60, 0) / 50
             node.warm(START + second * SECOND, celsius, min(celsius, 31.0))
         words = 'thermometer 2 stands still at 31.0 °C while another moved by 3.'
-        status = told(node, 'temperature', words)
+        status = warns(node, 'temperature', words)
         assert status.message.endswith('what the others predict of it is used')
         assert status.values['thermometer_2_c'] == '31.00'
         assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
 
-    def test_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, told):
+    def test_a_temperature_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, warns):
         node = warm(parameters={'max_drift_rate': 0.01})
         node.warm_up(44.0, 6, first=20)
         words = 'thermometer 1 jumped by 14.0 K, faster than metal can'
-        told(node, 'temperature', words)
-        told(node, 'output', 'drift of force_z moves at its limit (max_drift_rate)')
+        warns(node, 'temperature', words)
+        warns(node, 'output', 'drift of force_z moves at its limit (max_drift_rate)')
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.05, abs=0.011)
         unharmed(node)
 
-    def test_in_fahrenheit_is_clamped_and_the_unit_is_guessed(self, warm, told):
+    def test_a_temperature_in_fahrenheit_is_clamped_and_its_unit_is_guessed(self, warm, warns):
         node = warm()
         node.warm_up(86.0, 6, first=20)
         words = (
             'thermometer 1 outside the calibrated range; drift is less certain there, and held '
             'further out. In degrees Fahrenheit it would be inside: check the unit'
         )
-        told(node, 'temperature', words)
+        warns(node, 'temperature', words)
         for second in range(26, 3000):
             node.node.compensator.add_temperature(0, START + second * SECOND, 86.0)
         zero = node.node.compensator.compensation.zero[2]
@@ -268,25 +265,27 @@ class TestTemperature:
         np.testing.assert_allclose(answer, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
     @pytest.mark.parametrize('leap', [5 * HOUR, -5 * HOUR], ids=['ahead', 'back'])
-    def test_with_one_stray_stamp_does_not_move_the_drift(self, warm, told, leap):
+    def test_a_temperature_with_one_stray_stamp_does_not_move_the_drift(self, warm, warns, leap):
         node = warm()
         memory = node.node.compensator.memory().filters['force_z'].copy()
         node.warm(START + 20 * SECOND + leap, 44.0)
         node.warm_up(30.0, 3, first=20)
         assert node.node.compensator.tracker.timestamp_filter.strays == 1
         words = 'a temperature was dropped, because its stamp was far from those around it'
-        assert told(node, 'temperature', words).values['stray_stamps'] == '1'
+        assert warns(node, 'temperature', words).values['stray_stamps'] == '1'
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
         unharmed(node)
 
-    def test_whose_stamps_repeat_is_dropped_and_told(self, warm, told):
+    def test_a_temperature_whose_stamps_repeat_is_dropped_with_a_warning(self, warm, warns):
         node = warm()
         node.diagnosis('temperature')
         node.warm(START, 44.0)
-        told(node, 'temperature', 'temperatures are dropped, because their stamps do not increase')
+        warns(
+            node, 'temperature', 'temperatures are dropped, because their stamps do not increase'
+        )
         unharmed(node)
 
-    def test_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, told):
+    def test_a_temperature_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, warns):
         node = warm(kind=wired, parameters={'use_sim_time': True})
         clock = node.bench.publisher(Clock, '/clock')
         for second in range(20, 24):
@@ -299,23 +298,23 @@ class TestTemperature:
             node.warm(0, 30.0)
         assert node.node.compensator.tracker.grid._next == START // SECOND + 23
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
-        told(node, 'temperature', words)
+        warns(node, 'temperature', words)
         unharmed(node)
 
-    def test_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm, told):
+    def test_the_stream_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm, warns):
         node = warm()
         for second in range(5):
             node.warm(second * SECOND, 30.0)
         assert node.node.compensator.tracker.grid.restarts == 1
         words = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
-        assert told(node, 'temperature', words).values['stamps_restarted'] == '1'
+        assert warns(node, 'temperature', words).values['stamps_restarted'] == '1'
         unharmed(node, 10 * SECOND)
 
 
 class TestQualityOfService:
     @executors
-    def test_that_keeps_a_publisher_from_being_heard_is_told(self, wired, log, executor):
-        """The node was told to insist on reliable messages; the drivers are best effort."""
+    def test_a_publisher_of_other_quality_is_a_warning(self, wired, log, executor):
+        """The node insists on reliable messages; the drivers are best effort."""
         topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
         name = f'/unheard_{executor}'
         overrides = {
@@ -342,7 +341,7 @@ class TestQualityOfService:
         assert node.diagnosis('temperature', words).level == WARN
 
     @executors
-    def test_that_keeps_a_subscriber_from_hearing_is_told(self, wired, warm, log, executor):
+    def test_a_subscriber_of_other_quality_is_a_warning(self, wired, warm, log, executor):
         node = warm(kind=wired, executor=executor)
         wants = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         node.bench.listen(WrenchStamped, node.topic('wrench'), wants)

@@ -1,6 +1,6 @@
 """What the command learns from a file is what the node takes off, by whatever accelerometer."""
 
-import csv
+from dataclasses import replace
 import json
 import sys
 from types import ModuleType
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, GRAVITY
+from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.wire.tf_messages import Layouts
 
 SECOND = 1_000_000_000
@@ -28,21 +28,6 @@ WARM_C = 30.0
 POSES = Rotation.random(12, random_state=5)
 #: Errors that no standard error of a mass holds: of the turn, rad, and of the bias, m/s².
 TURN, BIAS = np.deg2rad(0.3), 0.03
-
-
-def write(path, day, force):
-    """Write a day with a specific force, (N, 3)."""
-    columns = {
-        'stamp_s': np.arange(len(day)) + 0.5,
-        'temperature_c': day.temperature_c[:, 0],
-        **dict(zip(AXES, day.wrench.T, strict=True)),
-        **dict(zip(FORCE_CHANNELS, force.T, strict=True)),
-        'rotation_speed': day.rotation_speed,
-    }
-    with path.open('w', newline='') as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        writer.writerows(zip(*(each.tolist() for each in columns.values()), strict=True))
 
 
 @pytest.fixture(scope='module')
@@ -58,14 +43,13 @@ def felt(day):
 
 
 @pytest.fixture
-def learn(tmp_path, day, capsys):
+def learn(tmp_path, day, write_working_day, capsys):
     """Learn from the day by the command, with what was measured; the model, and the payload."""
 
     def learn(force, *words):
-        path = tmp_path / 'day.csv'
-        write(path, day, force)
-        known = ['--reference', 'payload', '--method', 'pls', *words]
-        assert main(['calibrate', str(path), '-o', str(tmp_path / 'tool.yaml'), *known]) == 0
+        path = write_working_day(tmp_path / 'day.csv', replace(day, specific_force=force))
+        options = ['--reference', 'payload', '--method', 'pls', *words]
+        assert main(['calibrate', str(path), '-o', str(tmp_path / 'tool.yaml'), *options]) == 0
         capsys.readouterr()
         entries = json.loads((tmp_path / 'payloads.json').read_text())['payloads']
         return tmp_path / 'tool.yaml', list(entries)[-1], list(entries.values())[-1]
@@ -110,7 +94,7 @@ def assert_within(errors, entry):
 )  # fmt: skip
 @example((1.05, 0.2, -0.1, 0.15, 0.6, 2.9, -1.2))
 @given(st.tuples(st.floats(0.9, 1.1), *[st.floats(-0.2, 0.2)] * 3, *[st.floats(-1.8, 1.8)] * 3))
-def test_what_an_imu_of_any_scale_bias_and_turn_taught_is_taken_off_by_its_raw_numbers(
+def test_a_payload_learnt_by_an_imu_is_subtracted_by_its_raw_samples(
     learn, rig, messages, felt, drawn
 ):
     scale, bias, turn = drawn[0], np.array(drawn[1:4]), Rotation.from_rotvec(drawn[4:])
@@ -128,7 +112,7 @@ def test_what_an_imu_of_any_scale_bias_and_turn_taught_is_taken_off_by_its_raw_n
     assert_within(errors_in_free_motion(node, say), entry)
 
 
-def test_what_tf_taught_is_taken_off_by_tf(learn, rig, messages, felt, monkeypatch):
+def test_a_payload_learnt_by_tf_is_subtracted_by_tf(learn, rig, messages, felt, monkeypatch):
     package = ModuleType('tf2_msgs.msg')  # the node needs a type only: bytes are bytes
     package.TFMessage = PoseArray
     monkeypatch.setitem(sys.modules, 'tf2_msgs', package)

@@ -45,13 +45,13 @@ def load(sys, ctypes, prefix):
 @pytest.fixture(scope='module')
 def packages(ros_domain):  # noqa: ARG001
     """Let the packages be imported here; libraries are found by name once they are loaded."""
-    path, known = list(sys.path), set(sys.modules)
+    path, loaded = list(sys.path), set(sys.modules)
     scope = {}
     exec(LOAD, scope)  # noqa: S102 -- as other processes do
     scope['load'](sys, ctypes, BUILT / 'install')
     yield import_module('flange_msgs.msg').State, import_module('tf2_msgs.msg').TFMessage
     sys.path[:] = path
-    for name in set(sys.modules) - known:
+    for name in set(sys.modules) - loaded:
         if name.split('.')[0] in {'flange_msgs', 'tf2_msgs'}:
             del sys.modules[name]
 
@@ -114,7 +114,7 @@ def _definition(messages):
 
 
 @pytest.mark.usefixtures('packages')
-def test_a_message_of_another_version_is_told_and_not_read(wired, executable):
+def test_a_message_of_another_version_is_a_warning_and_not_read(wired, executable):
     topic = '/other/state'
     executable('', source=OLDER.format(load=LOAD, topic=topic))
     node = wired(topics=[f'{topic}:temperature'], parameters={'wrench_topic': f'{topic}:wrench'})

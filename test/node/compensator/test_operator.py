@@ -54,14 +54,14 @@ def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operat
     assert json.loads(out)['error']['kind'] == 'node'
 
 
-def test_a_node_that_is_not_there_is_missed_with_those_that_are(wired, operate):
+def test_a_missing_node_is_named_with_those_that_run(wired, operate):
     node = wired()
     code, _, refusal = operate('tare', 'nobody')
     assert code == 1
     assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
 
 
-def test_of_several_nodes_one_has_to_be_named(bench, monkeypatch):
+def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
     asking = operator.Operator(bench.context)
     try:
         monkeypatch.setattr(

@@ -33,10 +33,10 @@ def granted(profile, kind, right):
     """Full names that a profile grants a right on."""
     node = f'/{profile.get("node")}'
     names = [
-        each.text
+        rule.text
         for rules in profile.findall(kind)
         if rules.get(right) == 'ALLOW'
-        for each in rules
+        for rule in rules
     ]
     return {
         name if name.startswith('/') else node + name[1:] if name[0] == '~' else f'/{name}'
@@ -44,20 +44,20 @@ def granted(profile, kind, right):
     }
 
 
-def test_it_is_built_as_the_schema_wants(policy):
+def test_the_policy_follows_the_schema(policy):
     assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
-    assert [each.tag for each in policy] == ['enclaves']
+    assert [child.tag for child in policy] == ['enclaves']
     for enclave in policy[0]:
         assert (enclave.tag, set(enclave.attrib)) == ('enclave', {'path'})
-        assert [each.tag for each in enclave] == ['profiles']
+        assert [child.tag for child in enclave] == ['profiles']
         for profile in enclave[0]:
             assert (profile.tag, set(profile.attrib)) == ('profile', {'ns', 'node'})
             for rules in profile:
                 item, rights = LISTS[rules.tag]
                 assert set(rules.attrib) <= rights
                 assert set(rules.attrib.values()) <= {'ALLOW', 'DENY'}
-                assert {each.tag for each in rules} == {item}
-                assert all(each.text for each in rules)
+                assert {rule.tag for rule in rules} == {item}
+                assert all(rule.text for rule in rules)
 
 
 def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_path):

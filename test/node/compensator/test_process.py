@@ -136,4 +136,4 @@ def test_the_file_of_parameters_that_is_installed_is_taken(bench, start):
     start('from_file', '--params-file', str(path))
     request = GetParameters.Request(names=list(wanted))
     answer = bench.call(GetParameters, '/from_file/from_file/get_parameters', request)
-    assert [parameter_value_to_python(each) for each in answer.values] == list(wanted.values())
+    assert [parameter_value_to_python(value) for value in answer.values] == list(wanted.values())

@@ -40,8 +40,8 @@ def test_rows_are_the_means_per_cell(rig):
     assert answer.message == f'recorded 7 thermal cells (7 s) into {path}'
     table = np.genfromtxt(path, delimiter=',', names=True)
     assert table['stamp_ns'].tolist() == [START + k * SECOND + SECOND // 2 for k in range(7)]
-    np.testing.assert_allclose(table['force_x'], [each.mean() for each in sent[:7]])
-    np.testing.assert_allclose(table['torque_z'], [each.mean() for each in sent[:7]])
+    np.testing.assert_allclose(table['force_x'], [wrenches.mean() for wrenches in sent[:7]])
+    np.testing.assert_allclose(table['torque_z'], [wrenches.mean() for wrenches in sent[:7]])
     np.testing.assert_allclose(table['reference_force_y'], np.arange(7) + 0.5)
     np.testing.assert_allclose(table['temperature_c'], 20.0 + np.arange(7))
     np.testing.assert_allclose(table['temperature_2_c'], 40.0 + np.arange(7))
@@ -63,8 +63,7 @@ def test_a_recording_is_readable_while_it_runs(rig):
 
 
 def test_beside_a_live_model_raw_wrenches_are_recorded(rig, make_model):
-    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
-    node = rig(parameters={'model_file': str(model.path)})
+    node = rig(model=make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)}))
     path = start_recording(node)
     feed(node, 5)
     assert node.node.compensator.compensation.zero[2] > 5.0
@@ -73,15 +72,11 @@ def test_beside_a_live_model_raw_wrenches_are_recorded(rig, make_model):
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
-    answer = node.call('record', False)
-    assert not answer.success
-    assert answer.message == 'No recording runs. Start one with data: true.'
+    assert node.refusal('record', False) == 'No recording runs. Start one with data: true.'
     path = start_recording(node)
-    answer = node.call('record', True)
-    assert not answer.success
-    assert f'A recording runs already, into {path}' in answer.message
+    assert f'A recording runs already, into {path}' in node.refusal('record', True)
     assert node.call('record', False).message == f'recorded 0 thermal cells (0 s) into {path}'
-    assert not node.call('record', False).success
+    node.refusal('record', False)
 
 
 def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_out(rig):
@@ -103,14 +98,11 @@ def test_a_data_directory_that_is_a_file_is_a_sentence(rig, tmp_path):
     (tmp_path / 'data').write_text('')
     node = rig()
     for _ in range(2):
-        answer = node.call('record', True)
-        assert not answer.success
-        assert f'{tmp_path / "data"} cannot be written: ' in answer.message
-        assert answer.message.endswith('Make room or choose another data_directory.')
+        sentence = node.refusal('record', True)
+        assert f'{tmp_path / "data"} cannot be written: ' in sentence
+        assert sentence.endswith('Make room or choose another data_directory.')
     feed(node, 3)
-    answer = node.call('calibrate')
-    assert not answer.success
-    assert 'There is no recording in' in answer.message
+    assert 'There is no recording in' in node.refusal('calibrate')
 
 
 def test_a_model_of_another_period_ends_the_recording(rig, make_model):
@@ -119,9 +111,7 @@ def test_a_model_of_another_period_ends_the_recording(rig, make_model):
     path = start_recording(node)
     feed(node, 4)
     assert node.set('model_file', str(model.path)).successful
-    answer = node.call('record', False)
-    assert not answer.success
-    assert 'the new model has thermal cells of 10 s' in answer.message
+    assert 'the new model has thermal cells of 10 s' in node.refusal('record', False)
     assert len(read_recording(path)) == 3
     assert node.call('record', True).success
 
@@ -129,12 +119,10 @@ def test_a_model_of_another_period_ends_the_recording(rig, make_model):
 def test_a_recording_that_cannot_hear_its_reference_does_not_begin(rig):
     override = 'qos_overrides./deaf/wrench_reference.subscription.reliability'
     node = rig(namespace='/deaf', parameters={override: 'bestest'})
-    refused = node.call('record', True)
-    assert not refused.success
-    assert 'bestest' in refused.message
+    assert 'bestest' in node.refusal('record', True)
     assert not (node.directory / 'recordings').exists()
     assert node.diagnosis('calibration').message == 'idle'
-    assert not node.call('record', False).success, 'no recording runs'
+    node.refusal('record', False)
 
 
 def test_wrenches_that_come_late_are_recorded_also_after_stamps_ran_back(rig):

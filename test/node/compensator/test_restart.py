@@ -41,7 +41,7 @@ def restart(rig, stored, tmp_path):
 
     def start(state, **parameters):
         save_state(tmp_path / 'data/state.json', state)
-        return rig(parameters={'model_file': str(stored.path), **parameters})
+        return rig(model=stored, parameters=parameters)
 
     return start
 
@@ -59,12 +59,12 @@ def test_drift_and_tare_are_subtracted_from_the_first_wrench_on(restart, warm, c
     assert origin(node) == 'the drift saved before the restart is held until a temperature comes'
 
 
-def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
+def test_the_first_cell_gives_the_length_of_the_gap(restart, warm, capfd):
     node = restart(warm)
     for second in range(410, 413):
         node.warm(START + second * SECOND, warming(second))
     sentence = 'the drift goes on from the thermal state saved 11 s before'
-    status = node.diagnosis('temperature', lambda each: sentence in str(each.values))
+    status = node.diagnosis('temperature', lambda status: sentence in str(status.values))
     assert status.level == b'\0'
     assert sentence in capfd.readouterr().err
     assert node.node.compensator.compensation.zero[2] == pytest.approx(
@@ -73,8 +73,8 @@ def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
     model = node.node.compensator.model
     for following in (None, model):
         node.node.compensator.go_live(following)
-        told = node.node.compensator.tracker.origin
-        node.wait_until(lambda told=told: node.node.state_keeper._told == told, 'the log')
+        now = node.node.compensator.tracker.origin
+        node.wait_until(lambda now=now: node.node.state_keeper._told == now, 'the log')
     assert origin(node) == sentence, 'also after a change of model'
 
 
@@ -88,7 +88,7 @@ def test_the_first_cell_tells_how_long_the_gap_was(restart, warm, capfd):
         ({'thermal': {'filters': {'force_z': np.zeros(9)}}}, 'does not fit the model it names'),
     ],
 )
-def test_a_state_that_is_of_no_use_is_said(restart, warm, capfd, change, words):
+def test_a_state_that_cannot_be_used_is_logged(restart, warm, capfd, change, words):
     if 'thermal' in change:
         change = {'thermal': replace(warm.thermal, **change['thermal'])}
     node = restart(replace(warm, **change))
@@ -100,10 +100,10 @@ def test_a_state_that_is_of_no_use_is_said(restart, warm, capfd, change, words):
     np.testing.assert_array_equal(node.node.compensator.tare, TARE if same else np.zeros(6))
 
 
-def test_a_broken_state_is_said_and_replaced(rig, stored, tmp_path, capfd):
+def test_a_broken_state_is_logged_and_replaced(rig, stored, tmp_path, capfd):
     path = tmp_path / 'data/state.json'
     path.write_bytes(b'{')
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+    node = rig(model=stored, parameters={'save_period': 0.1})
     assert 'state.json is not a state file' in origin(node)
     assert 'state.json is not a state file' in capfd.readouterr().err
     node.warm_up(30.0)
@@ -116,8 +116,8 @@ def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     assert node.node.compensator.tracker.awaiting_gap
 
 
-def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
+    node = rig(model=stored, parameters={'save_period': 0.1})
     for second in range(20):
         node.warm(START + second * SECOND, warming(second))
     node.node.compensator.restore_tare(TARE)
@@ -134,14 +134,14 @@ def test_what_is_saved_is_what_the_stream_remembers(rig, stored):
     assert state.thermal.filters['force_z'] == pytest.approx(expected.filters['force_z'])
     np.testing.assert_array_equal(state.tare, TARE)
     assert abs(time.time_ns() - state.saved_ns) < 60 * SECOND
-    node.diagnosis('model', lambda each: int(each.values['state_saves']) >= 1)
+    node.diagnosis('model', lambda status: int(status.values['state_saves']) >= 1)
 
 
-def test_a_disk_that_refuses_is_said_and_the_stream_goes_on(rig, stored, capfd):
-    node = rig(parameters={'model_file': str(stored.path), 'save_period': 0.1})
+def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd):
+    node = rig(model=stored, parameters={'save_period': 0.1})
     (node.directory / 'state.json').mkdir()
     node.warm_up(30.0, 4)
-    status = node.diagnosis('model', lambda each: each.level == WARN)
+    status = node.diagnosis('model', lambda status: status.level == WARN)
     assert 'state.json cannot be written' in status.message
     assert 'until then a restart loses the thermal state and the tare' in status.message
     assert node.ask_output(START, LOAD)[2] == pytest.approx(30.0)
@@ -153,7 +153,7 @@ def test_a_disk_that_refuses_is_said_and_the_stream_goes_on(rig, stored, capfd):
     (node.directory / 'state.json').rmdir()
     for second in range(4, 8):
         node.warm(START + second * SECOND, 30.0)
-    assert node.diagnosis('model', lambda each: each.level != WARN)
+    assert node.diagnosis('model', lambda status: status.level != WARN)
 
 
 def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
@@ -162,4 +162,4 @@ def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
         node.ask_output(number, LOAD)
     assert node.diagnosis('output')
     bench.close()
-    assert [each.name for each in (tmp_path / 'data').iterdir()] == ['lock']
+    assert [file.name for file in (tmp_path / 'data').iterdir()] == ['lock']

@@ -35,14 +35,14 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
         side: make_model(f'{side}.yaml', {'force_z': (gain, 0.0, 600.0)})
         for side, gain in gains.items()
     }
-    expected = {side: drifts_of(each.model, 160) for side, each in stored.items()}
+    expected = {side: drifts_of(model.model, 160) for side, model in stored.items()}
     data, file = tmp_path / 'data', tmp_path / 'parameters.yaml'
     for life in range(2):
         name = f'sensors_{life}'
         file.write_text(
             ''.join(
-                f'/{name}/{side}/{name}: {{ros__parameters: {{model_file: "{each.path}"}}}}\n'
-                for side, each in stored.items()
+                f'/{name}/{side}/{name}: {{ros__parameters: {{model_file: "{model.path}"}}}}\n'
+                for side, model in stored.items()
             )
         )
         process = executable(
@@ -61,8 +61,8 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
         def saved(end=START + (150 if life else 90) * SECOND):
             states = [load_state(data / side / 'state.json') for side in gains]
             return all(
-                each and each.thermal and each.thermal.end_ns >= end and each.tare.any()
-                for each in states
+                state and state.thermal and state.thermal.end_ns >= end and state.tare.any()
+                for state in states
             )
 
         bench.wait_until(saved, 'a state of each')

@@ -36,7 +36,7 @@ def swapped(data):
 @executors
 def test_the_header_goes_out_byte_for_byte(wired, make_model, executor):
     model = make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)})
-    node = wired(executor=executor, parameters={'model_file': str(model.path)})
+    node = wired(executor=executor, model=model)
     node.warm_up(30.0)
     heard = hear_bytes(node)
     frames = ['', 'a', 'ab', 'tool0', 'wrist_3', 'wrist_ft_sensor/größe', 'f' * 301]
@@ -75,21 +75,21 @@ def test_the_output_is_the_core_s_correction(rig, make_model):
         'torque_y': (0.1, -2e-3, 9.0),
     }
     model = make_model('m.yaml', axes)
-    node = rig(parameters={'model_file': str(model.path)})
+    node = rig(model=model)
     twin = Compensator(1, StreamSettings(), model.model)
     for k in range(40):
         stamp, celsius = START + k * SECOND // 2, 20.0 + 10.0 * np.sin(k / 8)
         node.warm(stamp, celsius)
         twin.add_temperature(0, stamp, celsius)
         stamps = stamp + np.arange(1, 5) * SECOND // 10
-        expected = [twin.correct(int(each), LOAD) for each in stamps]
+        expected = [twin.correct(int(stamp), LOAD) for stamp in stamps]
         np.testing.assert_array_equal(node.stream(stamps, [LOAD] * 4), expected)
     assert not np.allclose(expected, LOAD, atol=1.0)
 
 
-def test_the_drift_topic_tells_what_is_subtracted(wired, make_model):
+def test_the_drift_topic_carries_what_is_subtracted(wired, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_x': (-0.1, 0.0, 0.0)})
-    node = wired(parameters={'model_file': str(model.path), 'max_drift_rate': 10})
+    node = wired(model=model, parameters={'max_drift_rate': 10})
     drifts = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/drift')
     node.wait_until(lambda: node.node.output.drift.get_subscription_count() > 0, 'a listener')
     node.ask_output(START, LOAD)
@@ -104,7 +104,7 @@ def test_the_drift_topic_tells_what_is_subtracted(wired, make_model):
     assert drifts.empty()
 
 
-def test_without_a_model_wrenches_pass_or_nothing_does(rig):
+def test_wrenches_without_a_model_pass_or_stop(rig):
     node = rig(parameters={'uncalibrated': 'silent'})
     node.put(START, LOAD)
     assert node.set('uncalibrated', 'passthrough').successful

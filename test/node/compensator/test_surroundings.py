@@ -80,7 +80,7 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path
     assert node.output.drift.qos_profile.reliability == reliable
     assert node._diagnostics.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
-    depths = {each.topic_name: each.qos_profile.depth for each in node.subscriptions}
+    depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
     assert depths['/other/temperature'] == 7
     assert qos.OUTPUT.reliability == reliable
     assert qos.FAST_SENSOR.reliability == best_effort

@@ -31,8 +31,8 @@ def made(wired, entry, **parameters):
 @pytest.mark.parametrize('executor', ['default', 'events'])
 def test_a_wrench_inside_a_message_is_compensated_as_one_of_its_own(wired, make_model, executor):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0)})
-    chosen = {'wrench_topic': 'joints:wrench[1]', 'model_file': str(model.path)}
-    node = wired(parameters=chosen, executor=executor)
+    chosen = {'wrench_topic': 'joints:wrench[1]'}
+    node = wired(model=model, parameters=chosen, executor=executor)
     node.warm_up(23.0)
     state = node.bench.publisher(MultiDOFJointState, node.topic('joints'))
     state.publish(joints(2))
@@ -55,7 +55,7 @@ def test_six_numbers_of_an_array_come_with_their_time_of_arrival(wired):
     assert before < out.header.stamp.sec * SECOND + out.header.stamp.nanosec
 
 
-def test_a_message_without_the_wrench_is_told_and_heals(wired):
+def test_a_message_without_the_wrench_is_a_warning_until_one_has_it(wired):
     node = made(wired, 'joints:wrench[1]')
     state = node.bench.publisher(MultiDOFJointState, node.topic('joints'))
     state.publish(MultiDOFJointState(wrench=[wrench()]))

@@ -7,6 +7,8 @@ import pytest
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
 
+ARMS = ['-p', 'sensors:=[left, right]']
+
 
 def start(context, tmp_path, *arguments):
     """Make what the executable would make."""
@@ -41,6 +43,8 @@ def refusal(context, tmp_path, *arguments):
         ('qos_overrides./wrench_raw.subscription.history:=7', "expecting type 'STRING'"),
         ('qos_overrides./temperature.subscription.depth:=many', "expecting type 'INTEGER'"),
         ('max_drift:=-1', 'must be a number from 0 to 1e+06 N; got -1'),
+        ('sensors:=[left, right, left]', 'once; got left 2 times'),
+        ('sensors:=[left__arm]', "a letter, because they become namespaces; got 'left__arm'"),
     ],
 )
 @pytest.mark.filterwarnings('ignore:A zero depth')
@@ -58,9 +62,12 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
         (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
         (['-r', 'temperature:=/wrench'], 'The topic temperature cannot be used'),
+        ([*ARMS, '-r', 'wrench_raw:=/ft'], 'left and right would share the topic /ft'),
+        ([*ARMS, '-r', 'wrench:=/ft'], 'left and right would share the topic /ft'),
+        ([*ARMS, '-p', 'model_file:=/no.yaml'], 'Sensor left: /no.yaml cannot be read'),
     ],
 )
-def test_a_remap_that_cannot_work_gets_its_sentence(ros_context, tmp_path, rules, words):
+def test_arguments_that_contradict_get_their_sentence(ros_context, tmp_path, rules, words):
     assert words in refusal(ros_context, tmp_path, *rules)
 
 
@@ -70,9 +77,9 @@ def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
     node.destroy_node()
 
 
-def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
+def test_a_mistyped_parameter_is_a_warning_of_the_node(executable, bench, tmp_path):
     given = ('temprature_topics:=[heat]', f'data_directory:={tmp_path}')
-    words = [word for each in given for word in ('-p', each)]
+    words = [word for rule in given for word in ('-p', rule)]
     node = executable('wrist_ft_comp.node.compensator', '-r', '__node:=mistyped', *words)
     bench.wait_for_node('mistyped')
     _, errors = node.end()
@@ -80,7 +87,7 @@ def test_a_mistyped_parameter_is_told_by_the_node(executable, bench, tmp_path):
     assert 'Did you mean temperature_topics?' in errors
 
 
-def test_a_folder_that_takes_nothing_is_told_at_start(rig):
+def test_a_folder_that_cannot_be_written_is_named_at_start(rig):
     node = rig(parameters={'data_directory': '/proc/wrist_ft_comp'})
     said = '/proc/wrist_ft_comp cannot be written: No such file or directory. Mend its rights'
     assert said in node.diagnosis('model').message

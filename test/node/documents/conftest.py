@@ -60,7 +60,7 @@ class Terminal:
 
     def run(self, words):
         """Run a command to its end; returns what it prints."""
-        named = [each for word in words for each in self._expanded(word)]
+        named = [name for word in words for name in self._expanded(word)]
         if named[0] in self._programs:
             with redirect_stdout(io.StringIO()) as out:
                 code = self._programs[named[0]](named[1:])
@@ -100,8 +100,8 @@ class Terminal:
 
     def end(self, name=''):
         """End a program, as Ctrl-C does; without a name, all of them, the last one first."""
-        for each in [name] if name else list(reversed(self._running)):
-            process = self._running.pop(each, None)
+        for program in [name] if name else list(reversed(self._running)):
+            process = self._running.pop(program, None)
             if process is not None and process.poll() is None:
                 os.killpg(process.pid, signal.SIGINT)
                 process.wait(TIMEOUT_S)

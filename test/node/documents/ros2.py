@@ -53,7 +53,7 @@ def call(service_type, name, request):
         if not (client.wait_for_service(TIMEOUT_S) and knock.wait_for_service(TIMEOUT_S)):
             sys.exit(f'no service {name}')
         knocks = []
-        while not any(each.done() for each in knocks):  # a busy node answers late
+        while not any(answer.done() for answer in knocks):  # a busy node answers late
             knocks.append(knock.call_async(DescribeParameters.Request()))
             executor.spin_until_future_complete(knocks[-1], 1.0)
         future = client.call_async(request)

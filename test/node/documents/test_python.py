@@ -27,7 +27,7 @@ class Sensor:
 
 
 def test_the_documented_driver_publishes_compensated_wrenches(bench, make_model, monkeypatch):
-    (block,) = (each for each in re.findall(r'```python\n(.*?)```', TEXT, re.S) if 'rclpy' in each)
+    (block,) = (code for code in re.findall(r'```python\n(.*?)```', TEXT, re.S) if 'rclpy' in code)
     model = make_model({'force_y': (0.1, 0.0, 10.0)})
     stored = SimpleNamespace(model=model)
     monkeypatch.setattr('wrist_ft_comp.stored.model_file.load_model', lambda _: stored)

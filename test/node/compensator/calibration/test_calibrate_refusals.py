@@ -19,7 +19,7 @@ def begin(node):
     return answers, control._running[0].gi_yieldfrom.gi_frame.f_locals['process']
 
 
-def goes_on(node):
+def stream_goes_on(node):
     """Tell whether the stream goes on; each wrench is answered."""
     stamps = START + np.arange(50)
     return (node.stream(stamps, [LOAD] * 50) == LOAD).all()
@@ -44,9 +44,9 @@ def ready(rig, make_robot):
 def check_refused(node, answer, *words):
     assert not answer.success
     assert all(word in answer.message for word in words), answer.message
-    status = node.diagnosis('calibration', lambda each: each.level != b'\0')
+    status = node.diagnosis('calibration', lambda status: status.level != b'\0')
     assert status.values['last'] == answer.message
-    assert goes_on(node)
+    assert stream_goes_on(node)
 
 
 def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
@@ -66,12 +66,11 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
 def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate):
     node = ready()
     answers, process = begin(node)
-    second = node.call('calibrate')
-    assert not second.success
-    assert 'A calibration has been running for ' in second.message
-    assert 'wait for its answer, then call again' in second.message
+    second = node.refusal('calibrate')
+    assert 'A calibration has been running for ' in second
+    assert 'wait for its answer, then call again' in second
     assert node.diagnosis('calibration').message.startswith('running for ')
-    assert goes_on(node)
+    assert stream_goes_on(node)
     assert answers.empty()
     os.kill(process.pid, signal.SIGKILL)
     node.wait_until(lambda: not answers.empty(), 'the answer')
@@ -109,4 +108,4 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     assert 'active.json cannot be written' in answer.message
     assert 'until the node ends' in answer.message
     assert node.node.live.stored is not None
-    assert 'active.json' in node.diagnosis('model', lambda each: each.level == b'\1').message
+    assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message

@@ -54,6 +54,6 @@ def test_each_of_twenty_is_answered(bench, tmp_path):
         executor.shutdown()
     said = {name: [f.result().message for f in answers] for name, answers in asked.items()}
     assert said['tare'].count('A tare is running; wait for its answer, then call again.') == 19
-    assert all(each.startswith('There is no recording in') for each in said['calibrate'])
-    assert all('no earlier model' in each for each in said['rollback'])
-    assert all(each.startswith('No recording runs') for each in said['record'])
+    assert all(message.startswith('There is no recording in') for message in said['calibrate'])
+    assert all('no earlier model' in message for message in said['rollback'])
+    assert all(message.startswith('No recording runs') for message in said['record'])

@@ -39,9 +39,9 @@ class Learner:
         )
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
-    def answer(self, **what):
+    def answer(self, **fields):
         """Say what the next job answers."""
-        said = {'learnt': False, 'paused': '', 'incident': '', **what} if what else None
+        said = {'learnt': False, 'paused': '', 'incident': '', **fields} if fields else None
         (self._folder / 'answer').write_text(json.dumps(said))
 
     def find(self, stored, **more):
@@ -77,14 +77,14 @@ class Learner:
 
     def files(self):
         """Name the days there are."""
-        return sorted(each.name for each in self.days.glob('*.csv'))
+        return sorted(file.name for file in self.days.glob('*.csv'))
 
     def wait(self, condition, what):
         """Wait while the node looks after itself."""
         self.rig.wait_until(condition, what)
 
     def judged(self, jobs=1):
-        """Wait until so many jobs have answered."""
+        """Wait until a number of jobs have answered."""
         learning = self.node.learning
         self.wait(lambda: len(self.asked()) >= jobs and learning.running_s is None, 'the job')
 

@@ -44,7 +44,7 @@ def test_a_silence_of_the_clock_ends_a_day_too(learner, monkeypatch):
     node.hear(20)
     monkeypatch.setattr('wrist_ft_comp.node.learning.SILENCE_NS', 0)
     node.judged()
-    assert [len(each['recordings']) for each in node.asked()] == [1]
+    assert [len(job['recordings']) for job in node.asked()] == [1]
 
 
 def test_a_restart_goes_on_with_the_day_unless_it_is_over(learner):
@@ -53,11 +53,11 @@ def test_a_restart_goes_on_with_the_day_unless_it_is_over(learner):
         node.hear(20, later)
         node.node.destroy_node()
         assert len(node.files()) == files
-    rows = [(node.days / each).read_text().count('\n') - 1 for each in node.files()]
+    rows = [(node.days / name).read_text().count('\n') - 1 for name in node.files()]
     assert rows == [38, 19], 'the last cell of a run is not complete'
 
 
-def test_of_a_killed_node_the_last_row_at_most_is_lost(learner):
+def test_a_killed_node_loses_the_last_row_at_most(learner):
     node = learner()
     node.hear(20)
     path = node.days / 'day_00001.csv'
@@ -71,7 +71,7 @@ def test_of_a_killed_node_the_last_row_at_most_is_lost(learner):
     assert len(read_recording(path, period_s=600.0)) == 24
 
 
-def test_a_full_disk_is_told_and_tried_again_while_the_stream_goes_on(learner, monkeypatch):
+def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learner, monkeypatch):
     node = learner()
     node.hear(20)
     path = node.days / 'day_00001.csv'
@@ -115,7 +115,7 @@ def test_two_clocks_do_not_fill_the_folder_with_files(tmp_path):
         files.append(second * 10**9, (1.0, 2.0))
         files.append((second + 50_000) * 10**9, (1.0, 2.0))
     files.close()
-    assert sorted(each.name for each in (tmp_path / 'days').iterdir()) == [
+    assert sorted(file.name for file in (tmp_path / 'days').iterdir()) == [
         'day_00001.csv', 'day_00002.csv',
     ]  # fmt: skip
     assert (tmp_path / 'days/day_00001.csv').read_text().count('\n') >= 1001
@@ -177,7 +177,7 @@ def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path, monke
     assert len(node.asked()) == 2
 
 
-def test_a_second_node_is_told_who_holds_the_folder(learner, tmp_path):
+def test_a_second_node_names_the_process_that_holds_the_folder(learner, tmp_path):
     node = learner()
     with pytest.raises(SettingsError, match=f'process {os.getpid()} on') as refused:
         node.rig.bench.make(

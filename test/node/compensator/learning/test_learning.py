@@ -21,7 +21,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     node.a_day()
     node.a_day()
     one, two = node.asked()
-    names = [[each.rsplit('/', 1)[1] for each in job['recordings']] for job in (one, two)]
+    names = [[path.rsplit('/', 1)[1] for path in job['recordings']] for job in (one, two)]
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
     assert two['learning'] == {
         'champion': str(models[0].path), 'since': '', 'keep_days': 7, 'max_mb': 400.0,
@@ -39,9 +39,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
 def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
-    answer = node.rig.call('adopt')
-    assert not answer.success
-    assert answer.message == (
+    assert node.rig.refusal('adopt') == (
         'No better model is offered: no day is judged yet. The running model stays.'
     )
     node.find(new, message='leaves half')
@@ -59,7 +57,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     assert node.node.live.sha256 == new.sha256
     assert 'leaves half' in answer.message
     np.testing.assert_allclose(node.rig.ask_output(LATE, [5.0] * 6), before)
-    assert not node.rig.call('adopt').success
+    node.rig.refusal('adopt')
     node.node.destroy_node()
 
     node = learner(model_file=str(old.path))
@@ -102,7 +100,7 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
 
 
-def test_a_kill_right_after_an_adoption_does_not_make_it_a_persons(learner, models):
+def test_a_kill_right_after_an_adoption_keeps_its_reason(learner, models):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
@@ -131,7 +129,7 @@ def test_a_calibration_goes_first(learner, models):
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
-def test_another_sensor_s_turn_is_waited_for(learner, monkeypatch):
+def test_a_job_waits_while_another_sensor_learns(learner, monkeypatch):
     node = learner()
     node.answer(success=False, later=True, message='another sensor is learning')
     node.a_day()
@@ -157,16 +155,15 @@ def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models, conten
 
 
 @pytest.mark.parametrize('changed', ['', 'rubbish'])
-def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models, changed):
+def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models, changed):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
     path = node.node.learning.offered
     path.write_bytes(path.read_bytes() + b'# mine\n') if changed else path.unlink()
-    answer = node.rig.call('adopt')
-    assert not answer.success
-    assert str(path) in answer.message
-    assert answer.message.endswith('The running model stays.')
+    sentence = node.rig.refusal('adopt')
+    assert str(path) in sentence
+    assert sentence.endswith('The running model stays.')
     assert node.node.live.sha256 == models[0].sha256
 
 
@@ -177,7 +174,7 @@ def test_an_offered_model_that_is_gone_or_was_changed_is_refused(learner, models
         ({'gravity.source': 'none'}, 'they are payload and none'),
     ],
 )
-def test_settings_that_do_not_allow_it_are_said(learner, parameters, word):
+def test_settings_that_do_not_allow_learning_are_named(learner, parameters, word):
     node = learner(**parameters)
     node.hear(147)
     status = node.rig.diagnosis('learning', word)
@@ -191,28 +188,28 @@ def test_off_is_off(learner):
     node.hear(147)
     assert not node.rig.directory.exists() or not node.days.exists()
     assert not node.node.recorder._running, 'the force path has nothing to do'
-    names = [each.name for each in node.rig._report()]
+    names = [status.name for status in node.rig._report()]
     assert not any(name.endswith('learning') for name in names)
     assert 'learning is off' in node.rig.call('adopt').message
 
 
 def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
     node = learner()
-    what = 'thermometer 1 stood still for 3.0 h'
-    node.answer(success=True, message=what, incident=what)
+    sentence = 'thermometer 1 stood still for 3.0 h'
+    node.answer(success=True, message=sentence, incident=sentence)
     node.a_day()
-    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.diagnosis('learning', sentence).level == WARN
     node.answer(success=True, message='nothing new')
     node.a_day()
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
-    node.answer(success=True, message=what, incident=what, paused=what)
+    node.answer(success=True, message=sentence, incident=sentence, paused=sentence)
     node.a_day()
-    assert node.rig.diagnosis('learning', what).level == WARN
+    assert node.rig.diagnosis('learning', sentence).level == WARN
     assert node.rig.set('model_file', str(models[1].path)).successful
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
-def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
+def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
     for message in ('better', 'better still', 'best'):
@@ -220,7 +217,7 @@ def test_of_models_that_were_only_offered_the_newest_is_kept(learner, models):
         node.a_day()
         offered = node.node.learning.offered
         offered.with_suffix('.html').write_text('a report')
-    kept = {each.name for each in offered.parent.iterdir()}
+    kept = {file.name for file in offered.parent.iterdir()}
     assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
     assert node.rig.call('adopt').success
     assert offered.exists()
@@ -265,7 +262,7 @@ def test_learning_follows_what_the_reference_is_set_to(learner):
     assert rows == 1 + 20 + 19, 'nothing was kept meanwhile'
 
 
-def test_what_stops_a_job_is_a_warning_and_the_next_day_is_judged(learner, models):
+def test_a_job_that_fails_is_a_warning_and_the_next_day_is_judged(learner, models):
     node = learner(model_file=str(models[0].path))
     node.answer(success=False, message='old.yaml cannot be read')
     node.a_day()
