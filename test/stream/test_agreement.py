@@ -224,6 +224,8 @@ def test_a_model_file_keeps_predictions(learn, tmp_path):
     stored = save_model(path, calibration)
     for name, part in vars(calibration.model.prediction).items():
         np.testing.assert_array_equal(getattr(stored.model.prediction, name), part)
-    old = path.read_text('utf-8').replace('prediction:', 'of_no_version_before:')
-    path.write_text(old, 'utf-8')
+    text = path.read_text('utf-8')
+    path.write_text(text.replace('jump_k:', 'of_no_version_before:'), 'utf-8')
+    assert load_model(path).model.prediction.jump_k.min() > 100.0
+    path.write_text(text.replace('prediction:', 'of_no_version_before:'), 'utf-8')
     assert load_model(path).model.prediction is None

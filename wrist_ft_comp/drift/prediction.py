@@ -17,6 +17,8 @@ BIN_S = 60.0
 AVERAGED_BINS = 5
 #: … and with their average over this many bins before those: what comes loose shows by a jump.
 EARLIER_BINS = 10
+#: Limit where the recordings have not shown one, K.
+NO_LIMIT_K = 1000.0
 
 
 def bin_cells(period_ns: int) -> int:

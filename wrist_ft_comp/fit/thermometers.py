@@ -4,7 +4,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, EARLIER_BINS, Prediction
+from wrist_ft_comp.drift.prediction import (
+    AVERAGED_BINS,
+    bin_cells,
+    EARLIER_BINS,
+    NO_LIMIT_K,
+    Prediction,
+)
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 
 #: Weights of errors, newest first: their average …
@@ -25,8 +31,6 @@ _JUMP_MARGIN = 3.5
 #: Fewer recordings have not shown how thermometers differ from day to day: of those that were
 #: learnt from one, some were off by up to 6 K on healthy days of drawn worlds.
 _FEWEST_RECORDINGS = 3
-#: Limit where that is not known, K.
-_NO_LIMIT_K = 1000.0
 #: The prediction moves by at least this before one that stands still is taken for frozen, K, …
 _LEAST_STILL_K = 0.5
 #: … by this many times what it moved by while a healthy one stood still, and by more than its
@@ -74,7 +78,7 @@ def predict_each_other(
         changed_k = _largest(_CHANGE, errors_k)
         jump_k = max(_LEAST_LIMIT_K, _JUMP_MARGIN * changed_k)
         shown = len(recordings) >= _FEWEST_RECORDINGS
-        learnt.limit_k[j], learnt.jump_k[j] = (limit_k, jump_k) if shown else [_NO_LIMIT_K] * 2
+        learnt.limit_k[j], learnt.jump_k[j] = (limit_k, jump_k) if shown else [NO_LIMIT_K] * 2
         moved_k = max(
             _moved_while_still(bins_c[:, j], of_bins_k, _heard(recording, cells)[:, j])
             for recording, bins_c, of_bins_k in zip(recordings, binned, errors_k, strict=True)

@@ -1,10 +1,11 @@
 """
 Thermometers that die or freeze: replaced by what the others predict of them.
 
-Bins of a minute are judged. One that is silent or stands still shows by itself. It is replaced by
-its prediction from the bin on in which that began, so that model and filters stay those of all
-thermometers. Of those that contradict each other, as where one came loose or two were exchanged,
-nobody can say surely which one lies, so that the contradiction is only said.
+Bins of a minute are judged. One that is silent or stands still while its prediction moves shows by
+itself. It is replaced by its prediction from the bin on in which that began, so that model and
+filters stay those of all thermometers. Of those that contradict each other, as where one came
+loose or two were exchanged, nobody can say surely which one lies, so that the contradiction is
+only said.
 """
 
 from collections.abc import Iterable
@@ -219,8 +220,10 @@ class Agreement:
             moved_k = float(np.ptp(self._bins.predicted_c[-still - 1 :, j]))
             frozen = still >= _STILL_BINS and moved_k > prediction.still_k[j]
             if frozen or silent * self._bin_s > prediction.silence_s[j]:
-                at = f'stands still at {self._readings[-1, j]:.1f} °C'
-                why = f'{at} while the others show that it moved by {moved_k:.1f} K'
+                why = (
+                    f'stands still at {self._readings[-1, j]:.1f} °C while the others show that '
+                    f'it moved by {moved_k:.1f} K'
+                )
                 return self._replace(j, still + 1, 'is silent' if silent else why)
         if len(self._readings) < AVERAGED_BINS + EARLIER_BINS:
             return None

@@ -25,8 +25,8 @@ RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 AXES = {'force_z': (0.5, 0.0, 300.0)}
 #: Two thermometers that read the same.
 ALIKE = Prediction(
-    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2), *np.array([[1], [1], [3], [600]])
-    * np.ones((4, 2)))  # fmt: skip
+    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2),
+    *np.array([[1], [1], [3], [600]]) * np.ones((4, 2)))  # fmt: skip
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
