@@ -22,7 +22,7 @@ TIME_CONSTANTS_S: FloatArray = np.array([0.0, 60.0, 150.0, 400.0, 1000.0, 2500.0
 #: Strengths of the ridge, as shares of a column's variance; the best one held out is taken.
 _STRENGTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: A healthy thermometer is taken to err by up to this many times the largest error held out, …
-_ERROR_MARGIN = 5.0
+_ERROR_MARGIN = 6.0
 #: … and by at least this, K.
 _LEAST_LIMIT_K = 1.0
 #: Its error is taken to change by up to this many times the largest change held out, and by at
@@ -99,7 +99,8 @@ def _means(recording: Recording, cells: int) -> FloatArray:
 def _heard(recording: Recording, cells: int) -> BoolArray:
     """Find the bins in which thermometers were heard, shape (n, J)."""
     whole = len(recording) // cells * cells
-    return recording.measured[:whole].reshape(-1, cells, recording.thermometers).any(axis=1)
+    binned = recording.measured[:whole].reshape(-1, cells, recording.thermometers)
+    return np.asarray(binned.any(axis=1))
 
 
 def relaxed(prediction: Prediction, values_c: FloatArray, bin_s: float) -> FloatArray:
