@@ -112,7 +112,7 @@ def test_a_model_whose_parts_do_not_fit_is_refused(model, change, sentence):
 
 
 def test_predicted_thermometers_that_do_not_fit_are_refused():
-    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
+    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((4, 2))
     assert Prediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
     with pytest.raises(ModelFileError, match=r'^limit_k .* shape \(2,\); got \(3,\)'):
         Prediction(*parts[:3], np.ones(3), *parts[4:])

@@ -108,7 +108,7 @@ def saved(calibration, tmp_path_factory):
 
 def test_sensor_limits_and_predictions_come_back(calibration, tmp_path):
     rng = np.random.default_rng(0)
-    prediction = Prediction(np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2)))
+    prediction = Prediction(np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((5, 2)))
     sensor = {'wrench_topic': ['/w'], 'temperature_topics': ['/t1', '/t2'], 'frame_id': ['flange']}
     whole = replace(
         calibration,

@@ -11,10 +11,11 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.offline import lies, simulate_drift
+from wrist_ft_comp.stream.offline import lies, simulate_drift, thermometer_doubts
 
 PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
 FORCE_Z = 2
+METHOD = IdentificationSettings('filtered_pls')
 FIRST_NS = 1_700_000_000_000_000_000
 
 
@@ -56,11 +57,22 @@ def learn(make_day):
     def calibration(thermometers):
         if thermometers not in found:
             days = [make_day(seed, thermometers) for seed in (1, 2, 3)]
-            settings = CalibrationSettings(identification=IdentificationSettings('filtered_pls'))
-            found[thermometers] = calibrate(days, settings)
+            found[thermometers] = calibrate(days, CalibrationSettings(identification=METHOD))
         return found[thermometers]
 
     return calibration
+
+
+def without(day, j=1):
+    temperature_c, measured = (np.delete(part, j, 1) for part in (day.temperature_c, day.measured))
+    return replace(day, temperature_c=temperature_c, measured=measured)
+
+
+def off(day, error_k, j=1):
+    """Let a thermometer be off by an error of cells, K."""
+    temperature_c = day.temperature_c.copy()
+    temperature_c[:, j] += error_k
+    return replace(day, temperature_c=temperature_c)
 
 
 def lying(day, fault, j=1, begin=BEGIN, end=CELLS):
@@ -118,11 +130,43 @@ def test_the_stream_does_what_the_file_does(learn, make_day, thermometers, fault
     np.testing.assert_allclose([seen[k] for k in cells], simulated[cells], atol=1e-9)
 
 
+@pytest.mark.parametrize('fault', ['dead', 'frozen'])
+def test_a_lie_is_found_where_the_others_move_by_1_k(learn, make_day, fault):
+    day = make_day(7)
+    noise_k = np.random.default_rng(0).normal(0, 0.02, (CELLS, 3))
+    warmer_k = np.clip((np.arange(CELLS) - BEGIN) / 60, 0.0, 1.0)[:, np.newaxis]
+    quiet = replace(day, temperature_c=day.temperature_c[0] + warmer_k + noise_k)
+    (found,) = lies(learn(3).model, lying(quiet, fault))
+    assert found.startswith('thermometer 2 ')
+
+
 def test_healthy_thermometers_are_believed(learn, make_day):
     for thermometers in (2, 3):
         model = learn(thermometers).model
         for seed in range(10, 20):
-            assert lies(model, make_day(seed, thermometers)) == []
+            assert thermometer_doubts(model, make_day(seed, thermometers)) == {}
+
+
+def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
+    day = make_day(7)
+    rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
+    assert lies(learn(3).model, lying(rest, 'dead', begin=500, end=512)) == []
+
+
+def test_a_day_that_begins_before_the_body_has_soaked_is_not_doubted(learn, make_day):
+    settling = 2.5 * np.exp(-np.arange(CELLS) * PERIOD_S / 150.0)
+    assert thermometer_doubts(learn(3).model, off(make_day(10), settling)) == {}
+
+
+def test_one_that_comes_loose_shows_by_the_jump_where_errors_wander(make_day):
+    """On days of 3 h with an error of 0.8 K that no other thermometer explains."""
+    phases = 2 * np.pi * np.arange(CELLS) / CELLS
+    days = [off(make_day(seed), 0.8 * np.sin(phases + seed)) for seed in (1, 2, 3, 7)]
+    model = calibrate(days[:3], CalibrationSettings(identification=METHOD)).model
+    assert thermometer_doubts(model, days[3]) == {}
+    ((words, share),) = thermometer_doubts(model, off(days[3], 2.0 * (phases > np.pi))).items()
+    assert '2 contradict' in words
+    assert 0.45 < share < 0.5
 
 
 def test_one_thermometer_predicts_nothing(learn, make_day):
@@ -180,6 +224,8 @@ def test_a_model_file_keeps_predictions(learn, tmp_path):
     stored = save_model(path, calibration)
     for name, part in vars(calibration.model.prediction).items():
         np.testing.assert_array_equal(getattr(stored.model.prediction, name), part)
-    old = path.read_text('utf-8').replace('prediction:', 'of_no_version_before:')
-    path.write_text(old, 'utf-8')
+    text = path.read_text('utf-8')
+    path.write_text(text.replace('jump_k:', 'of_no_version_before:'), 'utf-8')
+    assert load_model(path).model.prediction.jump_k.min() > 100.0
+    path.write_text(text.replace('prediction:', 'of_no_version_before:'), 'utf-8')
     assert load_model(path).model.prediction is None

@@ -13,8 +13,12 @@ from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 
 #: Length of a bin, s: shorter ones hold noise, longer ones find a lie later.
 BIN_S = 60.0
-#: Errors are averaged over this many bins before they are compared with their limit.
+#: Errors are averaged over this many bins before they are compared with their limit, …
 AVERAGED_BINS = 5
+#: … and with their average over this many bins before those: what comes loose shows by a jump.
+EARLIER_BINS = 10
+#: Limit where the recordings have not shown one, K.
+NO_LIMIT_K = 1000.0
 
 
 def bin_cells(period_ns: int) -> int:
@@ -34,7 +38,10 @@ class Prediction:
     constant_c: FloatArray
     #: Largest error of the prediction, averaged over AVERAGED_BINS, of a healthy one, K, (J,).
     limit_k: FloatArray
-    #: Most that the others move while a healthy one stands still to the last bit, K, (J,).
+    #: Largest change of that error, from its average over the EARLIER_BINS before, K, (J,).
+    jump_k: FloatArray
+    #: Most that the prediction moves while a healthy one is silent, or the same to the last bit,
+    #: K, (J,).
     still_k: FloatArray
     #: Longest silence of a healthy one, s, (J,).
     silence_s: FloatArray
@@ -45,6 +52,7 @@ class Prediction:
         for name, shape in (
             ('gains', (thermometers, count, thermometers)),
             ('limit_k', (thermometers,)),
+            ('jump_k', (thermometers,)),
             ('still_k', (thermometers,)),
             ('silence_s', (thermometers,)),
         ):

@@ -4,26 +4,38 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, Prediction
+from wrist_ft_comp.drift.prediction import (
+    AVERAGED_BINS,
+    bin_cells,
+    EARLIER_BINS,
+    NO_LIMIT_K,
+    Prediction,
+)
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 
+#: Weights of errors, newest first: their average …
+_AVERAGE: FloatArray = np.full(AVERAGED_BINS, 1.0 / AVERAGED_BINS)
+#: … and how far it is from the average before.
+_CHANGE: FloatArray = np.append(_AVERAGE, np.full(EARLIER_BINS, -1.0 / EARLIER_BINS))
 #: Relaxations of the other thermometers, s: from none to what a robot's body remembers.
 TIME_CONSTANTS_S: FloatArray = np.array([0.0, 60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0])
 #: Strengths of the ridge, as shares of a column's variance; the best one held out is taken.
 _STRENGTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: A healthy thermometer is taken to err by up to this many times the largest error held out, …
-_ERROR_MARGIN = 5.0
+_ERROR_MARGIN = 6.0
 #: … and by at least this, K.
 _LEAST_LIMIT_K = 1.0
+#: Its error is taken to change by up to this many times the largest change held out, and by at
+#: least _LEAST_LIMIT_K: no healthy one did on 850 days of drawn worlds; by 3 times, two did.
+_JUMP_MARGIN = 3.5
 #: Fewer recordings have not shown how thermometers differ from day to day: of those that were
 #: learnt from one, some were off by up to 6 K on healthy days of drawn worlds.
 _FEWEST_RECORDINGS = 3
-#: Limit where that is not known, K.
-_NO_LIMIT_K = 1000.0
-#: The others move by at least this before one that stands still is taken for frozen, K.
-_LEAST_STILL_K = 3.0
-#: Margin of how far the others moved while a thermometer stood still.
-_STILL_MARGIN = 4.0
+#: The prediction moves by at least this before one that stands still is taken for frozen, K, …
+_LEAST_STILL_K = 0.5
+#: … by this many times what it moved by while a healthy one stood still, and by more than its
+#: error has changed. Without the latter, 4 of 1200 healthy ones of drawn worlds were replaced.
+_STILL_MARGIN = 3.0
 #: A thermometer is silent when it was not heard for this time, s, …
 _LEAST_SILENCE_S = 600.0
 #: … and for this many times its longest silence in the recordings.
@@ -51,21 +63,27 @@ def predict_each_other(
     held_out = [of_cells[::cells][: len(b)] for of_cells, b in zip(folds, binned, strict=True)]
     fold = np.concatenate(held_out)
     gains = np.zeros((thermometers, len(TIME_CONSTANTS_S), thermometers))
-    learnt = Prediction(TIME_CONSTANTS_S, gains, *np.zeros((4, thermometers)))
+    learnt = Prediction(TIME_CONSTANTS_S, gains, *np.zeros((5, thermometers)))
     bin_s = cells * recordings[0].period_s
     columns = np.concatenate([relaxed(learnt, values_c, bin_s) for values_c in binned])
     values_c = np.concatenate(binned)
+    ends = np.cumsum([len(b) for b in binned])[:-1]
     for j in range(thermometers):
         others = np.delete(columns, j, axis=2).reshape(len(columns), -1)
         error_k, of_others, constant_c = _fit(others, values_c[:, j], fold)
         gains[j] = np.insert(of_others.reshape(len(TIME_CONSTANTS_S), -1), j, 0.0, axis=1)
         learnt.constant_c[j] = constant_c
-        folded_k = [smooth(error_k[fold == number]) for number in np.unique(fold)]
-        largest_k = float(np.abs(np.concatenate(folded_k)).max())
-        limit_k = max(_LEAST_LIMIT_K, _ERROR_MARGIN * largest_k)
-        learnt.limit_k[j] = limit_k if len(recordings) >= _FEWEST_RECORDINGS else _NO_LIMIT_K
-        moved_k = max(_moved_while_still(values, j) for values in binned)
-        learnt.still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k)
+        errors_k = np.split(error_k, ends)
+        limit_k = max(_LEAST_LIMIT_K, _ERROR_MARGIN * _largest(_AVERAGE, errors_k))
+        changed_k = _largest(_CHANGE, errors_k)
+        jump_k = max(_LEAST_LIMIT_K, _JUMP_MARGIN * changed_k)
+        shown = len(recordings) >= _FEWEST_RECORDINGS
+        learnt.limit_k[j], learnt.jump_k[j] = (limit_k, jump_k) if shown else [NO_LIMIT_K] * 2
+        moved_k = max(
+            _moved_while_still(bins_c[:, j], of_bins_k, _heard(recording, cells)[:, j])
+            for recording, bins_c, of_bins_k in zip(recordings, binned, errors_k, strict=True)
+        )
+        learnt.still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k, changed_k)
         silence_s = max(_longest_silence(r.measured[:, j]) * r.period_s for r in recordings)
         learnt.silence_s[j] = max(_LEAST_SILENCE_S, _SILENCE_MARGIN * silence_s)
     return learnt
@@ -78,6 +96,13 @@ def _means(recording: Recording, cells: int) -> FloatArray:
     return np.asarray(binned_c.mean(axis=1))
 
 
+def _heard(recording: Recording, cells: int) -> BoolArray:
+    """Find the bins in which thermometers were heard, shape (n, J)."""
+    whole = len(recording) // cells * cells
+    binned = recording.measured[:whole].reshape(-1, cells, recording.thermometers)
+    return np.asarray(binned.any(axis=1))
+
+
 def relaxed(prediction: Prediction, values_c: FloatArray, bin_s: float) -> FloatArray:
     """Relax the temperatures of bins, (n, J), from rest at the first: (n, K, J)."""
     states = np.empty((len(values_c), len(prediction.time_constants_s), values_c.shape[1]))
@@ -85,12 +110,6 @@ def relaxed(prediction: Prediction, values_c: FloatArray, bin_s: float) -> Float
     for k, bin_c in enumerate(values_c):
         states[k] = state = prediction.relax(state, bin_c, bin_s)
     return states
-
-
-def smooth(error_k: FloatArray) -> FloatArray:
-    """Average errors over AVERAGED_BINS, or over all where there are fewer."""
-    width = min(AVERAGED_BINS, len(error_k))
-    return np.convolve(error_k, np.full(width, 1 / width), 'valid')
 
 
 def _fit(
@@ -121,13 +140,21 @@ def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[
     return gains, middle_c - float(mean @ gains)
 
 
-def _moved_while_still(values_c: FloatArray, j: int) -> float:
-    """Find how far others move, K, while a thermometer stands still from bin to bin."""
-    moved_k = 0.0
-    for first, last in _runs(np.diff(values_c[:, j]) == 0):
-        others = np.delete(values_c[first : last + 1], j, axis=1)
-        moved_k = max(moved_k, float(np.ptp(others, axis=0).max()))
-    return moved_k
+def _largest(weights: FloatArray, errors_k: Sequence[FloatArray]) -> float:
+    """Find the largest weighted sum of recordings, or of twice the errors of too short ones."""
+    sums_k = [
+        np.convolve(error_k, weights, 'valid') if len(error_k) >= len(weights) else 2.0 * error_k
+        for error_k in errors_k
+    ]
+    return float(np.abs(np.concatenate(sums_k)).max())
+
+
+def _moved_while_still(values_c: FloatArray, error_k: FloatArray, heard: BoolArray) -> float:
+    """Find how far the prediction moves, K, while a thermometer stands still or is silent."""
+    still = (np.diff(values_c) == 0) | ~heard[1:]
+    predicted_c = values_c - error_k
+    moved_k = [np.ptp(predicted_c[first : last + 1]) for first, last in _runs(still)]
+    return float(max(moved_k, default=0.0))
 
 
 def _longest_silence(measured: BoolArray) -> int:

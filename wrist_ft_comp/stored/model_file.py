@@ -17,7 +17,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.drift.prediction import NO_LIMIT_K, Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import axis_unit, FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
@@ -129,7 +129,7 @@ def _build_prediction(entries: Sequence[Document]) -> Prediction | None:
     if not all('prediction' in entry for entry in entries):
         return None
     parts = {
-        part.name: [entry['prediction'][part.name] for entry in entries]
+        part.name: [entry['prediction'].get(part.name, NO_LIMIT_K) for entry in entries]
         for part in fields(Prediction)
     }
     (time_constants_s, *others) = parts.pop('time_constants_s')

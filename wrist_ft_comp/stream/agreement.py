@@ -1,10 +1,11 @@
 """
 Thermometers that die or freeze: replaced by what the others predict of them.
 
-Bins of a minute are judged. One that is silent or stands still shows by itself. It is replaced by
-its prediction from the bin on in which that began, so that model and filters stay those of all
-thermometers. Of those that contradict each other, as where one came loose or two were exchanged,
-nobody can say surely which one lies, so that the contradiction is only said.
+Bins of a minute are judged. One that is silent or stands still while its prediction moves shows by
+itself. It is replaced by its prediction from the bin on in which that began, so that model and
+filters stay those of all thermometers. Of those that contradict each other, as where one came
+loose or two were exchanged, nobody can say surely which one lies, so that the contradiction is
+only said.
 """
 
 from collections.abc import Iterable
@@ -14,21 +15,24 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, start, step
-from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells
+from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, EARLIER_BINS
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, NANOSECONDS
 
 #: Bins that are kept, and so the longest time that a lie is followed back.
 _MOST_BINS = 360
 #: A thermometer that has agreed for this many bins is believed again.
 _AGREED_BINS = 30
-#: A thermometer agrees where its error is below this share of its limit.
+#: A thermometer agrees again where its error is below this share of its limit.
 _AGREES_SHARE = 0.4
 #: A thermometer that is believed again is approached with this time constant, s.
 _APPROACH_S = 300.0
 #: What is left of that is dropped below this, K.
 _APPROACHED_K = 1e-3
-#: Bins in a row with the same mean before a thermometer counts as standing still.
+#: Bins in a row without another mean before a thermometer counts as standing still.
 _STILL_BINS = 3
+#: A limit of errors grows by this many times itself where a thermometer is a calibrated range
+#: beyond the calibrated range: predictions are extrapolated there.
+_GROWTH_BEYOND = 3.0
 
 
 class Rewrite(NamedTuple):
@@ -84,6 +88,8 @@ class Agreement:
         #: Whose readings are believed, shape (n, J).
         self._trusted: BoolArray = np.zeros((0, self._thermometers), dtype=bool)
         self._bins = _Bins(self._readings, self._readings, np.zeros((0, 0)))
+        #: Average error before it jumped, K; NaN where it did not.
+        self._before_jump_k: FloatArray = np.full(self._thermometers, np.nan)
 
     @property
     def able(self) -> bool:
@@ -192,38 +198,41 @@ class Agreement:
         above_c = np.maximum(temperature_c, low_c - span_k)
         return np.asarray(np.minimum(above_c, high_c + span_k))
 
-    def _errors(self) -> FloatArray:
-        """Average the newest errors in units of their limits, (J,); NaN where not heard."""
-        assert self._prediction is not None and self._axis is not None  # noqa: S101, PT018
-        newest = slice(-AVERAGED_BINS, None)
-        error_k = (self._readings - self._bins.predicted_c)[newest]
-        heard = np.isfinite(error_k)
-        mean_k = np.where(heard, error_k, 0.0).sum(axis=0) / np.maximum(heard.sum(axis=0), 1)
-        beyond = self._axis.beyond_range(self._bins.believed_c[-1])
-        limit_k = self._prediction.limit_k * np.hypot(1.0, beyond)
-        return np.where(heard.any(axis=0), mean_k / limit_k, np.nan)
+    def _errors(self) -> tuple[FloatArray, FloatArray]:
+        """Average the newest errors, and those before them, K, (J,); NaN where not heard."""
+        error_k = self._readings - self._bins.predicted_c
+        before = slice(-AVERAGED_BINS - EARLIER_BINS, -AVERAGED_BINS)
+        return _mean(error_k[-AVERAGED_BINS:]), _mean(error_k[before])
 
     def _judge(self, heard: BoolArray) -> Rewrite | None:
         """Find who lies, or is to be believed again."""
-        assert self._prediction is not None  # noqa: S101 -- looked at by ``able``
-        error = self._errors()
-        self._believe_again(error, heard)
+        prediction = self._prediction
+        assert prediction is not None and self._axis is not None  # noqa: S101, PT018 -- ``able``
+        error_k, before_k = self._errors()
+        growth = 1.0 + _GROWTH_BEYOND * self._axis.beyond_range(self._bins.believed_c[-1])
+        share = np.abs(error_k) / (growth * prediction.limit_k)
+        self._believe_again(share, heard)
         others = [j for j in np.flatnonzero(heard).tolist() if j not in self.replaced]
         for j in range(len(heard)):
             if j in self.replaced or not set(others) - {j}:
                 continue
-            column = self._readings[:, j]
-            last_heard = np.flatnonzero(np.isfinite(column)).max(initial=-1)
-            silent = len(column) - 1 - int(last_heard)
-            if silent * self._bin_s > self._prediction.silence_s[j]:
-                return self._replace(j, silent, 'is silent')
-            still = self._still(j)
-            witnesses = self._readings[len(column) - still - 1 :, [i for i in others if i != j]]
-            moved_k = float(np.max(np.nanmax(witnesses, 0) - np.nanmin(witnesses, 0)))
-            if still >= _STILL_BINS and moved_k > self._prediction.still_k[j]:
-                why = f'stands still at {column[-1]:.1f} °C while another moved by {moved_k:.1f} K'
-                return self._replace(j, still + 1, why)
-        alarmed = np.flatnonzero(np.abs(error) > 1).tolist()
+            silent, still = self._quiet(j)
+            moved_k = float(np.ptp(self._bins.predicted_c[-still - 1 :, j]))
+            frozen = still >= _STILL_BINS and moved_k > prediction.still_k[j]
+            if frozen or silent * self._bin_s > prediction.silence_s[j]:
+                why = (
+                    f'stands still at {self._readings[-1, j]:.1f} °C while the others show that '
+                    f'it moved by {moved_k:.1f} K'
+                )
+                return self._replace(j, still + 1, 'is silent' if silent else why)
+        if len(self._readings) < AVERAGED_BINS + EARLIER_BINS:
+            return None
+        steady = np.isnan(self._before_jump_k)
+        before_k = np.where(steady, before_k, self._before_jump_k)
+        jump_k = np.where(steady, growth, growth * _AGREES_SHARE) * prediction.jump_k
+        jumped = np.abs(error_k - before_k) > jump_k
+        self._before_jump_k = np.where(jumped, before_k, np.nan)
+        alarmed = np.flatnonzero((share > 1) | jumped).tolist()
         self.doubt = ''
         if set(alarmed) & set(others):
             self.doubt = (
@@ -232,26 +241,29 @@ class Agreement:
             )
         return None
 
-    def _still(self, j: int) -> int:
-        """Count the bins at the end in which a thermometer read what it had read before."""
-        moved = np.flatnonzero(np.diff(self._readings[:, j]) != 0)
-        return len(self._readings) - 1 - (int(moved[-1]) + 1 if len(moved) else 0)
+    def _quiet(self, j: int) -> tuple[int, int]:
+        """Count the bins since a thermometer was heard, and since it read the same as before."""
+        column, last = self._readings[:, j], len(self._readings) - 1
+        heard = np.flatnonzero(np.isfinite(column))
+        if not len(heard):
+            return last + 1, last
+        other = np.flatnonzero(column[heard] != column[heard[-1]])
+        return last - int(heard[-1]), last - int(heard[other.max(initial=-1) + 1])
 
-    def _believe_again(self, error: FloatArray, heard: BoolArray) -> None:
+    def _believe_again(self, share: FloatArray, heard: BoolArray) -> None:
         """Count the bins in which replaced thermometers agree; believe those that did for long."""
         for j in list(self.replaced):
-            agrees = heard[j] and abs(error[j]) < _AGREES_SHARE
-            agrees = agrees and self._still(j) < _STILL_BINS
+            agrees = heard[j] and share[j] < _AGREES_SHARE
+            agrees = agrees and self._quiet(j)[1] < _STILL_BINS
             self._agreeing[j] = self._agreeing[j] + 1 if agrees else 0
             if self._agreeing[j] >= _AGREED_BINS:
                 del self.replaced[j]
-                bins = slice(-AVERAGED_BINS, None)
-                error_k = (self._readings - self._bins.predicted_c)[bins, j]
-                self._approach_k[j] = -np.nanmean(error_k)
+                self._approach_k[j] = -self._errors()[0][j]
 
     def _replace(self, j: int, bins: int, why: str) -> Rewrite:
         """Put predictions in the place of a thermometer, from some bins before on."""
         self.replaced[j], self.doubt = why, ''
+        self._before_jump_k = np.full(self._thermometers, np.nan)
         self._agreeing[j], self._approach_k[j] = 0, 0.0
         self._trusted[len(self._trusted) - bins :, j] = False
         self._bins = self._run(self._readings, self._trusted, None)
@@ -270,6 +282,13 @@ class Agreement:
         """Say which thermometers are not believed or contradict, and what the drift follows."""
         said = [f'{finding}; what the others predict of it is used' for finding in self.findings]
         return [*said, f'{self.doubt}; the drift follows them'] if self.doubt else said
+
+
+def _mean(error_k: FloatArray) -> FloatArray:
+    """Average errors of bins, (n, J), over those that are not NaN; NaN where there are none."""
+    heard = np.isfinite(error_k)
+    mean_k = np.where(heard, error_k, 0.0).sum(axis=0) / np.maximum(heard.sum(axis=0), 1)
+    return np.where(heard.any(axis=0), mean_k, np.nan)
 
 
 @dataclass(frozen=True, eq=False)

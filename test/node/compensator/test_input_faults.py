@@ -25,8 +25,8 @@ RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 AXES = {'force_z': (0.5, 0.0, 300.0)}
 #: Two thermometers that read the same.
 ALIKE = Prediction(
-    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2), *np.array([[1], [3], [600]])
-    * np.ones((3, 2)))  # fmt: skip
+    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2),
+    *np.array([[1], [1], [3], [600]]) * np.ones((4, 2)))  # fmt: skip
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
@@ -233,7 +233,7 @@ class TestTemperature:
         for second in range(20, 420):
             celsius = 30.0 + max(second - 60, 0) / 50
             node.warm(START + second * SECOND, celsius, min(celsius, 31.0))
-        words = 'thermometer 2 stands still at 31.0 °C while another moved by 3.'
+        words = 'thermometer 2 stands still at 31.0 °C while the others show that it moved by 3.'
         status = warns(node, 'temperature', words)
         assert status.message.endswith('what the others predict of it is used')
         assert status.values['thermometer_2_c'] == '31.00'
