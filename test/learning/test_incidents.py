@@ -82,7 +82,7 @@ def tared_behind_a_press(day, step):
 
 def pressed_from_then_on(day, step):
     free = day.drift.wrench.copy()
-    free[step.cell : step.cell + 60] = np.nan
+    free[step.cell : step.cell + 400] = np.nan
     return replace(day, drift=replace(day.drift, wrench=free))
 
 
@@ -99,6 +99,15 @@ def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(separated, before, ha
     day = separated(9, jump=5.0)
     day = harmless(day, *day.steps)
     assert incident(day, describe(day), before) == ('', '')
+
+
+def test_a_jump_beside_minutes_in_contact_is_named(separated, before):
+    day = separated(9, jump=5.0)
+    (step,) = day.steps
+    free = day.drift.wrench.copy()
+    free[step.cell - 120 : step.cell] = np.nan
+    day = replace(day, drift=replace(day.drift, wrench=free))
+    assert incident(day, describe(day), before)[0] == 'zero'
 
 
 def test_a_jump_that_matters_on_one_axis_is_named(separated, before):

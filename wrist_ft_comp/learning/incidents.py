@@ -48,9 +48,12 @@ _TARE_SHARE = 0.8
 _TARE_CELLS = 4
 #: A contact may hide the tare. In cells farther away the reading has to be below this share.
 _HIDDEN_TARE_SHARE = 0.3
-#: Least share of the cells on either side that has to be free of contact: what they do not confirm
-#: is a long press, or sudden heat.
-_LEAST_FREE = 0.1
+#: Fewest cells free of contact on either side: what they do not confirm is a long press, or sudden
+#: heat.
+_FEWEST_FREE = 6
+#: They are looked for at most this many cells away: beside a jump a running median is misplaced,
+#: and takes minutes for contact.
+_FAR_CELLS = 300
 #: Their change may differ from the jump by this share of it.
 _MOST_DIFFERENCE = 0.5
 #: A jump is a long press where another one undoes it but for this share.
@@ -267,12 +270,13 @@ def _is_tare(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
 
 def _is_confirmed(residual: FloatArray, step: Step, noise: FloatArray) -> bool:
     """Whether cells free of contact change as the step does; residuals are in units of noise."""
-    before = residual[max(0, step.cell - _NEAR_CELLS) : step.cell]
-    after = residual[step.cell : step.cell + _NEAR_CELLS]
-    if min(np.isfinite(part[:, 0]).mean() for part in (before, after)) < _LEAST_FREE:
+    free = np.flatnonzero(np.isfinite(residual[:, 0]))
+    free = free[np.abs(free - step.cell) <= _FAR_CELLS]
+    before, after = free[free < step.cell][-_NEAR_CELLS:], free[free >= step.cell][:_NEAR_CELLS]
+    if min(len(before), len(after)) < _FEWEST_FREE:
         return False
     jump = step.jump / noise
-    change = np.nanmedian(after, axis=0) - np.nanmedian(before, axis=0)
+    change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
     return bool(np.linalg.norm(change - jump) < _MOST_DIFFERENCE * np.linalg.norm(jump))
 
 
