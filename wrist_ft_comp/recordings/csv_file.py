@@ -271,7 +271,8 @@ class CsvRecording:
 
     def _last(self, line: int) -> CsvPiece | None:
         """Convert a last line without line end; None where it is what a power failure left."""
-        (row,) = self._rows([self._cut])
+        # Zeros are what a power failure may leave; before Python 3.11, csv refuses them.
+        (row,) = self._rows([self._cut.replace('\0', '?')])
         where = f'Line {line} of {self.path.name}'
         if _is_blank(row):
             return None
