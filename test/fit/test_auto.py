@@ -15,6 +15,7 @@ from wrist_ft_comp.fit.auto import (
     COMBINATION,
     identify_together,
 )
+from wrist_ft_comp.fit.axis_data import FOLDS
 from wrist_ft_comp.fit.model_building import anchored, build_axis_model, by_relaxation
 from wrist_ft_comp.fit.pool import GRID_S
 from wrist_ft_comp.fit.result import rms_by_fold
@@ -145,7 +146,7 @@ class TestEvidence:
         values = problem.residual[0]
         whole = np.sqrt(np.mean((values - values[:TARED].mean()) ** 2))
         assert fit.rms_before == pytest.approx(before.mean())
-        assert len(after) == 5
+        assert len(after) == FOLDS
         assert fit.rms_after == pytest.approx(after.mean() * np.sqrt(whole / before.mean()))
         assert whole > before.mean()
 
@@ -175,7 +176,7 @@ class TestGate:
 
     @pytest.mark.parametrize(('left', 'used'), [(1.0, 0.25), (1.3, 0.0), (0.8, 0.95), (0.1, 1.0)])
     def test_what_leaves_less_is_used_more(self, left, used):
-        (weights,) = _weigh([np.broadcast_to([[1.0, left], [left, left**2]], (3, 2, 2))], days=3)
+        (weights,) = _weigh([np.broadcast_to([[1.0, left], [left, left**2]], (3, 2, 2))])
         np.testing.assert_allclose(weights, [1 - used, used], atol=0.01)
 
     @pytest.mark.parametrize(('left', 'runs'), [(1.1, False), (0.99, False), (0.97, True)])

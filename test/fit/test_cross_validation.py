@@ -9,6 +9,7 @@ from wrist_ft_comp.drift.arx import relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.axis_data import FOLDS
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, unexplained
 from wrist_ft_comp.fit.result import rms_by_fold
@@ -97,9 +98,9 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
     fit = learn(recordings, method)
     held_out = fit.held_out
     before, after = rms_by_fold(held_out)
-    assert len(before) == (5 if count == 1 else count)
+    assert len(before) == (FOLDS if count == 1 else count)
     drift = [recording.wrench[:, 2] for recording in recordings]
-    folds = drift if count > 1 else np.split(drift[0], [144, 288, 432, 576])
+    folds = drift if count > 1 else np.split(drift[0], FOLDS)
     squares = [np.mean((fold - fold[:6].mean()) ** 2) for fold in folds]
     assert fit.rms_before == pytest.approx(np.mean(np.sqrt(squares)), rel=1e-9)
     whole = np.sqrt(np.mean((drift[0] - drift[0][:6].mean()) ** 2))
@@ -118,11 +119,11 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
 def test_a_fold_is_judged_by_a_model_that_never_saw_it(run):
     """What is added to the last fold alone can't be explained by a fit to the others."""
     recording = run(3)
-    last = np.arange(CELLS) >= CELLS * 4 // 5
+    last = np.arange(CELLS) >= CELLS - CELLS // FOLDS
     recording.wrench[:, 2] += np.where(last, 2.0 * np.sin(np.arange(CELLS) / 20), 0.0)
     held_out = learn([recording], 'pls').held_out
     assert rms_by_fold(held_out).after[-1] > 1.0
-    assert held_out.fold[-1] == 4
+    assert held_out.fold[-1] == FOLDS - 1
 
 
 def test_plateaus_of_a_chamber_test_keep_the_constant_of_the_others(make_recording):

@@ -158,7 +158,7 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
 
 def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 2 recordings was held out' in text('good')
-    assert 'cut into 5 blocks' in text('weak')
+    assert 'cut into 3 blocks' in text('weak')
     assert 'Each of the 8 plateaus was held out' in text('chamber')
 
 

@@ -52,6 +52,10 @@ COMBINATION = 'combination'
 _GATE = 16.0
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
+#: How steeply a candidate's weight falls with the logarithm of what it leaves, per fold.
+_SHARPNESS = 2.0
+#: Share of an axis' own errors in the evidence for its weights; the rest is that of all axes.
+_OWN_SHARE = 0.75
 #: Below every square, so that logarithms exist.
 _TINY = 1e-300
 #: Errors of an axis that never changes are rounding, up to this share of its readings.
@@ -239,7 +243,7 @@ def identify_together(
         held_out_logs.append(fold_logs)
         progress(number / len(body.folds))
     errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
-    weighed = _weigh([forms.cleaned for forms in errors], days=len(body.relaxed_c))
+    weighed = _weigh([forms.cleaned for forms in errors])
     weights = [
         _if_worthwhile(of_axis, forms.tared)
         for of_axis, forms in zip(weighed, errors, strict=True)
@@ -272,30 +276,26 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
-def _weigh(errors: Sequence[FloatArray], days: int) -> list[FloatArray]:
+def _weigh(errors: Sequence[FloatArray]) -> list[FloatArray]:
     """
     Weigh none and all candidates by their held-out forms, (folds, C, C), of every axis: (C,).
 
-    The weights are common to all axes, as their body is; the share of the correction that is used
-    is not. The mean of a logarithm over folds and axes is a geometric mean of errors: no day and
-    no axis outvotes the others.
+    The evidence is in part that of all axes, as their body is one. The mean of a logarithm over
+    folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
     """
     logs = np.array(
         [np.log(np.maximum(np.einsum('fii->fi', form), _TINY)).mean(axis=0) / 2 for form in errors]
     )
-    left = (logs - logs[:, :1]).mean(axis=0)
-    folds = max(len(form) for form in errors)
-    common = np.exp(-(2 * folds if days > 1 else folds) * (left - left[1:].min()))
-    common[0] = 0.0
-    common /= common.sum()
-    none: FloatArray = np.eye(len(common))[0]
-    after, before = (
-        [np.maximum(_root_mean_squares(weights, form), np.sqrt(_TINY)) for form in errors]
-        for weights in (common, none)
-    )
-    gained = np.array([np.mean(np.log(a / b)) for a, b in zip(after, before, strict=True)])
-    use = _gate(gained) * _gate(gained.mean())
-    return [share * common + (1 - share) * none for share in use]
+    left = logs - logs[:, :1]
+    left = _OWN_SHARE * left + (1 - _OWN_SHARE) * left.mean(axis=0)
+    steps = _SHARPNESS * max(len(form) for form in errors)
+    weights = np.exp(-steps * (left - left[:, 1:].min(axis=1, keepdims=True)))
+    weights[:, 0] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    after = [_root_mean_squares(*pair) for pair in zip(weights, errors, strict=True)]
+    gained = [np.log(np.maximum(rms, np.sqrt(_TINY))).mean() for rms in after] - logs[:, 0]
+    use = (_gate(gained) * _gate(gained.mean()))[:, np.newaxis]
+    return list(use * weights + (1 - use) * np.eye(weights.shape[1])[0])
 
 
 def _expected(weights: FloatArray, tared: FloatArray) -> float:
