@@ -32,8 +32,9 @@ _FEWEST_PLATEAUS, _MOST_PLATEAUS = 3, 12
 #: On a plateau temperature moves by less than this share of the smallest step between plateaus:
 #: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
 _STILL = 0.25
-#: Folds of time that a single recording is divided into: short ones are interpolated, and say
-#: little of another day, of which five left 1.1 times as much.
+#: Blocks of time that a single recording is divided into, to be held out in turn. A fit to the
+#: others interpolates a short one, which says little of another day: with five blocks instead of
+#: three, 1.1 times as much drift was left there.
 FOLDS = 3
 
 

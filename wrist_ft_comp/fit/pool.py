@@ -65,7 +65,7 @@ class RidgeBank:
         size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
         size = size * _DEGREE_PENALTY ** (-(powers - 1) / 2)
         scaled = normal[np.ix_(places, places)] * np.outer(size, size)
-        # Before numpy 2, a right side of one dimension less were several vectors.
+        # numpy 1 takes a right side with one dimension less for several vectors.
         right = (normal[places, -1] * size)[np.newaxis, :, np.newaxis]
         ridges = np.multiply.outer(self.strengths, np.eye(len(places)))
         gains = np.zeros((len(self.strengths), len(normal)))
