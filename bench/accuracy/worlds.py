@@ -1,7 +1,8 @@
 """
 Drift left on the next day, in worlds that nobody tuned on, against what a careful engineer does.
 
-``--before TREE`` also judges ``auto`` of another version, from its own tree, in the same worlds.
+``--before TREE`` also judges ``auto`` of another version, from its own tree, in the same worlds;
+``--more DAYS`` draws other worlds, in which ``auto`` is also judged after so many days more.
 
 ``python bench/accuracy/worlds.py`` draws the worlds from the last commit that touched how drift is
 learnt; ``--dev`` draws the ones to develop on. Learnt are some days, judged is another one, tared
@@ -12,7 +13,7 @@ bootstrapped over worlds. ``family(name, seed)`` of ``worlds_drawn`` draws a sin
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 import os
 from pathlib import Path
@@ -39,7 +40,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: The folders that decide how drift is learnt: their last commit draws the worlds.
 LEARNING = ('fit', 'payload')
 DEVELOPMENT_SEED = 1000
-AUTO, BEFORE, TRUTH = 'auto', 'auto before', 'the truth'
+AUTO, MORE, BEFORE, TRUTH = 'auto', 'auto, more', 'auto before', 'the truth'
 METHODS = (*PEERS, AUTO, TRUTH)
 #: Tree of the version that is judged as ``auto before``.
 BEFORE_TREE = 'WORLDS_BEFORE_TREE'
@@ -133,8 +134,9 @@ def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
         print(f'{name:16}{cells}')
     if AUTO in results and peer in results:
         print(f'{AUTO} by {peer}: ' + ratios(results[AUTO].left, results[peer].left))
-    if AUTO in results and BEFORE in results:
-        print(f'{AUTO} by {BEFORE}: ' + ratios(results[AUTO].left, results[BEFORE].left))
+    for ours, theirs in ((AUTO, BEFORE), (MORE, AUTO)):
+        if ours in results and theirs in results:
+            print(f'{ours} by {theirs}: ' + ratios(results[ours].left, results[theirs].left))
     for name in (AUTO, BEFORE):
         if name in results and np.isfinite(results[name].kept).any():
             print(f'{name}, left by claimed: {claims(results[name])}')
@@ -212,6 +214,11 @@ def by_auto(world: World) -> Answer:
     return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)), limits)
 
 
+def by_more(world: World) -> Answer:
+    """Calibrate with all days that there are."""
+    return by_auto(replace(world, learn=world.learn + world.more))
+
+
 def by_other_tree(world: World) -> Answer:
     """Calibrate with ``auto`` of another version, in a process of its own."""
     return Answer(*OtherTree.at(os.environ[BEFORE_TREE]).answer(world))
@@ -230,14 +237,14 @@ def by_truth(world: World) -> Answer:
 
 def answerer(method: str) -> Callable[[World], Answer]:
     """Find a method by its name."""
-    ours = {AUTO: by_auto, BEFORE: by_other_tree, TRUTH: by_truth}
+    ours = {AUTO: by_auto, MORE: by_more, BEFORE: by_other_tree, TRUTH: by_truth}
     return ours.get(method) or partial(by_peer, PEERS[method])
 
 
-def drawn(name: str, seed: int) -> World:
+def drawn(name: str, seed: int, more: int) -> World:
     """Draw a world of a family, or of a scenario of the package's own simulator."""
     if name in FAMILIES:
-        return family(name, seed)
+        return family(name, seed, more)
     learn, judge, truth = SCENARIOS[name](seed)
     whole = np.zeros_like(judge.wrench)
     whole[:, 2] = truth
@@ -252,11 +259,11 @@ def left_of(world: World, answer: Answer) -> FloatArray:
 
 
 def judge(
-    task: tuple[str, int, tuple[str, ...]],
+    task: tuple[str, int, tuple[str, ...], int],
 ) -> list[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """Judge all methods in one world: share left, left and peak by claimed, and seconds."""
-    name, seed, methods = task
-    world = drawn(name, seed)
+    name, seed, methods, more = task
+    world = drawn(name, seed, more)
     raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.judge.wrench), np.zeros(6))))
     rows = []
     for method in methods:
@@ -337,6 +344,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
     parser.add_argument('--before', type=Path, help='tree of a version to judge beside this one')
+    parser.add_argument('--more', type=int, default=0, help='days beyond those of the families')
     parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument('--no-real', action='store_true', help='drawn worlds only')
     parser.add_argument('--picture', type=Path, help='empirical distributions')
@@ -350,12 +358,15 @@ def main() -> None:
     if options.before:
         os.environ[BEFORE_TREE] = str(options.before.resolve())
         options.methods = [*options.methods, BEFORE]
+    if options.more:
+        options.methods = [*options.methods, MORE]
     results: dict[str, dict[str, Result]] = {}
     with ProcessPoolExecutor(options.jobs) as pool:
         for name in options.families:
             title = FAMILIES[name].title if name in FAMILIES else f'scenario: {name}'
             tasks = [
-                (name, first + number, tuple(options.methods)) for number in range(options.worlds)
+                (name, first + number, tuple(options.methods), options.more)
+                for number in range(options.worlds)
             ]
             rows = list(pool.map(judge, tasks))
             results[title] = {

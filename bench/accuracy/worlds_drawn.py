@@ -7,7 +7,7 @@ Worlds to learn from and to be judged on, drawn by seed.
 and its reference; the drift is raw minus reference. ``FAMILIES`` names the families.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from thermal_networks import (
@@ -49,6 +49,8 @@ class World:
     judge: Recording
     truth: FloatArray
     reference: Reference = 'recorded'
+    #: What nobody learns from who has ``learn`` only.
+    more: list[Recording] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -209,7 +211,7 @@ def shift_of(rng: np.random.Generator, learnt: FloatArray, judged: FloatArray) -
     return float(learnt.min() - judged.min()) - beyond if side < 0.6 else 0.0
 
 
-def family(name: str, seed: int) -> World:
+def family(name: str, seed: int, more: int = 0) -> World:
     """
     Draw a world of a family.
 
@@ -219,6 +221,8 @@ def family(name: str, seed: int) -> World:
         One of FAMILIES.
     seed : int
         Any; the same one gives the same world.
+    more : int
+        Days beyond those of the family; another number gives another day to be judged on.
 
     Returns
     -------
@@ -239,16 +243,17 @@ def family(name: str, seed: int) -> World:
     gauges = draw_gauges(rng, body, kind.body)
     tau_s = between(rng, 60.0, 2400.0)
     days: list[tuple[FloatArray, FloatArray]] = []
-    for number in range(kind.days + 1):
-        seconds = int(3600 * (kind.hours if number < kind.days else 2.5))
+    for number in range(kind.days + more + 1):
+        last = number == kind.days + more
+        seconds = int(3600 * (2.5 if last else kind.hours))
         night, day = draw_day(rng, body, sources, seconds)
         if kind.unequal and number < kind.days:
             heat = UNEQUAL[number] * rng.uniform(0.7, 1.0)
             base_c = float(day[0].mean())
             night, day = (base_c + heat * (values_c - base_c) for values_c in (night, day))
-        if number == kind.days:
+        if last:
             node = thermometers.nodes[0]
-            learnt = np.concatenate([earlier[:, node] for _, earlier in days])
+            learnt = np.concatenate([earlier[:, node] for _, earlier in days[: kind.days]])
             shift = shift_of(rng, learnt, day[:, node])
             night, day = night + shift, day + shift
         days.append((night, day))
@@ -261,4 +266,5 @@ def family(name: str, seed: int) -> World:
             slept = lag(seen, tau_s, seen[0], NIGHT_STEP_S)[-1]
             felt = lag(np.repeat(day[:, thermometers.nodes], body.nodes, axis=1), tau_s, slept)
         recorded.append(record(rng, gauges, readings, felt, int(kind.loaded)))
-    return World([recording for recording, _ in recorded[:-1]], *recorded[-1])
+    learn = [recording for recording, _ in recorded[:-1]]
+    return World(learn[: kind.days], *recorded[-1], more=learn[kind.days :])

@@ -31,6 +31,21 @@ LOOPBACK_UDP = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(ROOT / 'bench/loopback.xml'),
 }
+#: Participants of one process find one another as those of several do: by Fast DDS's shortcut within
+#: a process, one in ten that joined while a subscription was made never learnt of it. They announce
+#: themselves five times a second, not every 3 s.
+PROFILES = """\
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <library_settings><intraprocess_delivery>USER_DATA_ONLY</intraprocess_delivery></library_settings>
+  <profiles>
+    <participant profile_name="test" is_default_profile="true">
+      <rtps><builtin><discovery_config>
+        <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+      </discovery_config></builtin></rtps>
+    </participant>
+  </profiles>
+</dds>
+"""
 
 
 @pytest.fixture(scope='session')
@@ -46,6 +61,9 @@ def ros_domain(tmp_path_factory):
         domain = _reserve_domain(stack)
         environment.setenv('ROS_DOMAIN_ID', str(domain))
         environment.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        profiles = logs / 'profiles.xml'
+        profiles.write_text(PROFILES)
+        environment.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles))
         environment.setenv('ROS_HOME', str(logs))
         environment.setenv('ROS_LOG_DIR', str(logs))
         yield domain
