@@ -31,9 +31,9 @@ LOOPBACK_UDP = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(ROOT / 'bench/loopback.xml'),
 }
-#: Participants of one process find one another as those of several do: by Fast DDS's shortcut within
-#: a process, one in ten that joined while a subscription was made never learnt of it. They announce
-#: themselves five times a second, not every 3 s.
+#: Participants of one process find one another as those of several do: by the shortcut that Fast
+#: DDS has within a process, one in ten that joined while a subscription was made never learnt of
+#: it. They announce themselves five times a second, not every 3 s.
 PROFILES = """\
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <library_settings><intraprocess_delivery>USER_DATA_ONLY</intraprocess_delivery></library_settings>
