@@ -12,7 +12,7 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 MODULE = 'wrist_ft_comp.node.compensator'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-#: When the node is back, s after the start.
+#: When the node is back, s after the start: it may move the drift by a newton a second.
 BACK = 130
 
 
