@@ -10,13 +10,14 @@ killed, a lie of the thermometer would show. Stamps run SPEED times faster than 
 
 import argparse
 from contextlib import closing
+import itertools
 from pathlib import Path
 import time
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from restart import LONGEST_GAP_S, SAVE_PERIOD_S, SPEED, START_NS
+from restart import LONGEST_GAP_S, LOOK_NS, SAVE_PERIOD_S, SPEED, START_NS
 from sensor_msgs.msg import Temperature
 from stand import COLD_C, GAINS, make_model, message, NODE, NOISE, Stand, tell
 
@@ -27,7 +28,7 @@ from wrist_ft_comp.stored.state_file import load_state
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 #: Length of a day, s, and of what the model is learnt from.
-DAY_S, LEARNT_S = 2400, 10_800
+DAY_S, LEARNT_S = 1800, 10_800
 #: When the second thermometer freezes, s of stamps.
 FREEZES_S = (600, 900)
 #: Shortest and longest life, s of stamps.
@@ -66,6 +67,7 @@ class Day:
     def __init__(self, stand: Stand, celsius: FloatArray) -> None:
         self._stand, self._celsius = stand, celsius
         self.heard: dict[int, float] = {}
+        self._messages = 0
         stand.node.create_subscription(WrenchStamped, f'/{NODE}/drift', self._note, 1000)
         self._talkers: list[Any] = [
             stand.talker.create_publisher(Temperature, topic, 100)
@@ -73,25 +75,35 @@ class Day:
         ]
 
     def _note(self, drift: Any) -> None:
+        self._messages += 1
         second = drift.header.stamp.sec - START_NS // NANOSECONDS
         self.heard[second] = drift.wrench.force.z
 
-    def live(self, first: int, life_s: int) -> int:
-        """Start the node, kill it some seconds of the day after it is heard; give the next one."""
-        known = len(self.heard)
+    def _send(self, at_ns: int) -> None:
+        both_c = self._celsius[at_ns // NANOSECONDS]
+        for talker, celsius in zip(self._talkers, both_c, strict=True):
+            talker.publish(message(START_NS + at_ns, (celsius, 0.0)))
+
+    def live(self, first: int, end: int) -> None:
+        """Start the node, let it live through some seconds of the day, and kill it."""
+        before = self._messages
+        # New stamps with every look: nobody knows which of them is the first to be received.
+        looks = itertools.count(first * NANOSECONDS, LOOK_NS)
+        reached_ns = 0
+
+        def is_heard() -> bool:
+            nonlocal reached_ns
+            reached_ns = next(looks)
+            self._send(reached_ns)
+            return self._messages > before + 1  # the first one is of the state
+
         self._stand.start_node()
-        self._stand.wait(lambda: self._stand.ready('tare'), 'the node')
-        begun, end = time.monotonic(), DAY_S
-        for second in range(first, DAY_S):
-            if end == DAY_S and len(self.heard) > known:
-                end = second + life_s
-            if second >= end:
-                break
-            time.sleep(max(0.0, begun + (second - first) / SPEED - time.monotonic()))
-            for talker, celsius in zip(self._talkers, self._celsius[second], strict=True):
-                talker.publish(message(START_NS + second * NANOSECONDS, (celsius, 0.0)))
+        self._stand.wait(is_heard, 'the drift of the node')
+        begun, following = time.monotonic(), reached_ns // NANOSECONDS + 1
+        for second in range(following, end):
+            time.sleep(max(0.0, begun + (second - following) / SPEED - time.monotonic()))
+            self._send(second * NANOSECONDS)
         self._stand.end_node()
-        return second + 1
 
 
 def healthy(model: Any, celsius: FloatArray) -> FloatArray:
@@ -116,7 +128,7 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
     )  # fmt: skip
     kills = days = named = 0
     broken: list[str] = []
-    shares, steps_n, errors_n = [], [], []
+    shares, steps_n, healthy_n, errors_n = [], [], [], []
     while kills < arguments.kills:
         celsius, _ = warmth(rng, DAY_S)
         never_n, frozen = healthy(model, celsius), int(rng.integers(*FREEZES_S))
@@ -124,8 +136,9 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
         data = folder / f'day_{days}'
         with closing(Stand(data, *given)) as stand:
             day, first = Day(stand, celsius), 0
-            while first < DAY_S and kills < arguments.kills:
-                end = day.live(first, int(rng.integers(*LIFE_S)))
+            while first < DAY_S - LIFE_S[0] and kills < arguments.kills:
+                end = min(first + int(rng.integers(*LIFE_S)), DAY_S)
+                day.live(first, end)
                 kills += 1
                 try:
                     load_state(data / 'state.json')
@@ -137,6 +150,7 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
         drift = np.array([day.heard[second] for second in seconds])
         steps_n += np.abs(np.diff(drift)).tolist()
         shares += (np.abs(np.diff(drift)) / (allowed_n_s * np.diff(seconds))).tolist()
+        healthy_n += np.abs(np.diff(never_n)).tolist()
         errors_n += np.abs(drift - never_n[seconds])[-COMPARED:].tolist()
         print(f'{kills} kills, largest step {max(steps_n):.3f} N', flush=True)
     figures = {
@@ -144,6 +158,7 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
         'days': days,
         'days on which the frozen thermometer was named': named,
         'largest step of the drift, N': round(max(steps_n), 4),
+        'of a healthy stream, N': round(max(healthy_n), 4),
         'as a share of what the rate allows': round(max(shares), 4),
         'off from a healthy stream at the end of a day, N, median and largest': [
             round(float(np.median(errors_n)), 4), round(max(errors_n), 4),

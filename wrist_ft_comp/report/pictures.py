@@ -38,8 +38,10 @@ _DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
 _THERMOMETER_STYLES = ('-', '--', '-.', ':')
 _DOTS: dict[str, Any] = {'ls': '', 'marker': 'o', 'ms': 2.2, 'mew': 0, 'color': WITH}
 _CROSSES: dict[str, Any] = {'ls': '', 'marker': 'x', 'ms': 3.2, 'mew': 0.8, 'color': WITHOUT}
-#: Width and height of an SVG, inches.
+#: Width and height of an SVG, inches, and what labels of its axes and a row of a legend take. To
+#: let matplotlib find that out takes longer than all else of a picture.
 _SIZE = (4.6, 2.7)
+_LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN, _ROW_IN = 1.0, 0.25, 0.5, 0.1, 0.21
 #: Parts of a line; of every part the lowest and the highest point are drawn.
 _BUCKETS = 240
 #: Most points of a cloud.
@@ -177,7 +179,12 @@ def thin_out(x: FloatArray, y: FloatArray, buckets: int) -> tuple[FloatArray, Fl
 
 def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Prepare a picture with one pair of axes."""
-    figure = Figure(figsize=_SIZE, layout='constrained')
+    width, height = _SIZE
+    figure = Figure(figsize=_SIZE)
+    figure.subplots_adjust(
+        left=_LEFT_IN / width, right=1 - _RIGHT_IN / width,
+        bottom=_BOTTOM_IN / height, top=1 - _TOP_IN / height,
+    )  # fmt: skip
     panel = figure.add_subplot()
     panel.set_xlabel(x_label)
     panel.set_ylabel(y_label)
@@ -199,18 +206,21 @@ def _panel_of_parts(y_label: str, hours: FloatArray, part: IntArray) -> tuple[Fi
 
 
 def _thermometer_lines(panel: Axes, x: FloatArray, columns: FloatArray, part: IntArray) -> None:
-    """Draw a line per thermometer, (n, J)."""
+    """Draw a line per thermometer, (n, J); a legend of many begins with the word only."""
     styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
+    many = columns.shape[1] > 2
     for j, (values, (colour, style)) in enumerate(zip(columns.T, styles, strict=False), start=1):
-        label = f'thermometer {j}'
+        label = f'{j}' if many and j > 1 else f'thermometer {j}'
         _line(panel, x, values, part, color=colour, ls=style, lw=1.4, label=label)
-    _legend(panel, columns=min(columns.shape[1], 3))
+    _legend(panel, columns=4 if many else 2)
 
 
 def _legend(panel: Axes, columns: int = 2) -> None:
     """Put the legend above the picture, where it hides nothing."""
+    rows = -(-len(panel.get_legend_handles_labels()[0]) // columns)
+    panel.figure.subplots_adjust(top=1 - (_TOP_IN + rows * _ROW_IN) / _SIZE[1])
     panel.legend(
-        loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=columns, frameon=False,
+        loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False,
         borderaxespad=0.1, handlelength=2.4, markerscale=1.5,
     )  # fmt: skip
 

@@ -31,6 +31,7 @@ _MAX_DEPTH = 30
 _MAX_EVENTS = 100_000
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: What is written of an axis.
 _KEPT = (
     'chosen', 'unit', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
@@ -249,11 +250,11 @@ def _thermometers(calibration: 'Calibration') -> list[Document]:
     return entries
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(_DUMPER):  # type: ignore[misc]
     """Safe YAML with vectors on one line."""
 
 
-def _represent_list(dumper: _Dumper, data: list[Any]) -> yaml.Node:
+def _represent_list(dumper: _Dumper, data: list[Any]) -> Any:
     """Write lists of plain values on one line."""
     flat = not any(isinstance(item, (list, dict, str)) for item in data)
     return dumper.represent_sequence('tag:yaml.org,2002:seq', data, flow_style=flat)
