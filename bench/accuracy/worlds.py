@@ -276,9 +276,9 @@ def judge(
     return rows
 
 
-def report_seed() -> int:
-    """Make a seed of the last commit that touched how drift is learnt."""
-    paths = [f'wrist_ft_comp/{room}' for room in LEARNING]
+def report_seed(*more: str) -> int:
+    """Make a seed of the last commit that touched how drift is learnt, or ``more`` folders."""
+    paths = [f'wrist_ft_comp/{room}' for room in (*LEARNING, *more)]
     command = ['git', 'log', '-1', '--format=%H', '--', *paths]
     commit = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
     changed = ['git', 'status', '--porcelain', '--', *paths]

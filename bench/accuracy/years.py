@@ -325,7 +325,7 @@ def main() -> None:
     parser.add_argument('--picture', type=Path, help='of the first year')
     parser.add_argument('--incidents', action='store_true', help='look at incidents only')
     options = parser.parse_args()
-    first = options.first or (DEVELOPMENT_SEED if options.dev else report_seed())
+    first = options.first or (DEVELOPMENT_SEED if options.dev else report_seed('learning'))
     seeds, years = range(first, first + options.years), []
     with ProcessPoolExecutor(options.jobs) as pool:
         if options.incidents:

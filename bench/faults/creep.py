@@ -193,7 +193,7 @@ def main() -> None:
     parser.add_argument('--years', type=int, default=3)
     parser.add_argument('--days', type=int, default=7, help='per year')
     options = parser.parse_args()
-    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    first = DEVELOPMENT_SEED if options.dev else report_seed('learning')
     named = defaultdict[tuple[str, float], list[list[Finding]]](list)
     harm = defaultdict[float, list[float]](list)
     for seed in range(first, first + options.years):

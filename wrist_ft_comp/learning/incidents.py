@@ -56,8 +56,8 @@ _FEWEST_FREE = 6
 _FAR_CELLS = 300
 #: Their change may differ from the jump by this share of it.
 _MOST_DIFFERENCE = 0.5
-#: A jump is a long press where another one undoes it but for this share: contacts beside it displace
-#: both by up to 0.16.
+#: A jump is a long press where another one undoes it but for this share; contacts beside their
+#: ends make them differ by up to 0.16.
 _UNDONE_SHARE = 0.3
 #: A jump is the weight of a part where it differs from that by less than this share.
 _SAME_WEIGHT_SHARE = 0.2
