@@ -99,7 +99,7 @@ def make_working_day(make_recording, warm_up):
     """Work for some cells of 1 s: poses of 3 to 9 s, a part in every other minute, contacts."""
 
     def make(  # noqa: PLR0913 -- a factory names what it can vary
-        seed=0, cells=1800, *, part=True, contacts=0.15, noise=0.05, tare_at=None, poses=None
+        seed=0, cells=1200, *, part=True, contacts=0.15, noise=0.05, tare_at=None, poses=None
     ):
         rng = np.random.default_rng([13, seed])
         n = np.arange(cells)

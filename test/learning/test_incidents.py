@@ -80,6 +80,12 @@ def tared_behind_a_press(day, step):
     return with_raw(day, raw)
 
 
+def pressed_for_a_while(day, step):
+    raw = day.recording.wrench.copy()
+    raw[step.cell + 120 :] -= step.jump
+    return with_raw(day, raw)
+
+
 def pressed_from_then_on(day, step):
     free = day.drift.wrench.copy()
     free[step.cell : step.cell + 400] = np.nan
@@ -93,7 +99,8 @@ def jumped_further(day, step):
 
 
 @pytest.mark.parametrize(
-    'harmless', [tared, tared_behind_a_press, pressed_from_then_on, jumped_further]
+    'harmless',
+    [tared, tared_behind_a_press, pressed_for_a_while, pressed_from_then_on, jumped_further],
 )
 def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(separated, before, harmless):
     day = separated(9, jump=5.0)

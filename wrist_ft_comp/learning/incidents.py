@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from itertools import chain, permutations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from wrist_ft_comp.learning.creep import TIME_CONSTANTS_S
 from wrist_ft_comp.learning.day import Day, longest_stills
@@ -56,8 +57,8 @@ _FEWEST_FREE = 6
 _FAR_CELLS = 300
 #: Their change may differ from the jump by this share of it.
 _MOST_DIFFERENCE = 0.5
-#: A jump is a long press where another one undoes it but for this share; contacts beside their
-#: ends make them differ by up to 0.16.
+#: A jump is a long press where the reading steps back but for this share; contacts beside its ends
+#: make them differ by up to 0.16.
 _UNDONE_SHARE = 0.3
 #: A jump is the weight of a part where it differs from that by less than this share.
 _SAME_WEIGHT_SHARE = 0.2
@@ -211,8 +212,9 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     present = [axis in recording.axes_present for axis in AXES]
     raw = recording.wrench[:, present]
     drift_rms = np.array(entry.left[NONE])[np.isfinite(entry.left[NONE])]
-    residual = (recording.wrench - day.drift.reference - drift)[:, present] / noise
-    residual[np.isnan(day.drift.wrench[:, present])] = np.nan
+    reading = (recording.wrench - day.drift.reference - drift)[:, present] / noise
+    free = np.isfinite(day.drift.wrench[:, present])
+    residual = np.where(free, reading, np.nan)
     parked: Incident | None = None
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
         is_loud = np.linalg.norm(step.jump / noise) > _LEAST_JUMP_SIGMA
@@ -227,7 +229,7 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
                 )
                 parked = CONTACTS, sentence
                 continue
-            if _is_undone(step, day.steps, noise):
+            if _is_undone(reading, step, noise):
                 continue
             return ZERO, (
                 f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
@@ -236,10 +238,12 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     return parked
 
 
-def _is_undone(step: Step, steps: Sequence[Step], noise: FloatArray) -> bool:
-    """Whether another step undoes a step, as a press of half an hour ends as it begins."""
-    both = [np.linalg.norm((step.jump + other.jump) / noise) for other in steps]
-    return bool(min(both) < _UNDONE_SHARE * np.linalg.norm(step.jump / noise))
+def _is_undone(reading: FloatArray, step: Step, noise: FloatArray) -> bool:
+    """Whether the reading, in units of noise, steps back, as a press of half an hour ends."""
+    level = np.median(sliding_window_view(reading, _NEAR_CELLS, axis=0), axis=-1)
+    jump = step.jump / noise
+    missed = np.linalg.norm(level[_NEAR_CELLS:] - level[:-_NEAR_CELLS] + jump, axis=1)
+    return bool((missed < _UNDONE_SHARE * np.linalg.norm(jump)).any())
 
 
 def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
