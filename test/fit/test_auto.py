@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.auto import (
-    _candidate_errors,
     _gate,
     _if_worthwhile,
     _model,
@@ -117,7 +116,7 @@ class TestEvidence:
         features = replace(made.features, lower_c=range_c.min(axis=0), upper_c=range_c.max(axis=0))
         for n, axis in enumerate(made.axes):
             data, shape = axis.data, (len(GRID_S), axis.moments.inputs)
-            errors = _candidate_errors(axis, n, dict.fromkeys(axis.forms, held_out)).tared[1]
+            errors = list(made.errors(1, held_out))[n].tared
             left = []
             for theta in held_out[n]:
                 gains = by_relaxation(theta[:-1], *shape, loaded=axis.binned.loaded)

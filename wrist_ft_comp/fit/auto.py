@@ -6,7 +6,7 @@ average: one model with a bank of relaxations. docs/algorithm.md says why each p
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -104,21 +104,27 @@ def _kinds(highest: int, thermometers: int) -> list[Kind]:
     return kinds
 
 
-class HeldOutForms(NamedTuple):
-    """Mean square error in a fold as quadratic forms of gains: start set aside, and tared."""
+class FoldErrors(NamedTuple):
+    """What none and all candidates, fitted to the other folds, leave of a fold of an axis."""
 
+    recording: int
+    fold: int
+    #: Middle of every bin that has a sample, in cells of the recording, (n,).
+    cells: FloatArray
+    #: Tared, (n, C).
+    left: FloatArray
+    #: Mean square as a quadratic form of the candidates' weights, start set aside, (C, C).
     cleaned: FloatArray
+    #: The same, tared.
     tared: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Axis:
-    """An axis of the body: its bins, its moments, and its errors fold by fold."""
+class Axis(NamedTuple):
+    """An axis of the body: its data, its bins and its moments."""
 
     data: AxisData
     binned: BinnedData
     moments: Moments
-    forms: dict[int, HeldOutForms]
 
 
 class Body:
@@ -135,49 +141,44 @@ class Body:
             np.stack([free_run(lag, temperature_c) for lag in relaxations], axis=1)
             for temperature_c in self.bins.temperature_c
         ]
-        self.inputs = [self._expand(self.features, i) for i in range(len(self.relaxed_c))]
+        self.inputs = [_columns(self.features, relaxed_c) for relaxed_c in self.relaxed_c]
         self.axes = [
-            Axis(data, bins, accumulate(bins, self.inputs, len(GRID_S)), {})
+            Axis(data, bins, accumulate(bins, self.inputs, len(GRID_S)))
             for data, bins in zip(axes, binned, strict=True)
         ]
         self.folds = np.unique(np.concatenate(self.bins.folds)).tolist()
-        for fold in self.folds:
-            for design, axis in self.designs(fold):
-                if len(design):
-                    axis.forms[fold] = HeldOutForms(
-                        _cleaned_form(design, self.bins.period_s),
-                        _form(tare(design, self.bins.period_s)),
-                    )
 
-    def _expand(self, features: Features, recording: int) -> FloatArray:
-        """Compute the pool's columns, without load, of a recording, (n, K·F)."""
-        relaxed_c = self.relaxed_c[recording]
-        return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
-
-    def recording_of(self, fold: int) -> int:
-        """Find the recording that a fold is of."""
-        return next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
-
-    def designs(self, fold: int) -> Iterator[tuple[FloatArray, 'Axis']]:
+    def errors(self, fold: int, gains: Sequence[FloatArray]) -> Iterator[FoldErrors | None]:
         """
-        Draw columns and r - w of a fold, (n, P + 1), of every axis.
+        Compute what gains of the pool, (C, P + 1) of every axis, leave of a fold.
 
         The features are those that a fit to the other folds would run with: their range is what
-        the others saw. No row where an axis has no sample.
+        the others saw. None where an axis has no sample.
         """
         #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
-        i = self.recording_of(fold)
+        i = next(i for i, folds in enumerate(self.bins.folds) if (folds == fold).any())
         pairs = zip(self.bins.temperature_c, self.bins.folds, strict=True)
         others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
         lower_c, upper_c = others_c.min(axis=0), others_c.max(axis=0)
-        x = self._expand(replace(self.features, lower_c=lower_c, upper_c=upper_c), i)
-        for axis in self.axes:
+        features = replace(self.features, lower_c=lower_c, upper_c=upper_c)
+        inside = self.bins.folds[i] == fold
+        of_fold = _columns(features, self.relaxed_c[i][inside])
+        for axis, of_axis in zip(self.axes, gains, strict=True):
             sums = axis.binned.sums[i]
-            rows = (axis.binned.folds[i] == fold) & (sums.count > 0)
+            rows = inside & (sums.count > 0)
+            if not rows.any():
+                yield None
+                continue
             count = sums.count[rows, np.newaxis]
             w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
-            load = (w * x[rows], w) if axis.binned.loaded else ()
-            yield np.concatenate((x[rows], *load, y), axis=1), axis
+            x = of_fold[rows[inside]]
+            load = (w * x, w) if axis.binned.loaded else ()
+            left = np.concatenate((x, *load, y), axis=1) @ of_axis.T
+            tared = tare(left, self.bins.period_s)
+            middle = (np.flatnonzero(rows) + 0.5) * self.bins.cells - 0.5
+            yield FoldErrors(
+                i, fold, np.minimum(middle, len(axis.data.residual[i]) - 1), tared,
+                _cleaned_form(left, self.bins.period_s), _form(tared))  # fmt: skip
 
     def fit(
         self, skip: int | None, starts: Mapping[Kind, FloatArray]
@@ -211,22 +212,26 @@ class Body:
         return [np.concatenate(of_axis) for of_axis in gains], logs
 
 
-def _form(design: FloatArray) -> FloatArray:
-    """Mean square of a combination of columns, as a quadratic form of its gains."""
-    return np.asarray(design.T @ design / len(design))
+def _columns(features: Features, relaxed_c: FloatArray) -> FloatArray:
+    """Compute the pool's columns, without load, of relaxed temperatures (n, K, J): (n, K·F)."""
+    return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
 
 
-def _cleaned_form(design: FloatArray, period_s: float) -> FloatArray:
+def _form(left: FloatArray) -> FloatArray:
+    """Mean square of an average of errors, (n, C), as a quadratic form of its weights."""
+    return np.asarray(left.T @ left / len(left))
+
+
+def _cleaned_form(left: FloatArray, period_s: float) -> FloatArray:
     """Mean square around a constant and a start transient, of means that noise says little in."""
-    time_s = np.arange(len(design)) * period_s
-    phi = np.concatenate((np.ones((len(design), 1)), start_transients(time_s)), axis=1)
-    precision = np.full(phi.shape[1], len(design) / TRANSIENT_VARIANCE)
+    time_s = np.arange(len(left)) * period_s
+    phi = np.concatenate((np.ones((len(left), 1)), start_transients(time_s)), axis=1)
+    precision = np.full(phi.shape[1], len(left) / TRANSIENT_VARIANCE)
     precision[0] = 0.0
-    crossed = phi.T @ design
-    level = np.linalg.solve(phi.T @ phi + np.diag(precision), crossed)
-    rest = design - phi @ level
+    level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ left)
+    rest = left - phi @ level
     width = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
-    prior = level.T @ (precision[:, np.newaxis] * level) / len(design)
+    prior = level.T @ (precision[:, np.newaxis] * level) / len(left)
     return np.asarray(_form(bin_means(rest, np.arange(len(rest)), width)) + prior)
 
 
@@ -236,38 +241,27 @@ def identify_together(
     """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
     body = Body(axes, settings)
     gains, logs = body.fit(None, {})
-    held_out: dict[int, list[FloatArray]] = {}
+    errors: list[list[FoldErrors]] = [[] for _ in axes]
     held_out_logs = []
     for number, fold in enumerate(body.folds, 1):
-        held_out[fold], fold_logs = body.fit(fold, logs)
+        held_out, fold_logs = body.fit(fold, logs)
         held_out_logs.append(fold_logs)
+        for of_axis, found in zip(errors, body.errors(fold, held_out), strict=True):
+            of_axis.extend([found] if found else [])
         progress(number / len(body.folds))
-    errors = [_candidate_errors(axis, n, held_out) for n, axis in enumerate(body.axes)]
-    weighed = _weigh([forms.cleaned for forms in errors])
-    weights = [
-        _if_worthwhile(of_axis, forms.tared)
-        for of_axis, forms in zip(weighed, errors, strict=True)
-    ]
-    after = _held_out_errors(body, weights, held_out)
+    cleaned, tared = (
+        [np.stack([getattr(of_fold, form) for of_fold in of_axis]) for of_axis in errors]
+        for form in ('cleaned', 'tared')
+    )
+    weights = [_if_worthwhile(*pair) for pair in zip(_weigh(cleaned), tared, strict=True)]
     return [
         replace(
-            _axis_fit(body, axis, weights[n], errors[n].tared, (logs, *held_out_logs)),
+            _axis_fit(body, axis, weights[n], tared[n], (logs, *held_out_logs)),
             model=_model(body, axis, weights[n] @ gains[n]) if weights[n][0] < 1 else None,
-            held_out=after[n],
+            held_out=_held_out(errors[n], weights[n], body.bins.period_s),
         )
         for n, axis in enumerate(body.axes)
     ]
-
-
-def _candidate_errors(
-    axis: Axis, number: int, held_out: Mapping[int, Sequence[FloatArray]]
-) -> HeldOutForms:
-    """Turn the forms of an axis into those of weights of candidates, (folds, C, C)."""
-    parts = [
-        [held_out[fold][number] @ form @ held_out[fold][number].T for form in forms]
-        for fold, forms in axis.forms.items()
-    ]
-    return HeldOutForms(*(np.stack(part) for part in zip(*parts, strict=True)))
 
 
 def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
@@ -322,26 +316,21 @@ def _gate(gained: FloatArray) -> FloatArray:
     return np.asarray(1 / (1 + np.exp(np.clip(_GATE * gained, -500, 500))))
 
 
-def _held_out_errors(
-    body: Body, weights: Sequence[FloatArray], held_out: Mapping[int, Sequence[FloatArray]]
-) -> list[HeldOut]:
-    """Keep every axis' errors on every fold, without compensation and of the average."""
-    parts: list[list[FloatArray]] = [[] for _ in body.axes]
-    cells = body.bins.cells
-    for fold in body.folds:
-        i = body.recording_of(fold)
-        for n, (design, axis) in enumerate(body.designs(fold)):
-            if not len(design):
-                continue
-            bins = np.flatnonzero((axis.binned.folds[i] == fold) & (axis.binned.sums[i].count > 0))
-            middle = np.minimum((bins + 0.5) * cells - 0.5, len(axis.data.residual[i]) - 1)
-            tared = tare(design, body.bins.period_s)
-            remaining = -tared @ (weights[n] @ held_out[fold][n])
-            same = np.ones(len(bins))
-            parts[n].append(np.stack((i * same, fold * same, middle, tared[:, -1], remaining)))
-    return [
-        keep_errors(np.concatenate(part, axis=1), body.bins.period_s, tared=True) for part in parts
+def _held_out(errors: Sequence[FoldErrors], weights: FloatArray, period_s: float) -> HeldOut:
+    """Keep an axis' errors on every fold, without compensation and of the average."""
+    parts = [
+        np.stack(
+            (
+                np.full(len(of_fold.cells), of_fold.recording),
+                np.full(len(of_fold.cells), of_fold.fold),
+                of_fold.cells,
+                -of_fold.left[:, 0],
+                -of_fold.left @ weights,
+            )
+        )
+        for of_fold in errors
     ]
+    return keep_errors(np.concatenate(parts, axis=1), period_s, tared=True)
 
 
 def _axis_fit(
