@@ -44,6 +44,8 @@ NANOSECONDS = 1_000_000_000
 PLAUSIBLE_C = (-100.0, 200.0)
 #: No other channel reaches this, in whatever unit: what does is damaged, and would overflow sums.
 LARGEST = 1e9
+#: Means of one reading differ by less than this share: their sums are rounded differently.
+_ROUNDING = 1e-9
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
 
@@ -101,6 +103,11 @@ def axis_unit(axis: str) -> str:
 def is_plausible(value: float) -> bool:
     """Tell whether a thermometer may read a value, °C; NaN and infinities may not."""
     return PLAUSIBLE_C[0] < value < PLAUSIBLE_C[1]
+
+
+def differ(values: FloatArray, others: FloatArray | float) -> BoolArray:
+    """Mark means that are not of the same reading, or not numbers."""
+    return np.asarray(~(np.abs(values - others) <= _ROUNDING * np.abs(others)))
 
 
 def temperature_channel(thermometer: int) -> str:

@@ -13,11 +13,12 @@ CELLS = 1000
 
 @pytest.fixture
 def record(make_recording, warm_up):
-    """Record a lively force x, some of whose cells are set to a value, beside other axes."""
+    """Record a lively force x, some of whose cells are means of one value, beside other axes."""
 
     def make(cells=slice(0), value=0.0, **axes):
         lively = np.random.default_rng(0).standard_normal(CELLS)
         lively[cells] = value
+        lively[cells][::2] += np.spacing(value)
         return make_recording(warm_up(CELLS, 0), {'force_x': lively, **axes}, name='a.csv')
 
     return make
@@ -53,7 +54,8 @@ def test_too_long_a_stretch_is_refused(record):
 def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
     first = record().temperature_c[:, 0]
     wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))
-    columns = (first, np.full(CELLS, 21.0), 2 * first + 5, wander)
+    still_c = 21.0 + np.spacing(21.0) * (np.arange(CELLS) % 2)
+    columns = (first, still_c, 2 * first + 5, wander)
     temperature_c = np.stack(columns, axis=1)
     four = replace(record(), temperature_c=temperature_c, measured=temperature_c > -np.inf)
     still, same = idle_thermometers([four])

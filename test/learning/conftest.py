@@ -36,7 +36,8 @@ def record(number: int, **properties) -> Recording:
     room = 18.0 + rng.uniform(0, 3) + 3 * hours
     temperature_c = np.stack((inside, room), axis=1) + rng.normal(0, 0.01, (CELLS, 2))
     if specimen.stopped:
-        temperature_c[:, 1] = temperature_c[0, 1]
+        rounding = np.spacing(temperature_c[0, 1]) * (np.arange(CELLS) % 2)
+        temperature_c[:, 1] = temperature_c[0, 1] + rounding
     pose = np.repeat(rng.normal(size=(CELLS // 5, 3)), 5, axis=0)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
     weight = -specimen.mass_kg * force

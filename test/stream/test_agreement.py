@@ -210,6 +210,18 @@ def test_a_restart_goes_on_without_the_liar(learn, make_day, tmp_path, fault):
     assert worst < 0.02 * np.ptp(list(unbroken.values()))
 
 
+def test_a_frozen_thermometer_is_found_between_restarts(learn, make_day, tmp_path):
+    """None of the streams lives for the three minutes for which it has to stand still."""
+    model, day, path = learn(3).model, lying(make_day(7), 'frozen'), tmp_path / 'state.json'
+    stream(compensator := Compensator(3, model=model), day, end=BEGIN)
+    for begin in range(BEGIN, 600, 14):
+        save_state(path, SavedState(0, 'f' * 64, np.zeros(6), compensator.memory()))
+        compensator = Compensator(3, model=model)
+        compensator.resume(load_state(path).thermal, 0.0)
+        stream(compensator, day, begin + 1, begin + 14)
+    assert set(compensator.tracker.agreement.replaced) == {1}
+
+
 def test_after_a_restart_another_lie_is_found(learn, make_day):
     model, day = learn(3).model, lying(lying(make_day(7), 'dead'), 'dead', j=2, begin=850)
     before, after = (Compensator(3, model=model) for _ in range(2))

@@ -110,3 +110,5 @@ def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, cells, period_s, j
         )
         assert watch.jumps.tolist() == [0, jumps * (1 + back)]
     assert watch.last_jump_k == pytest.approx([0.0, step_k * jumps])
+    watch.look(CompletedCells(0, 1, np.array([99.0, 0.0]), (True, True)), SECOND, {0, 1})
+    assert watch.jumps.tolist() == [0, 2 * jumps]

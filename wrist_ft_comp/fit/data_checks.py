@@ -11,6 +11,7 @@ from wrist_ft_comp.fit.axis_data import find_plateaus
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
+    differ,
     FloatArray,
     IntArray,
     noise_level,
@@ -225,11 +226,15 @@ def drop_stuck_cells(
             continue
         # Where it is stuck it is not lively, however long that lasts.
         stuck_cells = [_find_stuck(recording.wrench[:, column]) for recording in recordings]
-        steps = [
-            np.diff(_present(recording.wrench[~stuck, column]))
+        free = [
+            _present(recording.wrench[~stuck, column])
             for recording, stuck in zip(recordings, stuck_cells, strict=True)
         ]
-        lively = any((step != 0).mean() >= _LIVELY_SHARE for step in steps if len(step))
+        lively = any(
+            differ(values[1:], values[:-1]).mean() >= _LIVELY_SHARE
+            for values in free
+            if len(values) > 1
+        )
         for i, (recording, stuck) in enumerate(zip(sound, stuck_cells, strict=True)):
             if lively and stuck.any():
                 sentences.append(_describe_stuck(recording, axis, stuck))
@@ -247,13 +252,13 @@ def _present(values: FloatArray) -> FloatArray:
 def _is_dead(recordings: Sequence[Recording], column: int) -> bool:
     """Tell whether an axis never changes in any recording."""
     series = [_present(recording.wrench[:, column]) for recording in recordings]
-    return all((values == values[0]).all() for values in series if len(values))
+    return not any(differ(values, values[0]).any() for values in series if len(values))
 
 
 def _find_stuck(values: FloatArray) -> BoolArray:
     """Mark the cells of all long runs of one value, shape (N,)."""
     at = np.flatnonzero(np.isfinite(values))
-    starts = np.flatnonzero(np.diff(values[at], prepend=np.nan) != 0)
+    starts = np.flatnonzero(np.append(True, differ(values[at[1:]], values[at[:-1]])))
     lengths = np.diff(starts, append=len(at))
     stuck = np.zeros(len(values), dtype=bool)
     stuck[at[np.repeat(lengths >= _STUCK_CELLS, lengths)]] = True
@@ -265,7 +270,7 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     values = recording.wrench[:, AXES.index(axis)]
     kept, counts = np.unique(values[stuck], return_counts=True)
     value = float(kept[np.argmax(counts)])
-    extreme = value in {float(np.nanmin(values)), float(np.nanmax(values))}
+    extreme = not differ(np.array([np.nanmin(values), np.nanmax(values)]), value).all()
     count = int(stuck.sum())
     share = count / int(np.isfinite(values).sum())
     first_s = int(np.argmax(stuck)) * recording.period_s
@@ -305,14 +310,16 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that stand still, or read the same as another one."""
-    centred = np.concatenate([r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings])
-    deviation = centred.std(axis=0)
+    moves = np.any(
+        [differ(r.temperature_c, r.temperature_c[0]).any(axis=0) for r in recordings], axis=0
+    )
     sentences = [
         f'Thermometer {j + 1} reads {recordings[0].temperature_c[0, j]:.1f} °C throughout; it '
         'tells nothing. Check its topic.'
-        for j in np.flatnonzero(deviation == 0)
+        for j in np.flatnonzero(~moves)
     ]
-    moving = np.flatnonzero(deviation > 0)
+    centred = np.concatenate([r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings])
+    deviation, moving = centred.std(axis=0), np.flatnonzero(moves)
     for n, j in enumerate(moving):
         for k in moving[:n]:
             slope = float(centred[:, k] @ centred[:, j] / (centred[:, k] @ centred[:, k]))

@@ -14,7 +14,7 @@ from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.rigid_body import CONTRAST
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation, Step
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, Recording
+from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, Recording
 from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Errors are judged as means over this time, s, which hold less noise; thermal drift is slower.
@@ -128,7 +128,7 @@ def longest_stills(recording: Recording) -> list[BoolArray]:
     for values, measured in zip(recording.temperature_c.T, recording.measured.T, strict=True):
         changed = np.zeros(len(values), dtype=bool)
         at = np.flatnonzero(measured)
-        changed[at[1:]] = np.diff(values[at]) != 0
+        changed[at[1:]] = differ(values[at[1:]], values[at[:-1]])
         runs = np.cumsum(changed)
         marks.append(runs == np.bincount(runs).argmax())
     return marks

@@ -282,7 +282,8 @@ class TemperatureInput(Part):
     def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
         """Watch for thermometers that jump."""
         for completed in cells:
-            self._watch.look(completed, self._tracker.grid.period_ns)
+            replaced = self._tracker.agreement.replaced
+            self._watch.look(completed, self._tracker.grid.period_ns, replaced)
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""

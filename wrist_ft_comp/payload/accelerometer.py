@@ -8,7 +8,14 @@ import numpy as np
 from wrist_ft_comp.payload.directions import rotation_speed
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.robust import robust_weight
-from wrist_ft_comp.signals import BoolArray, FloatArray, GRAVITY, noise_level, Recording
+from wrist_ft_comp.signals import (
+    BoolArray,
+    differ,
+    FloatArray,
+    GRAVITY,
+    noise_level,
+    Recording,
+)
 
 #: An IMU is frozen that gives the same value for this time, s, ...
 FROZEN_S = 1200
@@ -124,7 +131,7 @@ def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
 
 def _frozen(force: FloatArray, recording: Recording) -> BoolArray:
     """Mark where a specific force, (N, 3), does not change for FROZEN_S, but the wrench jumps."""
-    changes = np.append(True, np.any(np.diff(force, axis=0) != 0, axis=1))
+    changes = np.append(True, np.any(differ(force[1:], force[:-1]), axis=1))
     runs = np.cumsum(changes) - 1
     steps = np.abs(np.diff(recording.wrench, axis=0, prepend=recording.wrench[:1]))
     noise = np.array([noise_level([axis]) for axis in recording.wrench.T])

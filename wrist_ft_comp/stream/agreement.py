@@ -16,7 +16,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, start, step
 from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, EARLIER_BINS
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, IntArray, NANOSECONDS
 
 #: Bins that are kept, and so the longest time that a lie is followed back.
 _MOST_BINS = 360
@@ -247,7 +247,7 @@ class Agreement:
         heard = np.flatnonzero(np.isfinite(column))
         if not len(heard):
             return last + 1, last
-        other = np.flatnonzero(column[heard] != column[heard[-1]])
+        other = np.flatnonzero(differ(column[heard], column[heard[-1]]))
         return last - int(heard[-1]), last - int(heard[other.max(initial=-1) + 1])
 
     def _believe_again(self, share: FloatArray, heard: BoolArray) -> None:

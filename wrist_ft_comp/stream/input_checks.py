@@ -1,6 +1,6 @@
 """Finds readings that no healthy sensor gives: frozen, saturated, jumping, leaping stamps."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -90,13 +90,14 @@ class ThermometerWatch:
         self.last_jump_k: FloatArray = np.zeros(thermometers)
         self._before: FloatArray | None = None
 
-    def look(self, cells: CompletedCells, period_ns: int) -> None:
-        """Look at completed cells of a period, ns."""
+    def look(self, cells: CompletedCells, period_ns: int, replaced: Collection[int] = ()) -> None:
+        """Look at completed cells of a period, ns, of all thermometers that are not replaced."""
         before, self._before = self._before, cells.temperature_c
         if before is None:
             return
         limit_k = _JUMP_K + _JUMP_K_S * cells.count * period_ns / NANOSECONDS
         step_k = cells.temperature_c - before
         jumped = np.abs(step_k) > limit_k
+        jumped[list(replaced)] = False
         self.jumps += jumped
         self.last_jump_k[jumped] = step_k[jumped]
