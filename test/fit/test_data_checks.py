@@ -51,6 +51,14 @@ def test_too_long_a_stretch_is_refused(record):
         drop_stuck_cells([record(slice(200, 251), 9.0)], ['force_x'])
 
 
+def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings(record):
+    stuck, sound = record(slice(200, 900), 9.0), record()
+    (left, whole), (sentence,) = drop_stuck_cells([stuck, sound], ['force_x'])
+    assert np.isnan(left.wrench[:, 0]).all()
+    assert whole is sound
+    assert '7000 s (70.0 %) without any change, first after 2000 s; it is not learnt' in sentence
+
+
 def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
     first = record().temperature_c[:, 0]
     wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))

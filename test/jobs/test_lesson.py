@@ -17,6 +17,7 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.jobs import lesson
 from wrist_ft_comp.jobs.calibration import _answer
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
@@ -190,6 +191,14 @@ def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days)
     assert 'payloads.json' in answer['incident']
     assert load_model(answer['path']).sha256 == answer['sha256']
     assert len(load_diary(own_days).days) == 2
+
+
+def test_a_damaged_day_does_not_harm_the_one_that_goes_on_from_it(own_days, monkeypatch):
+    monkeypatch.setattr(lesson, 'goes_on', lambda *_: True)
+    first = own_days / 'days/day_00001.csv'
+    first.write_text(first.read_text().replace('\n', '\n1,2\n', 5))
+    _answer(job_of(own_days, 2))
+    assert [day.kind for day in load_diary(own_days).days] == ['unreadable', '']
 
 
 def test_an_error_of_the_system_is_an_answer(own_days, monkeypatch):

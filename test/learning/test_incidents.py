@@ -83,6 +83,7 @@ def tared_behind_a_press(day, step):
 def pressed_for_a_while(day, step):
     raw = day.recording.wrench.copy()
     raw[step.cell + 120 :] -= step.jump
+    raw[::30] = np.nan
     return with_raw(day, raw)
 
 

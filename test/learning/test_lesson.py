@@ -8,7 +8,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.learning import lesson as lessons
-from wrist_ft_comp.learning.day import describe, left
+from wrist_ft_comp.learning.day import describe, left, look_at
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE, share_left, worthiest
 from wrist_ft_comp.learning.lesson import Champion, compare, describe_day, take
 from wrist_ft_comp.learning.schedule import reason
@@ -105,6 +105,21 @@ def test_a_day_that_cannot_be_read_is_named(look):
     lesson = take(NAMES[3], broken, past(look, Champion(), 1, 2), Champion(), NAMES)
     assert lesson.entry.kind == 'unreadable'
     assert 'day_00003.csv is empty.' in lesson.entry.incident
+
+
+@pytest.mark.parametrize('axes', [slice(2, 3), slice(None)])
+def test_a_day_on_which_a_reading_froze_does_not_end_learning(look, axes):
+    def frozen(name):
+        day = look(name)
+        if name != NAMES[2]:
+            return day
+        wrench = day.recording.wrench.copy()
+        wrench[60:, axes] = wrench[60, axes]
+        return look_at(replace(day.recording, wrench=wrench))
+
+    entries = past(frozen, Champion(), 1, 2)
+    lesson = take(NAMES[3], frozen, entries, Champion(), NAMES)
+    assert lesson.better is not None, lesson.entry
 
 
 def test_the_drift_left_is_that_of_evaluate(separated, good):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.payload.rigid_body import rigid_bodies, small_rotation
+from wrist_ft_comp.payload.rigid_body import blocks, rigid_bodies, small_rotation
 
 BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.12]))]
 #: Products of three directions seen equally, by two bodies for half of the time each.
@@ -77,3 +77,7 @@ def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
     assert any('not that of a rigid body' in doubt for doubt in found.doubts())
     empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
     assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()
+
+
+def test_blocks_of_no_axis_are_empty():
+    assert blocks(np.zeros((5, 0)), 2).shape == (3, 2, 0)

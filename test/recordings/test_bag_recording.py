@@ -10,6 +10,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
+from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Topics
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
@@ -144,6 +145,16 @@ def test_messages_that_are_no_wrenches_are_refused(write, messages, contents, se
     path = write({'/wrench_raw': wrenches}, {'/temperature': [messages.temperature(1, 20.0)]})
     with pytest.raises(RecordingError, match=sentence):
         read(path)
+
+
+def test_a_part_is_counted_from_the_first_message_with_a_stamp(write, messages):
+    second = 1_000_000_000
+    times = range(1000 * second, 1100 * second, second)
+    path = write(
+        {'/wrench_raw': [messages.wrench(at, range(6)) for at in (0, *times)]},
+        {'/temperature': [messages.temperature(at, 20.0) for at in times]},
+    )
+    assert len(read_recording(path, topics=Topics(begin='60'))) == 40
 
 
 TYPE = 'geometry_msgs/msg/WrenchStamped'

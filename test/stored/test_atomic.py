@@ -1,6 +1,8 @@
 """Files that are the old one or the new one, and what must not be replaced at all."""
 
+import errno
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,6 +53,19 @@ def test_permissions_of_the_old_file_stay(target):
     target.chmod(0o640)
     replace_file(target, 'new')
     assert target.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_disk_that_cannot_sync_a_folder_is_no_failure(target, monkeypatch):
+    sync = os.fsync
+
+    def of_files_only(handle):
+        if Path(f'/proc/self/fd/{handle}').resolve().is_dir():
+            raise OSError(errno.EINVAL, 'Invalid argument')
+        sync(handle)
+
+    monkeypatch.setattr(os, 'fsync', of_files_only)
+    replace_file(target, 'new')
+    assert target.read_text() == 'new'
 
 
 def test_a_device_or_a_pipe_is_not_replaced(tmp_path):

@@ -10,6 +10,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.stream.agreement import Agreement
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.offline import lies, simulate_drift, thermometer_doubts
 
@@ -229,6 +230,21 @@ def test_after_a_restart_another_lie_is_found(learn, make_day):
     after.resume(before.memory(), 0.0)
     stream(after, day, 801)
     assert set(after.tracker.agreement.replaced) == {1, 2}
+
+
+def test_a_clock_that_leaps_by_years_takes_no_time(learn, make_day, monkeypatch):
+    """Silent bins of a minute would be half an hour of work."""
+    day, compensator = make_day(7), Compensator(3, model=learn(3).model)
+    stream(compensator, day, end=60)
+    bins, close = [], Agreement._close
+    monkeypatch.setattr(Agreement, '_close', lambda self: bins.append(1) or close(self))
+    leapt = replace(day, first_cell=day.first_cell + 10**8)
+    for k in (61, 62, 63):
+        for j in range(3):
+            stamp_ns = FIRST_NS + round((10**8 + k + 0.1 * j) * PERIOD_S * 1e9)
+            compensator.add_temperature(j, stamp_ns, leapt.temperature_c[k, j])
+    assert 1 < len(bins) < 10_000
+    assert np.isfinite(compensator.tracker.drift.zero[FORCE_Z])
 
 
 def test_a_model_file_keeps_predictions(learn, tmp_path):

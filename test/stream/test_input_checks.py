@@ -97,18 +97,17 @@ def test_the_unit_is_guessed_where_it_explains_the_value():
 
 
 @pytest.mark.parametrize(
-    ('step_k', 'cells', 'period_s', 'jumps'),
-    [(2.2, 1, 1, 0), (2.3, 1, 1, 1), (-3, 1, 1, 1), (20, 99, 1, 0), (4, 1, 10, 0), (-5, 1, 10, 1)],
+    ('step_k', 'silent', 'period_s', 'jumps'),
+    [(2.1, 0, 1, 0), (2.3, 0, 1, 1), (-3, 0, 1, 1), (20, 99, 1, 0), (4, 0, 10, 0), (-5, 0, 10, 1)],
 )  # fmt: skip
-def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, cells, period_s, jumps):
-    watch = ThermometerWatch(2)
-    for back in (0, 1):
-        before = CompletedCells(0, 10**9, np.array([20.0, 0.0]), (True, True))
-        watch.look(before, SECOND)
-        watch.look(
-            CompletedCells(0, cells, np.array([20.0, step_k]), (True, True)), period_s * SECOND
-        )
-        assert watch.jumps.tolist() == [0, jumps * (1 + back)]
-    assert watch.last_jump_k == pytest.approx([0.0, step_k * jumps])
-    watch.look(CompletedCells(0, 1, np.array([99.0, 0.0]), (True, True)), SECOND, {0, 1})
+def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, silent, period_s, jumps):
+    watch, period_ns = ThermometerWatch(2), period_s * SECOND
+    for number, reading in enumerate((0.0, step_k, 0.0)):
+        if number and silent:
+            held = CompletedCells(0, silent, np.array([20.0, step_k * (number - 1)]), (0, silent))
+            watch.look(held, period_ns)
+        watch.look(CompletedCells(0, 1, np.array([20.0, reading]), (0, 0)), period_ns)
+        assert watch.jumps.tolist() == [0, jumps * number]
+    assert watch.last_jump_k == pytest.approx([0.0, -step_k * jumps])
+    watch.look(CompletedCells(0, 1, np.array([99.0, 0.0]), (0, 0)), SECOND, {0, 1})
     assert watch.jumps.tolist() == [0, 2 * jumps]

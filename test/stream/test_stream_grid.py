@@ -181,6 +181,14 @@ def test_time_that_ran_back_restarts_the_grid_there():
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
 
 
+def test_time_that_runs_back_in_the_first_cell_leaves_no_gap_in_temperatures():
+    grid = ThermalGrid(SECOND, 2, patience_s=5.0)
+    both = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
+    completed = feed(grid, [*seconds(0, (100.1, 20.0)), *seconds(1, (100.2, 21.0)), *both])
+    temperature_c, _ = dense(completed)
+    np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
+
+
 def test_a_huge_gap_gives_held_cells_in_one_piece():
     grid = ThermalGrid(SECOND, 1, 5.0)
     completed = feed(grid, seconds(0, (0.5, 20.0), (1e9, 30.0), (1e9 + 1, 31.0)))

@@ -204,7 +204,11 @@ def _resolution(values: FloatArray) -> float:
 def drop_stuck_cells(
     recordings: Sequence[Recording], axes: Sequence[str]
 ) -> tuple[list[Recording], list[str]]:
-    """Make cells in which a raw wrench is stuck NaN, and say so; refuse where it is too much."""
+    """
+    Make cells in which a raw wrench is stuck NaN, and say so.
+
+    An axis that is stuck for long is left out of its recording; refused where no other has it.
+    """
     sound = list(recordings)
     sentences: list[str] = []
     dead = [axis for axis in axes if _is_dead(recordings, AXES.index(axis))]
@@ -224,7 +228,7 @@ def drop_stuck_cells(
                 'connected. It is left uncompensated.'
             )
             continue
-        # Where it is stuck it is not lively, however long that lasts.
+        # Stuck cells do not count where it is asked how often the reading changes.
         stuck_cells = [_find_stuck(recording.wrench[:, column]) for recording in recordings]
         free = [
             _present(recording.wrench[~stuck, column])
@@ -235,11 +239,24 @@ def drop_stuck_cells(
             for values in free
             if len(values) > 1
         )
+        counts = [np.isfinite(recording.wrench[:, column]).sum() for recording in recordings]
+        too_long = [
+            stuck.sum() > _STUCK_SHARE * count
+            for stuck, count in zip(stuck_cells, counts, strict=True)
+        ]
+        others = any(count and not long for count, long in zip(counts, too_long, strict=True))
         for i, (recording, stuck) in enumerate(zip(sound, stuck_cells, strict=True)):
             if lively and stuck.any():
-                sentences.append(_describe_stuck(recording, axis, stuck))
+                what = _describe_stuck(recording, axis, stuck)
+                if too_long[i] and not others:
+                    raise CalibrationRefusedError(
+                        f'{what}; up to {100 * _STUCK_SHARE:.0f} % can be left out. Check the '
+                        'range and the driver of the sensor, and record again.'
+                    )
+                left_out = 'it is not learnt from that recording' if too_long[i] else 'left out'
+                sentences.append(f'{what}; {left_out}.')
                 wrench = recording.wrench.copy()
-                wrench[stuck, column] = np.nan
+                wrench[stuck | too_long[i], column] = np.nan
                 sound[i] = replace(recording, wrench=wrench)
     return sound, sentences
 
@@ -266,7 +283,7 @@ def _find_stuck(values: FloatArray) -> BoolArray:
 
 
 def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
-    """Say what was left out, or refuse."""
+    """Say where an axis is stuck, and for how long."""
     values = recording.wrench[:, AXES.index(axis)]
     kept, counts = np.unique(values[stuck], return_counts=True)
     value = float(kept[np.argmax(counts)])
@@ -274,17 +291,11 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     count = int(stuck.sum())
     share = count / int(np.isfinite(values).sum())
     first_s = int(np.argmax(stuck)) * recording.period_s
-    what = (
+    return (
         f'{axis} of {recording.name} {"saturates" if extreme else "freezes"} at '
         f'{value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
         f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
     )
-    if share > _STUCK_SHARE:
-        raise CalibrationRefusedError(
-            f'{what}; up to {100 * _STUCK_SHARE:.0f} % can be left out. Check the range and the '
-            'driver of the sensor, and record again.'
-        )
-    return f'{what}; left out.'
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:

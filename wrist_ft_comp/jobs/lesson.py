@@ -70,7 +70,9 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
             )
         recording = read(paths[name])
         earlier = max((paths[other] for other in paths if other < name), default=None)
-        before = read(earlier) if earlier and goes_on(earlier, paths[name]) else None
+        before = None
+        with suppress(RecordingError, OSError):  # a damaged day before is no fault of this one
+            before = read(earlier) if earlier and goes_on(earlier, paths[name]) else None
         same = before is not None and before.thermometers == recording.thermometers
         return look_at(recording, before if same else None)
 

@@ -7,6 +7,7 @@ sensor stops learning until three days in a row have no incident, or a person de
 
 from collections.abc import Sequence
 from itertools import chain, permutations
+import warnings
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -43,6 +44,8 @@ _LEAST_DRIFT_SHARE = 0.2
 _LEAST_JUMP_SIGMA = 50.0
 #: Cells before and after a jump that are examined.
 _NEAR_CELLS = 60
+#: Levels before and after a jump are compared at every tenth cell, which saves memory.
+_LEVEL_STEP = 10
 #: A jump is a tare of the driver where the reading after it is below this share of the jump ...
 _TARE_SHARE = 0.8
 #: ... in a cell within this distance of the jump.
@@ -240,9 +243,12 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
 
 def _is_undone(reading: FloatArray, step: Step, noise: FloatArray) -> bool:
     """Whether the reading, in units of noise, steps back, as a press of half an hour ends."""
-    level = np.median(sliding_window_view(reading, _NEAR_CELLS, axis=0), axis=-1)
-    jump = step.jump / noise
-    missed = np.linalg.norm(level[_NEAR_CELLS:] - level[:-_NEAR_CELLS] + jump, axis=1)
+    windows = sliding_window_view(reading, _NEAR_CELLS, axis=0)[::_LEVEL_STEP]
+    with warnings.catch_warnings():  # of windows without any reading
+        warnings.simplefilter('ignore', RuntimeWarning)
+        level = np.nanmedian(windows, axis=-1)
+    jump, apart = step.jump / noise, _NEAR_CELLS // _LEVEL_STEP
+    missed = np.linalg.norm(level[apart:] - level[:-apart] + jump, axis=1)
     return bool((missed < _UNDONE_SHARE * np.linalg.norm(jump)).any())
 
 

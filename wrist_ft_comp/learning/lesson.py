@@ -14,6 +14,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.creep import shares
@@ -77,6 +78,7 @@ def describe_day(
     lying: list[str] = []
     try:
         day = look(name)
+        drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         entry = replace(describe(day), name=name, live=champion.key)
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:

@@ -216,7 +216,7 @@ def blocks(values: NDArray[Any], length: int) -> NDArray[Any]:
     """Cut an array, (N, …) to (n, B, …); the last block is filled up with zeros."""
     empty = np.zeros((-len(values) % length, *values.shape[1:]), values.dtype)
     whole: NDArray[Any] = np.concatenate((values, empty))
-    return whole.reshape(-1, length, *values.shape[1:])
+    return whole.reshape(len(whole) // length, length, *values.shape[1:])
 
 
 def small_rotation(vector: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Samples
+from wrist_ft_comp.stream.sample_checks import NO_TIME
 
 _UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 
@@ -32,9 +33,10 @@ class Part:
         """Leave out what does not count of a recording; SettingsError where nothing is left."""
         first_ns, lasts_s, left = None, 0.0, False
         for block in blocks:
-            if first_ns is None and len(block.stamps_ns):
-                first_ns = int(block.stamps_ns[0])
-            since_s = (block.stamps_ns - (first_ns or 0)) / NANOSECONDS
+            timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
+            if first_ns is None and timed.any():
+                first_ns = int(block.stamps_ns[timed][0])
+            since_s = np.where(timed, block.stamps_ns - (first_ns or 0), 0) / NANOSECONDS
             counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
             lasts_s, left = (
                 max(lasts_s, float(since_s.max(initial=0.0))),

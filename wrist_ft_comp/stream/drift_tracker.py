@@ -188,12 +188,17 @@ class DriftTracker:
         """Add cells as far as they are believed; bins may end in them."""
         agreement, left = self.agreement, cells.count
         self.reading_c = cells.temperature_c
+        # Clocks leap by years: of a silence of all, what the model forgets is not compared.
+        forgotten = 0 if any(cells.measured) else max(left - self._longest, 0)
         while left:
-            count = min(left, agreement.room) if agreement.able else left
+            count = forgotten or (min(left, agreement.room) if agreement.able else left)
             left -= count
             shape = count, self._thermometers
-            heard = np.broadcast_to(cells.measured, shape)
-            believed_c, rewrite = agreement.add(np.broadcast_to(cells.temperature_c, shape), heard)
+            believed_c, rewrite = np.broadcast_to(cells.temperature_c, shape), None
+            if not forgotten:
+                heard = np.broadcast_to(cells.measured, shape)
+                believed_c, rewrite = agreement.add(believed_c, heard)
+            forgotten = 0
             silent = [max(silent - left, 0) for silent in cells.silent]
             others = [s for j, s in enumerate(silent) if j not in agreement.replaced]
             for j in agreement.replaced:

@@ -89,13 +89,16 @@ class ThermometerWatch:
         #: The newest jump of each, K.
         self.last_jump_k: FloatArray = np.zeros(thermometers)
         self._before: FloatArray | None = None
+        #: For how many cells each has been silent.
+        self._silent: IntArray = np.zeros(thermometers, np.int64)
 
     def look(self, cells: CompletedCells, period_ns: int, replaced: Collection[int] = ()) -> None:
         """Look at completed cells of a period, ns, of all thermometers that are not replaced."""
         before, self._before = self._before, cells.temperature_c
+        apart, self._silent = self._silent + cells.count, np.array(cells.silent)
         if before is None:
             return
-        limit_k = _JUMP_K + _JUMP_K_S * cells.count * period_ns / NANOSECONDS
+        limit_k = _JUMP_K + _JUMP_K_S * apart * period_ns / NANOSECONDS
         step_k = cells.temperature_c - before
         jumped = np.abs(step_k) > limit_k
         jumped[list(replaced)] = False

@@ -82,7 +82,7 @@ class ThermalGrid:
                 self.rejected += 1
                 return []
             self.restarts += 1
-            if self._next is None:
+            if self._next is None or any(map(math.isnan, self._held)):
                 self._begin()
             else:
                 self.go_on(cell, self._held, self._silent(self._next))
