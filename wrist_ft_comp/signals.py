@@ -46,6 +46,8 @@ PLAUSIBLE_C = (-100.0, 200.0)
 LARGEST = 1e9
 #: Means of one reading differ by less than this share: their sums are rounded differently.
 _ROUNDING = 1e-9
+#: Stamps of two drivers that lie farther apart come from two clocks, s.
+SAME_CLOCK_S = 3600.0
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
 

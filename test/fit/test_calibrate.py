@@ -152,7 +152,7 @@ def test_recordings_that_are_not_alike_are_refused(good):
     ('change', 'sentence'),
     [
         ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
-        *(({'min_temperature_span_k': k}, 'at least 0 K; got') for k in (-0.1, np.nan, np.inf)),
+        *(({'min_temperature_span_k': k}, 'at least 0; got') for k in (-0.1, np.nan, np.inf)),
         ({'max_gap_s': -0.1}, 'max_gap_s must be a number of at least 0; got'),
     ],
 )

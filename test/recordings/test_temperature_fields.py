@@ -19,7 +19,7 @@ from wrist_ft_comp.recordings.bag_recording import read_bag
 from wrist_ft_comp.recordings.recordings import describe_recording, read_recording
 from wrist_ft_comp.signals import temperature_channel, Topics
 from wrist_ft_comp.wire.cdr_fields import _CODES as CODES
-from wrist_ft_comp.wire.cdr_fields import decode, read_numbers
+from wrist_ft_comp.wire.cdr_fields import follow, read_numbers
 
 BAGS = 'wrist_ft_comp.recordings'
 T0 = 1_723_248_197_000_000_000
@@ -262,7 +262,7 @@ def test_a_message_is_decoded_as_rosbags_decodes_it(driver, messages, little):
         ),
         (driver.state, driver.of_state(20.0, little=little), ('names',)),
     ):
-        mine = decode(definitions_of(messages, kind), kind, content)
+        _, mine = follow(definitions_of(messages, kind), kind, content)
         theirs = messages.store.deserialize_cdr(content, kind)
         for path in map(attrgetter, paths):
             assert path(mine) == path(theirs)
@@ -350,8 +350,8 @@ def test_padding_behind_the_last_field_is_no_damage():
         'Header': [('stamp', ('Time', None)), ('frame_id', ('string', None))],
         'Time': [('sec', ('int32', None)), ('nanosec', ('uint32', None))],
     }
-    assert decode(definitions, 'JointState', data).effort.tolist() == [0.0, 21.5]
+    assert follow(definitions, 'JointState', data)[1].effort.tolist() == [0.0, 21.5]
     _, values = read_numbers(definitions, 'JointState', [data] * 2, [('effort', 1)])
     assert values.tolist() == [[21.5], [21.5]]
     with pytest.raises(RecordingError, match='28 of its 80 bytes are left behind'):
-        decode(definitions, 'JointState', data + bytes(20))
+        follow(definitions, 'JointState', data + bytes(20))

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import partial
 from importlib.util import find_spec
 import sys
 import textwrap
@@ -114,23 +113,13 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> 
         options.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
     elif sys.stdout.isatty():
         with suppress(KeyboardInterrupt):
-            _show_for_ever(operator, name, watch)
+            while True:
+                print(_CLEAR + '\n'.join(page(name, watch)), flush=True)
+                watch.reports = 0
+                operator.wait_for(lambda: watch.reports, 1.0)
     else:
         print('\n'.join(page(name, watch)))
     return int(any(status.level in _BAD for status in watch.statuses.values()))
-
-
-def _show_for_ever(operator: 'Operator', name: str, watch: 'Watch') -> None:
-    """Draw the page anew with each report."""
-    while True:
-        print(_CLEAR + '\n'.join(page(name, watch)), flush=True)
-        next_report = watch.reports + 1
-        operator.wait_for(partial(_heard, watch, next_report), 1.0)
-
-
-def _heard(watch: 'Watch', report: int) -> bool:
-    """Tell whether a report, counted from one, has come."""
-    return watch.reports >= report
 
 
 def page(name: str, watch: 'Watch') -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus
+from wrist_ft_comp.fit.thermometers import longest_silence
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -303,14 +304,14 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     sentences = []
     for recording in recordings:
         for j, measured in enumerate(recording.measured.T):
-            gap_s = _longest_gap(measured) * recording.period_s
+            gap_s = longest_silence(measured) * recording.period_s
             if gap_s > max_gap_s:
                 sentences.append(
                     f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
                     'straight line was drawn over it.'
                 )
         present = np.any(np.isfinite(recording.wrench), axis=1)
-        gap_s = _longest_gap(present) * recording.period_s
+        gap_s = longest_silence(present) * recording.period_s
         if gap_s > max_gap_s and find_plateaus(recordings) is None:
             sentences.append(
                 f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
@@ -343,9 +344,3 @@ def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
                     'where it sees another source of heat.'
                 )
     return sentences
-
-
-def _longest_gap(measured: BoolArray) -> int:
-    """Longest run of False, in cells."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], measured, [True])).astype(int)))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -78,11 +78,7 @@ class CalibrationSettings:
                 f'Unknown reference {self.reference!r}; expected one of '
                 f'{", ".join(get_args(Reference))}.'
             )
-        if not (np.isfinite(self.min_temperature_span_k) and self.min_temperature_span_k >= 0):
-            raise SettingsError(
-                'The minimum temperature span must be a number of at least 0 K; got '
-                f'{self.min_temperature_span_k}.'
-            )
+        check_range('min_temperature_span_k', self.min_temperature_span_k, 0.0)
         check_range('max_gap_s', self.max_gap_s, 0.0)
 
     @property

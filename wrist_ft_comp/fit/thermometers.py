@@ -84,7 +84,7 @@ def predict_each_other(
             for recording, bins_c, of_bins_k in zip(recordings, binned, errors_k, strict=True)
         )
         learnt.still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k, changed_k)
-        silence_s = max(_longest_silence(r.measured[:, j]) * r.period_s for r in recordings)
+        silence_s = max(longest_silence(r.measured[:, j]) * r.period_s for r in recordings)
         learnt.silence_s[j] = max(_LEAST_SILENCE_S, _SILENCE_MARGIN * silence_s)
     return learnt
 
@@ -157,7 +157,7 @@ def _moved_while_still(values_c: FloatArray, error_k: FloatArray, heard: BoolArr
     return float(max(moved_k, default=0.0))
 
 
-def _longest_silence(measured: BoolArray) -> int:
+def longest_silence(measured: BoolArray) -> int:
     """Count the cells of the longest silence."""
     return max((last - first for first, last in _runs(~measured)), default=0)
 

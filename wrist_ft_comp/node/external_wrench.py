@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, NodeLog, Status
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
@@ -32,8 +32,6 @@ _CONTRADICTION_DEG = 5.0
 #: An IMU is polled where its newest sample is older, ns. Polled for each wrench at 1 kHz, it would
 #: cost a third of the wrench itself; this age causes 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
-#: Specific force and wrench whose stamps differ by more come from different clocks, s.
-_SAME_CLOCK_S = 3600.0
 #: Least norm of specific force at rest, m/s²; in g it is smaller.
 _LEAST_NORM = 0.5 * GRAVITY
 #: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
@@ -353,7 +351,7 @@ class ExternalWrench(Part):
             return
         force, (before, count) = newest[1], self._same
         self._same = force, count + 1 if grown['forces'] and force == before else 0
-        if age_s is not None and abs(age_s) > _SAME_CLOCK_S:
+        if age_s is not None and abs(age_s) > SAME_CLOCK_S:
             yield f'wrench and specific force are {abs(age_s):.0f} s apart: two clocks; {rests}'
         if grown['missed']:
             yield f'specific force is older than gravity.timeout, or stays away; {rests}'

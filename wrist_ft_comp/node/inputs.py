@@ -17,7 +17,13 @@ from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import no_wrench
-from wrist_ft_comp.signals import AXES, is_plausible, NANOSECONDS, temperature_channel
+from wrist_ft_comp.signals import (
+    AXES,
+    is_plausible,
+    NANOSECONDS,
+    SAME_CLOCK_S,
+    temperature_channel,
+)
 from wrist_ft_comp.stream.agreement import numbered
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
@@ -30,8 +36,6 @@ from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource,
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
 #: The diagnostics warn of an event for this time, s.
 _WARNED_S = 10.0
-#: Stamps of wrenches and temperatures that differ by more come from different clocks.
-_SAME_CLOCK_S = 3600.0
 
 
 @dataclass
@@ -338,7 +342,7 @@ class TemperatureInput(Part):
             yield f'temperatures are dropped, because their stamps do not increase{clock}'
         if self.usable and self._wrenches.stamp_ns is not None:
             apart_s = abs(self._wrenches.stamp_ns - self._stamp_ns) / NANOSECONDS
-            if apart_s > _SAME_CLOCK_S:
+            if apart_s > SAME_CLOCK_S:
                 yield (
                     f'stamps of wrench and temperature are {apart_s:.0f} s apart; both drivers '
                     'must use one clock'

@@ -10,7 +10,6 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from functools import partial
 import sys
 import time
 from typing import Any, cast
@@ -25,7 +24,8 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.node.robot import SimulatedRobot
 from wrist_ft_comp.ros.arguments import tell_unknown, usage
 from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
-from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter, values
+from wrist_ft_comp.ros.parameters import at_start as _row
+from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, values
 from wrist_ft_comp.ros.running import run_nodes
 from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
@@ -40,8 +40,6 @@ from wrist_ft_comp.simulation.run import (
 from wrist_ft_comp.simulation.work import WorkSettings
 
 _RUN, _WORK, _SENSOR = RunSettings(), WorkSettings(), FtSensorSettings()
-#: All rows are read at start-up only: a run is fixed when it begins.
-_row = partial(Parameter, read_only=True)
 PARAMETERS = (
     EXECUTOR_PARAMETER,
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.payload.rigid_body import CONTRAST
 from wrist_ft_comp.signals import FloatArray, GRAVITY, Recording
-
-#: Gravity moved along a direction if by more than this, m/s² RMS: a tilt by two degrees.
-_LEAST_SPREAD = 0.3
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class ForceSummary:
     @property
     def seen(self) -> int:
         """Number of directions along which gravity moved; a payload needs two."""
-        return sum(deviation > _LEAST_SPREAD for deviation in self.spread)
+        return sum(deviation > CONTRAST for deviation in self.spread)
 
 
 def moments_of(force: FloatArray) -> FloatArray:

@@ -36,7 +36,6 @@ from wrist_ft_comp.signals import (
 from wrist_ft_comp.stream.sample_checks import NO_TIME
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.cdr_fields import (
-    decode,
     Decoded,
     Definitions,
     follow,
@@ -257,7 +256,7 @@ def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: Float
         if np.isfinite(values[:, column]).any():
             continue
         try:
-            source.read(decode(stream.definitions, stream.connection.msgtype, messages[0]))
+            source.read(follow(stream.definitions, stream.connection.msgtype, messages[0])[1])
         except SettingsError as error:
             raise RecordingError(f'{bag.name}: {error}') from error
 

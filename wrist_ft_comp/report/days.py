@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     CREEP,
@@ -30,7 +31,6 @@ from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0
-_DAY_NS = 86_400 * NANOSECONDS
 #: Of a drift up to this one, N or N m, no share is given: no sensor resolves it.
 _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
@@ -153,7 +153,7 @@ def _names(day: DayEntry) -> list[str]:
 def _pauses(days: Sequence[DayEntry]) -> Iterator[Event]:
     """Find long times without a day, from the day before to the day after."""
     for n, (day, after) in enumerate(pairwise(days)):
-        pause_days = (after.first_ns - day.first_ns) / _DAY_NS - day.hours / 24
+        pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
         if day.first_ns and pause_days >= _PAUSE_DAYS:
             yield Event(NO_DAYS, n, n + 1, f'Nothing was recorded for {pause_days:.0f} days.')
 

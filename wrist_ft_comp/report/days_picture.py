@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 import numpy as np
 
+from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.days import (
@@ -23,7 +24,7 @@ from wrist_ft_comp.report.days import (
     when,
 )
 from wrist_ft_comp.report.pictures import FRAME, INCIDENT, png_bytes, WITH, WITHOUT
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+from wrist_ft_comp.signals import FloatArray
 
 #: Width of the picture, inches.
 _WIDTH = 11.0
@@ -128,7 +129,7 @@ def _draw(figure: FigureBase, diary: Diary) -> Axes:
 def _slots(days: Sequence[DayEntry]) -> _Slots:
     """Place days by their dates; those without a date, or with an earlier one, a day later."""
     stamps = np.array([day.first_ns or np.nan for day in days], dtype=float)
-    steps = np.diff(stamps) / (86_400 * NANOSECONDS)
+    steps = np.diff(stamps) / DAY_NS
     longest = max(_PAUSE_SHARE * len(days), _LEAST_PAUSE_DAYS)
     steps = np.minimum(np.where(steps > 0, steps, 1.0), longest)
     bar = _BAR if len(days) < _MANY_DAYS else 1.0

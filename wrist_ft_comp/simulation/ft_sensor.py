@@ -71,21 +71,6 @@ def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
     return np.asarray((r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4)))  # eq. 1
 
 
-def bridge_wrench(
-    settings: FtSensorSettings, gauges: Gauges, nodes_c: FloatArray, wrench: ArrayLike
-) -> FloatArray:
-    """Compute what bridges show of wrenches, (..., 6), at nodes_c, °C, (..., M), without noise."""
-    s = settings
-    warm = np.einsum('agm,...m->...ag', gauges.weights, nodes_c) - NOMINAL_C
-    resistances = 1.0 + gauges.per_k * warm + gauges.per_k2 * warm**2
-    falling = 1.0 + s.piezoresistive_per_k * warm + s.piezoresistive_per_k2 * warm**2
-    stiffness = per_axis(s.force_stiffness_n, s.torque_stiffness_nm)
-    strain = (np.asarray(wrench) / stiffness)[..., None]
-    changes = resistances * s.piezoresistive_coefficient * falling * strain  # ΔR/R = πσ, eq. 2
-    shown = stiffness / s.piezoresistive_coefficient
-    return np.asarray(bridge_output(resistances, changes) * shown)
-
-
 def per_axis(force: float, torque: float) -> FloatArray:
     """Spread a value for forces and one for torques over AXES, shape (6,)."""
     return np.repeat([force, torque], 3)
@@ -140,8 +125,16 @@ def thermometer_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArra
 
 
 def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:
-    """Show ``wrench``, shape (..., 6), at nodes_c, (..., M), without noise and quantisation."""
-    return bridge_wrench(sensor.settings, sensor.gauges, nodes_c, wrench)
+    """Show wrenches, (..., 6), at nodes_c, °C, (..., M), without noise and quantisation."""
+    s, gauges = sensor.settings, sensor.gauges
+    warm = np.einsum('agm,...m->...ag', gauges.weights, nodes_c) - NOMINAL_C
+    resistances = 1.0 + gauges.per_k * warm + gauges.per_k2 * warm**2
+    falling = 1.0 + s.piezoresistive_per_k * warm + s.piezoresistive_per_k2 * warm**2
+    stiffness = per_axis(s.force_stiffness_n, s.torque_stiffness_nm)
+    strain = (np.asarray(wrench) / stiffness)[..., None]
+    changes = resistances * s.piezoresistive_coefficient * falling * strain  # ΔR/R = πσ, eq. 2
+    shown = stiffness / s.piezoresistive_coefficient
+    return np.asarray(bridge_output(resistances, changes) * shown)
 
 
 class LoadMemory(NamedTuple):

@@ -18,6 +18,7 @@ from wrist_ft_comp.signals import (
     Recording,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
+    SAME_CLOCK_S,
     Samples,
     temperature_channel,
 )
@@ -30,8 +31,6 @@ from wrist_ft_comp.wire.temperature_source import TemperatureSource
 MAX_NUMBERS = 4_200_000
 #: A longer recording is doubted, s: an hour in milliseconds, read as seconds, is 42 days.
 _LONG_S = 7 * 86_400
-#: Stamps of wrenches and temperatures that lie farther apart come from two clocks, s.
-_SAME_CLOCK_S = 3600.0
 #: A thermometer that reports later is warned of, s: a warm-up is fastest at its beginning.
 _LATE_S = 60
 #: At rest, specific force changes by less from cell to cell, m/s².
@@ -123,7 +122,7 @@ class GridBuilder:
         for thermometer, axis in product(thermometers, filter(self._cells.__contains__, AXES)):
             blocks = self._cells[thermometer], self._cells[axis]
             apart = max(int(b[0][0]) for b in blocks) - min(int(b[-1][-1]) for b in blocks)
-            if apart * period_s > _SAME_CLOCK_S:
+            if apart * period_s > SAME_CLOCK_S:
                 raise RecordingError(
                     f'Stamps of {axis} and {thermometer} of {self._name} are '
                     f'{apart * period_s:.0f} s apart; both drivers must use one clock. Record '

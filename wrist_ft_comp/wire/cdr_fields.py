@@ -147,13 +147,8 @@ class MessageLayout:
         return 4 + begin
 
 
-def decode(definitions: Definitions, kind: str, data: bytes) -> Decoded:
-    """Decode one message; RecordingError, which names no topic, when it is none of this type."""
-    return follow(definitions, kind, data)[1]
-
-
 def follow(definitions: Definitions, kind: str, data: bytes) -> tuple[MessageLayout, Decoded]:
-    """Follow a message through, checking that the definition fits it."""
+    """Follow a message through; RecordingError, without a topic, when it is none of this type."""
     if data[:2] not in {b'\0\0', b'\0\1'}:
         raise RecordingError(
             'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
