@@ -262,7 +262,7 @@ def contents(folder):
     return {path.name: path.is_file() and path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize('kind', ['model', 'report', 'csv', 'sqlite3', 'mcap'])
+@pytest.mark.parametrize('kind', ['model', 'report', 'csv', 'mcap'])
 def test_ctrl_c_while_saving_leaves_what_was_there(kind, drift_csv, bags, model, tmp_path):
     old = tmp_path / ('r.html' if kind == 'report' else 'm.yaml')
     if kind == 'report':

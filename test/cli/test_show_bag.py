@@ -133,15 +133,15 @@ def commands(out):
 
 
 @pytest.mark.parametrize(
-    ('kind', 'storage', 'compression', 'words', 'more'),
+    ('kind', 'storage', 'compression', 'words'),
     [
-        ('bota_like', 'mcap', 'storage', BOTA_WORDS, []),
-        ('ur_like', 'sqlite3', 'file', UR_WORDS, ['--method', 'pls']),
+        ('bota_like', 'mcap', 'storage', BOTA_WORDS),
+        ('ur_like', 'sqlite3', 'file', UR_WORDS),
     ],
     ids=['bota', 'ur'],
 )
 def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
-    run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words, more
+    run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words
 ):
     """Every storage reads alike (test_temperature_fields.py): each driver is learnt from one."""
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
@@ -158,7 +158,7 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     monkeypatch.chdir(tmp_path)
     other = getattr(drivers, kind)(seed=1)
     messages.write(tmp_path / 'another_day', other, storage, compression)
-    done(*calibrate[1:], *more)
+    done(*calibrate[1:], '--method', 'pls')
     assert 'force_z: good' in run(*evaluate[1:]).out
     kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
     assert kept['temperature_topics'] == [words[3], words[5]]
@@ -268,7 +268,7 @@ def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, t
         assert f'by its name it is most probably {inside}:' in out
 
 
-@pytest.mark.parametrize('fault', ['none', 'wrench', 'temperature', 'clocks', 'hours'])
+@pytest.mark.parametrize('fault', ['wrench', 'temperature', 'clocks', 'hours'])
 def test_commands_that_show_prints_are_taken_by_calibrate(  # noqa: PLR0913, PLR0917
     fault, run, done, messages, tmp_path, monkeypatch
 ):
@@ -286,7 +286,7 @@ def test_commands_that_show_prints_are_taken_by_calibrate(  # noqa: PLR0913, PLR
     bag = messages.write(tmp_path / 'day', day(), 'mcap')
     monkeypatch.chdir(tmp_path)
     shown = json.loads(done('show', bag, '--json'))
-    if fault in {'none', 'temperature'}:
+    if fault == 'temperature':
         done(*shlex.split(shown['commands'][0])[1:], '--method', 'pls')
         return
     assert not shown['commands']
