@@ -95,12 +95,6 @@ def test_same_parameters_give_the_same_messages_and_another_run_others(bench):
         assert all(six(a) != six(b) for a, b in zip(mine, theirs, strict=True))
 
 
-def test_without_load_the_reference_is_zero(bench):
-    seen = record(bench, 'unloaded', {'load.force_n': 0.0, 'load.torque_nm': 0})
-    assert {six(message) for message in seen['wrench_reference'].values()} == {(0.0,) * 6}
-    assert len({six(message) for message in seen['wrench_raw'].values()}) > 10
-
-
 @pytest.fixture
 def unspun(ros_context, monkeypatch):
     """Make a node that only the test wakes, at times it chooses; give both and what was sent."""
