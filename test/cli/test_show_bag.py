@@ -50,7 +50,7 @@ IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
 
 
 class Drivers:
-    """Bags of a warm-up of 20 min at 2 Hz, as two drivers' users record them."""
+    """Bags of a warm-up of 20 min at 1 Hz, as two drivers' users record them."""
 
     def __init__(self, messages):
         self.messages = messages
@@ -63,7 +63,7 @@ class Drivers:
     def times(self, seed):
         """Number, stamp, temperature inside and a wrench that drifts with it."""
         rng = np.random.default_rng(seed)
-        for k in range(0, 12_000, 5):
+        for k in range(0, 12_000, 10):
             inside = 22 + 14 * (1 - np.exp(-k / 2500)) + 2 * np.sin(k / 900 + seed)
             force = 1.0 + 1.5 * (inside - 22) + rng.normal(0, 0.05)
             yield k, T0 + k * 10**8, inside, [0.1, -0.2, force, 0.01, 0.02, 0.03]
@@ -79,7 +79,7 @@ class Drivers:
             yield '/bota/bota_frame', self.bota, at + 9000, pack(*fields)
             whole = self.messages.wrench(at, wrench, 'bota_wrench')
             yield '/bota/wrench', self.messages.wrench_type, at + 9000, whole
-            if k % 10 == 0:
+            if k % 20 == 0:
                 imu = pack(IMU, at, turn, nine, down, nine, down, nine)
                 yield '/bota/imu', IMU, at + 9000, imu
                 warm = self.messages.temperature(at, 24.0 + 3 * k / 12_000, 'cabinet')
@@ -196,7 +196,7 @@ def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }
-    assert cells['/ftsensor/wrench'][:5] == ['raw', 'wrench', '2', '1199.5', '0.5']
+    assert cells['/ftsensor/wrench'][:5] == ['raw', 'wrench', '1', '1199.0', '1']
     # Of 1200 s, every fifth one; but 100 s are missing.
     heat = ['temperature', f'{220 / 1195:.4g}', '1195.0', '100', '23.0', 'to']
     assert cells['/joint_heat:temperatures[0]'][:6] == heat
@@ -216,7 +216,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     }  # fmt: skip
     (frame,) = (c for c in shown['candidates'] if 'frame:temp' in c['entry'])
     assert not frame['stamped']
-    assert (frame['samples'], frame['rate_hz']) == (2400, pytest.approx(2))
+    assert (frame['samples'], frame['rate_hz']) == (1200, pytest.approx(1))
     assert shown['topics']['wrench'] == '/bota/wrench'
     assert shown['topics']['temperatures'][0] == frame['entry']
     assert [shlex.split(line)[1] for line in shown['commands']] == ['calibrate', 'evaluate', 'run']

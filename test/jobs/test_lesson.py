@@ -36,6 +36,7 @@ from wrist_ft_comp.stored.model_file import load_model, save_model
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
+pytestmark = pytest.mark.usefixtures('without_pictures')
 COLUMNS = (
     'stamp_s', 'force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z',
     'temperature_c', 'linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z',
@@ -246,12 +247,11 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
 
 
 def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):
-    cells = 1830
     for number in (1, 2):
-        write_day(tmp_path, number, cells, 280)
+        write_day(tmp_path, number)
     live = Path(_answer(job_of(tmp_path, 2))['path'])
     for creep, kind in ((0.0, ''), (0.002, CREEP)):
-        write_day(tmp_path, 3, cells, 280, creep=creep)
+        write_day(tmp_path, 3, 1830, 280, creep=creep)
         answer = _answer(job_of(tmp_path, 3, live))
         entry = load_diary(tmp_path).days[-1]
         assert (entry.kind, answer['paused'], bool(answer['incident'])) == (kind, '', bool(kind))
