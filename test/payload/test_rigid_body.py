@@ -1,9 +1,12 @@
-"""Rigid bodies from gains: exact recovery, whatever the frame, and what cannot be found."""
+"""Rigid bodies from gains: exact recovery, whatever the frame, what cannot be found, and words."""
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.payload.driver_calls import driver_calls
 from wrist_ft_comp.payload.rigid_body import rigid_bodies, small_rotation
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
 
 BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.12]))]
 #: Products of three directions seen equally, by two bodies for half of the time each.
@@ -77,3 +80,19 @@ def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
     assert any('not that of a rigid body' in doubt for doubt in found.doubts())
     empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
     assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()
+
+
+def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
+    turn = Rotation.from_euler('xyz', [10.0, 20.0, -30.0], degrees=True)
+    assert '10.0, 20.0, -30.0 degrees' in str(ForceFrame(turn.as_matrix()))
+
+
+def test_drivers_take_mass_and_centre_in_their_units():
+    calls = driver_calls(Payload(1.25, np.array([0.01, -0.02, 0.1])))
+    assert (
+        'mass: 1.25, center_of_gravity: {x: 0.0100, y: -0.0200, z: 0.1000}'
+        in (calls['Universal Robots'])
+    )
+    assert '[1.25, 10.0, -20.0, 100.0, 0, 0, 0, 0, 0, 0]' in calls['xArm']
+    assert '<origin xyz="0.0100 -0.0200 0.1000"/><mass value="1.25"/>' in calls['URDF']
+    assert calls['MoveIt'].endswith('weight: 1.25')

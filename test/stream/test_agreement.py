@@ -63,11 +63,6 @@ def learn(make_day):
     return calibration
 
 
-def without(day, j=1):
-    temperature_c, measured = (np.delete(part, j, 1) for part in (day.temperature_c, day.measured))
-    return replace(day, temperature_c=temperature_c, measured=measured)
-
-
 def off(day, error_k, j=1):
     """Let a thermometer be off by an error of cells, K."""
     temperature_c = day.temperature_c.copy()
