@@ -74,12 +74,10 @@ def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
     node.destroy_node()
 
 
-def test_a_mistyped_parameter_is_a_warning_of_the_node(executable, bench, tmp_path):
-    given = ('temprature_topics:=[heat]', f'data_directory:={tmp_path}')
-    words = [word for rule in given for word in ('-p', rule)]
-    node = executable('wrist_ft_comp.node.compensator', '-r', '__node:=mistyped', *words)
-    bench.wait_for_node('mistyped')
-    _, errors = node.end()
+def test_a_mistyped_parameter_is_a_warning_of_the_node(ros_context, tmp_path, capfd):
+    (node,) = start(ros_context, tmp_path, '-p', 'temprature_topics:=[heat]')
+    node.destroy_node()
+    errors = capfd.readouterr().err
     assert 'no parameter temprature_topics, so' in errors
     assert 'Did you mean temperature_topics?' in errors
 
