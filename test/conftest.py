@@ -6,6 +6,7 @@ Everything here is seeded and written without the package's mathematics and code
 
 import csv
 from dataclasses import replace
+from functools import cache
 import gc
 from importlib.util import find_spec
 import struct
@@ -447,6 +448,24 @@ class Messages:
                 if content is not None:
                     writer.write(topics[topic], time_ns, content)
         return folder
+
+
+@pytest.fixture(scope='module')
+def without_pictures():
+    """Write reports without pictures, which take most of the time; test/report looks at them."""
+    from wrist_ft_comp.report import page  # noqa: PLC0415 -- only who needs it
+
+    templates = page._environment.__wrapped__
+
+    @cache
+    def of_words():
+        environment = templates()
+        environment.filters['svg'] = lambda *_: ''
+        return environment
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, '_environment', of_words)
+        yield
 
 
 @pytest.fixture(scope='session')

@@ -79,12 +79,7 @@ def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys)
     by_pool = shutil.copytree(robots, tmp_path / 'by_pool')
     for folder in sorted(by_pool.iterdir()):
         script.judge(folder)
-    options = {
-        'processes': True,
-        'n_workers': 2,
-        'threads_per_worker': 1,
-        'dashboard_address': None,
-    }
+    options = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
     with (
         distributed.LocalCluster(host='127.0.0.1', **options) as cluster,
         distributed.Client(cluster) as client,

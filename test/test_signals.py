@@ -1,4 +1,4 @@
-"""Samples and recordings, what is read off a channel, and the ranges of settings."""
+"""Samples and recordings, what is read off a channel, ranges of settings, and robust weights."""
 
 from dataclasses import replace
 import math
@@ -9,6 +9,7 @@ import pytest
 from wrist_ft_comp.drift.arx import Orders
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.robust import robust_cost, robust_weight
 from wrist_ft_comp.signals import noise_level, Recording, Samples, stretches, Topics
 
 
@@ -93,3 +94,10 @@ def test_orders_out_of_their_range_are_refused():
 def test_one_name_in_the_place_of_several_topics_is_refused():
     with pytest.raises(SettingsError, match=r"Write \('/temperature',\)\.$"):
         Topics(temperatures='/temperature')
+
+
+def test_the_weight_is_the_derivative_of_the_cost():
+    square, step = np.array([0.0, 0.1, 1.0, 30.0]), 1e-6
+    costs = [robust_cost(robust_weight(square + part)) for part in (step, 0.0)]
+    np.testing.assert_allclose((costs[0] - costs[1]) / step, robust_weight(square), rtol=1e-3)
+    assert robust_cost(robust_weight(np.array([0.0, np.inf]))).tolist() == [0.0, 1.0]

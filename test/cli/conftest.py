@@ -34,6 +34,11 @@ class Outcome(NamedTuple):
         return lines[0]
 
 
+@pytest.fixture(autouse=True, scope='module')
+def quick_reports(without_pictures):
+    """Nobody looks at the pictures of these reports."""
+
+
 @pytest.fixture
 def run(capsys):
     """Run a command in this process."""

@@ -117,8 +117,8 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, seed=n)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
     for recordings in (days[:1], days[:2]):
-        argv = ['calibrate', *recordings, '-o', path, '--report', page, '--method', 'pls']
-        said = done(*argv)
+        argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']
+        said = done(*argv, '--report', page)
         assert 'On another day, tared, between 20 and 3' in said
         fit = json.loads(done(*argv, '--json'))['axes']['force_z']
         assert f'force_z: below {fit["day_limit"]:.2g} N; uncompensated 1' in said

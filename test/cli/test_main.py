@@ -44,11 +44,7 @@ CALIBRATE = ['calibrate', 'a.csv', '-o', 'm']
 @pytest.mark.parametrize(
     ('argv', 'words'),
     [
-        ([], ['required']), (['fly'], ["'fly'", 'calibrate']), (['calibrate'], ['REC']),
-        (['calibrate', 'a.csv', '--ouput', 'm.yaml'], ['required', '--output']),
-        (['evaluate', 'm.yaml'], ['REC']), (['show'], ['FILE']), (['show', 'a', 'b'], ['b']),
-        (['compensate', 'm.yaml', 'a.csv'], ['--output']), (['show', 'a', '--jsno'], ['--jsno']),
-        (['evaluate', 'a', 'b', '--tare'], ['--tare']),
+        ([], ['required']), (['compensate', 'm.yaml', 'a.csv'], ['--output']),
         ([*CALIBRATE, '--reference', 'felt'], ["'felt'", 'unloaded']),
         ([*CALIBRATE, '--method', 'atuo'], ["'atuo'", 'auto']),
         ([*CALIBRATE, '--hat-temperatures', 'warm'], ['number']),
@@ -262,7 +258,7 @@ def contents(folder):
     return {path.name: path.is_file() and path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize('kind', ['model', 'report', 'csv', 'sqlite3', 'mcap'])
+@pytest.mark.parametrize('kind', ['model', 'report', 'csv', 'mcap'])
 def test_ctrl_c_while_saving_leaves_what_was_there(kind, drift_csv, bags, model, tmp_path):
     old = tmp_path / ('r.html' if kind == 'report' else 'm.yaml')
     if kind == 'report':

@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.cli.tables import table_text, verdict_text, verdicts_json
+from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.days_picture import days_figure
-from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
@@ -41,15 +40,6 @@ def test_a_table_is_aligned_and_a_long_list_is_broken_between_its_words():
     lines = table_text(['axis', 'time constants'], [['force_z', taus]]).splitlines()
     assert len(lines) == 3
     assert ' '.join(lines[1:]).split()[1:] == taus.split()
-
-
-def test_verdicts_fit_the_screen_and_are_plain_values_for_scripts():
-    sentence = 'Many words make a long sentence. ' * 5
-    text = verdict_text({'force_z': Verdict('uncalibrated', sentence)})
-    assert max(map(len, text.splitlines())) <= 80
-    assert text.startswith('force_z: not calibrated. ')
-    plain = verdicts_json({'force_z': Verdict('good', 'Why.')})
-    assert plain == {'force_z': {'level': 'good', 'why': 'Why.'}}
 
 
 def test_a_model_says_what_it_is_and_what_it_is_for(done, model):
@@ -313,12 +303,6 @@ def test_without_a_diary_the_files_are_listed(done, folder, content):
     text = done('show', folder)
     assert 'that learns, 1\n' in text
     assert 'day_00005' in text
-
-
-def test_a_picture_is_drawn(done, folder):
-    path = folder / 'days.png'
-    done('show', folder, '--picture', path)
-    assert path.read_bytes().startswith(b'\x89PNG')
 
 
 def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, drift_csv):

@@ -31,35 +31,6 @@ def made_up(samples, inputs, outputs, seed=1):
     return (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean(axis=0)) / y.std(axis=0)
 
 
-def textbook_nipals(x, y, latents):
-    """NIPALS as it is printed: W, P, b, Q, T with iterations over whole score vectors."""
-    e, f = x.copy(), y.copy()
-    parts = []
-    for _ in range(latents):
-        u = f[:, np.argmax(f.var(axis=0))]
-        w = np.zeros(x.shape[1])
-        for _ in range(20_000):
-            before = w
-            w = e.T @ u
-            w = w / np.sqrt(w @ w)
-            t = e @ w
-            q = f.T @ t
-            q = q / np.sqrt(q @ q)
-            u = f @ q
-            if np.max(np.abs(w - before)) < 1e-15:
-                break
-        if w[np.argmax(np.abs(w))] < 0:
-            w, t, q, u = -w, -t, -q, -u
-        p = e.T @ t / (t @ t)
-        b = u @ t / (t @ t)  # eq. 9
-        for i in range(len(x)):
-            e[i] -= t[i] * p
-            f[i] -= b * t[i] * q
-        parts.append((w, p, np.array(b), q, t))
-    w, p, b, q, t = (np.array(part).T for part in zip(*parts, strict=True))
-    return w, p, b, q, t
-
-
 shapes = pytest.mark.parametrize(
     ('inputs', 'outputs', 'latents'),
     [(m, k, r) for m, k in ((1, 1), (4, 1), (4, 2), (6, 3)) for r in range(1, m + 1)],
@@ -93,18 +64,6 @@ def test_full_rank_pls_is_least_squares(outputs):
     expected = np.linalg.lstsq(x, y, rcond=None)[0]
     for fit in (fit_pls, fit_pcr):
         np.testing.assert_allclose(fit(x, y, 4).coefficients, expected, atol=1e-10)
-
-
-@shapes
-def test_nipals_of_the_textbook_gives_the_same(inputs, outputs, latents):
-    x, y = made_up(60, inputs, outputs)
-    pls = fit_pls(x, y, latents)
-    w, p, b, q, t = textbook_nipals(x, y, latents)
-    np.testing.assert_allclose(pls.weights, w, atol=1e-10)
-    np.testing.assert_allclose(pls.loadings, p, atol=1e-10)
-    np.testing.assert_allclose(pls.inner, b, atol=1e-10)
-    np.testing.assert_allclose(pls.output_loadings, q, atol=1e-10)
-    np.testing.assert_allclose(pls.scores, t, atol=1e-9)
 
 
 @shapes

@@ -151,16 +151,10 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
     assert hash_recording(folder) == hashlib.sha256(b'one two').hexdigest()
 
 
-def start(*more):
-    """Start the process that runs a job."""
-    command = [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration', *more]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
-
-
 def answer(asked):
     """What the process answers to a job; it ends well, and says nothing besides."""
-    with start() as process:
+    command, pipe = [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration'], subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
         out, err = process.communicate(encode_job(asked), timeout=120)
     assert (process.returncode, err) == (0, '')
     return json.loads(out)

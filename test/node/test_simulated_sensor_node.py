@@ -9,7 +9,6 @@ from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.simulated_sensor import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 
 BEST_EFFORT, RELIABLE = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
-MODULE = 'wrist_ft_comp.node.simulated_sensor'
 TIMEOUT_S = 60.0
 START_S = 1000
 FAST = {
@@ -95,12 +94,6 @@ def test_same_parameters_give_the_same_messages_and_another_run_others(bench):
         assert all(six(a) != six(b) for a, b in zip(mine, theirs, strict=True))
 
 
-def test_without_load_the_reference_is_zero(bench):
-    seen = record(bench, 'unloaded', {'load.force_n': 0.0, 'load.torque_nm': 0})
-    assert {six(message) for message in seen['wrench_reference'].values()} == {(0.0,) * 6}
-    assert len({six(message) for message in seen['wrench_raw'].values()}) > 10
-
-
 @pytest.fixture
 def unspun(ros_context, monkeypatch):
     """Make a node that only the test wakes, at times it chooses; give both and what was sent."""
@@ -151,16 +144,6 @@ def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context):
     words = ['--ros-args', '-p', 'duty_cycle.start_s:=[100.0, 50.0]']
     with pytest.raises(SettingsError, match='ascend'):
         SimulatedSensor(context=ros_context, cli_args=words)
-
-
-def test_executable_publishes_and_ends_by_a_signal(bench, executable):
-    raw = bench.listen(WrenchStamped, 'wrench_raw')
-    node = executable(MODULE, '-p', 'speed:=400', '-p', 'frame_id:=tool0')
-    assert raw.get(timeout=TIMEOUT_S).header.frame_id == 'tool0'
-    code, errors = node.end()
-    assert code == 0
-    assert 'Waiting for subscribers' in errors
-    assert 'Traceback' not in errors
 
 
 def test_a_robot_at_work_publishes_its_imu_and_its_contacts(bench):

@@ -91,6 +91,7 @@ def test_stamps_may_be_of_any_kind(columns, stamps):
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
+        ({'temperature_k': np.ones(ROWS)}, 'temperature_k and temperature_c, which is the same'),
         ({'force_z': np.ones(9)}, r'force_z of table must have shape \(400,\).*got \(9,\)'),
         ({'force_z': np.ones((ROWS, 2))}, r'must have shape \(400,\).*got \(400, 2\)'),
         ({'force_z': ['warm'] * ROWS}, 'force_z of table must hold numbers: could not convert'),
@@ -105,6 +106,13 @@ def test_stamps_may_be_of_any_kind(columns, stamps):
 def test_bad_columns_get_their_sentence(change, sentence):
     with pytest.raises(RecordingError, match=sentence):
         recording_from_columns({**GOOD, **change})
+
+
+@pytest.mark.parametrize('missing', GOOD)
+def test_a_column_that_is_missing_is_named(missing):
+    table = {name: values for name, values in GOOD.items() if name != missing}
+    with pytest.raises(RecordingError, match=f'table has no .* column; expected .*{missing}'):
+        recording_from_columns(table)
 
 
 def test_a_channel_in_two_tables_is_refused():

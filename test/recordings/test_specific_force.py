@@ -149,13 +149,6 @@ def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, toler
     np.testing.assert_allclose(speed, expected, atol=0.02)
 
 
-def test_a_static_transform_that_comes_late_holds_from_the_beginning(robot):
-    moving = robot.moving(np.arange(0, END + 0.1, 0.05), little=False)
-    path = robot.write(robot.still(T0 + 8 * 10**9), moving, robot.wrenches())
-    force = read_recording(path, topics=BY_TF).specific_force
-    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
-
-
 def test_static_transforms_lie_in_the_first_file_of_a_split_bag(robot):
     """The folder is whole; a later file alone is refused, and the frames it has are listed."""
     first = robot.write(robot.still(), robot.moving(np.arange(0, 5, 0.05)), name='first')
@@ -192,18 +185,6 @@ def test_a_chain_may_change(robot):
     np.testing.assert_allclose(force[:4], expected[:4], atol=0.02)
     assert np.isnan(force[4]).all()
     np.testing.assert_allclose(force[5:END], expected[5:], atol=0.02)
-
-
-@pytest.mark.parametrize('frozen', [False, True])
-def test_specific_force_is_absent_where_tf_ends_or_freezes(robot, frozen):
-    parts = [robot.still(), robot.wrenches(), robot.moving(np.arange(0, 6.01, 0.05))]
-    if frozen:  # it goes on with the same old stamp
-        (*_, last) = robot.moving([6.0])
-        parts.append([(*last[:2], T0 + k * 10**8, last[3]) for k in range(60, 140)])
-    recording = read_recording(robot.write(*parts), topics=BY_TF)
-    assert np.isfinite(recording.specific_force[:6]).all()
-    assert np.isnan(recording.specific_force[6:]).all()
-    assert np.isnan(recording.rotation_speed[6:]).all()
 
 
 @pytest.mark.parametrize(

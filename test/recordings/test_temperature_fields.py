@@ -152,8 +152,6 @@ WRONG = [
         '/driver/frame:temprature',
         'bag: .*/driver/frame:temprature.* no field temprature.* are temp',
     ),
-    ('/driver/frame:status.text', 'status.text is no number'),
-    ('/driver/state:temperatures[6]', 'array of 6, and there is no element 6'),
     ('/driver/frame', 'is driver_msgs/msg/Frame; .*Did you mean /driver/frame:temperature[?]'),
     (
         '/wrench_raw',

@@ -26,9 +26,9 @@ TABLE = Path(__file__).parents[2] / 'data/keller_pa10/table2_sensor_b_raw.csv'
 
 
 def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
-    name=NAME, seed=0, *, cells=400, slope=1.0, hidden=0.0, reference=None
+    name=NAME, seed=0, *, cells=400, axes=3, slope=1.0, hidden=0.0, reference=None
 ):
-    """Two thermometers, drift that follows the first, and some that nobody sees."""
+    """Two thermometers, some axes that drift with the first one, and drift that nobody sees."""
     rng = np.random.default_rng(seed)
     t = np.arange(cells)
     inside = 20 + 10 * (1 - np.exp(-t / 90)) * (1 + 0.2 * np.sin(t / 50 + seed))
@@ -37,13 +37,15 @@ def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
     scale = np.array([1, 2, 3, 0.01, 0.02, 0.03])
     drift = np.outer(slope * (inside - 20) + unseen, scale)
     load = np.zeros((cells, 6)) if reference is None else reference
+    wrench = drift + load + rng.normal(0, 0.02, (cells, 6)) * scale
+    wrench[:, axes:] = np.nan
     return Recording(
         name=name,
         period_ns=10 * 10**9,
         first_cell=0,
         temperature_c=np.stack((inside, outside), axis=1),
         measured=np.ones((cells, 2), dtype=bool),
-        wrench=drift + load + rng.normal(0, 0.02, (cells, 6)) * scale,
+        wrench=wrench,
         reference=np.full((cells, 6), np.nan) if reference is None else reference,
         warnings=('Something <odd> was left out.',),
     )

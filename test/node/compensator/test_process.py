@@ -69,11 +69,8 @@ def rows_of(path):
     return path.read_bytes().count(b'\n') - 1
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT])
-def test_a_recording_survives_the_end_of_the_process(bench, peer, start, tmp_path, number):
-    name = f'records_{int(number)}'
-    process = start(name)
-    driver = peer(f'/{name}', name)
+def test_a_recording_survives_the_kill_of_the_process(bench, peer, start, tmp_path):
+    process, driver = start('records'), peer('/records', 'records')
     assert driver.call('record', data=True).success
     (path,) = (tmp_path / 'data/recordings').glob('*.csv')
 
@@ -82,25 +79,11 @@ def test_a_recording_survives_the_end_of_the_process(bench, peer, start, tmp_pat
         return rows_of(path) >= 5
 
     bench.wait_until(has_rows, 'five rows')
-    if number == signal.SIGKILL:
-        code, _ = process.end(number)
-        assert code == -signal.SIGKILL
-    else:
-        assert 'thermal cells' in ends_well(process, number)
+    assert process.end(signal.SIGKILL)[0] == -signal.SIGKILL
     recording = read_recording(path)
     assert len(recording) >= 5
     assert (recording.wrench[np.isfinite(recording.wrench)] == 1.0).all()
     assert recording.warnings == ()
-
-
-def test_a_bad_model_file_is_one_sentence_and_exit_code_1(executable, tmp_path):
-    path = tmp_path / 'bad.yaml'
-    path.write_text('format: other')
-    code, errors = executable(MODULE, '-p', f'model_file:={path}').result()
-    assert code == 1
-    assert len(errors.splitlines()) == 1, errors
-    assert f'{path} is not a model file' in errors
-    assert 'Make one with wrist_ft_comp calibrate.' in errors
 
 
 def test_a_killed_node_leaves_no_calibration_behind(bench, peer, start, tmp_path):

@@ -56,14 +56,6 @@ def test_a_tare_without_wrenches_is_answered(rig):
     assert tare(node).success
 
 
-def test_a_second_tare_is_refused_and_the_first_one_goes_on(rig):
-    node = rig()
-    first = begin(node)
-    assert node.refusal('tare').startswith('A tare is running')
-    node.stream(STAMPS, np.tile(OFFSET, (51, 1)))
-    assert first.get(timeout=20.0).success
-
-
 def test_a_caller_that_waits_for_a_tare_is_answered_at_the_end(rig):
     node = rig()
     answers = begin(node)
