@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.recordings.columns import meant_columns
 from wrist_ft_comp.recordings.foreign_log import iso_nanoseconds, log_map
 from wrist_ft_comp.recordings.part import parse_part, Part
 from wrist_ft_comp.recordings.recordings import read_recording
@@ -108,6 +109,12 @@ def test_a_bump_is_left_out_as_the_refusal_proposes(logs, run, done):
     (stretch,) = re.findall(r'--exclude (\S+)\.', refusal)
     assert stretch == '2390..2420'
     assert 'saved as' in done(*words, '--exclude', stretch)
+
+
+def test_a_column_t_beside_a_time_is_a_temperature():
+    assert meant_columns(['time', 'T', 'Fz']) == {
+        'time': 'stamp_s', 'T': 'temperature_c', 'Fz': 'force_z',
+    }  # fmt: skip
 
 
 def test_a_part_behind_the_end_is_named_as_that(logs, run):

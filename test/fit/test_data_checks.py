@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import drop_stuck_cells, idle_thermometers, silent_stretches
+from wrist_ft_comp.fit.data_checks import (
+    drop_stuck_cells,
+    idle_thermometers,
+    jumping_thermometers,
+    silent_stretches,
+)
 
 CELLS = 1000
 
@@ -57,6 +62,16 @@ def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings(record):
     assert np.isnan(left.wrench[:, 0]).all()
     assert whole is sound
     assert '7000 s (70.0 %) without any change, first after 2000 s; it is not learnt' in sentence
+
+
+def test_a_thermometer_that_jumps_is_named(record):
+    recording = record()
+    assert jumping_thermometers([recording]) == []
+    recording.temperature_c[300, 0] += 60.0
+    (sentence,) = jumping_thermometers([recording])
+    assert 'Thermometer 1 of a.csv jumps 2 times, first by 60' in sentence
+    recording.measured[200:300] = recording.measured[301:700] = False
+    assert jumping_thermometers([recording]) == []
 
 
 def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):

@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
     view = evaluation_view(stored, judged, arguments.tare)
     errors = {axis.axis: axis.errors for axis in view.axes}
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
+    if arguments.report:  # before what a closed pipe may end
+        REPORT.write(arguments.report, page(view))
     if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
@@ -73,10 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
             if evaluated.figures:
                 print(f'\n{path}\n{tables.chamber_table_text(evaluated.figures)}')
     tables.print_warnings(view.warnings)
-    if arguments.report:
-        REPORT.write(arguments.report, page(view))
-        if not arguments.json:
-            print(f'report: {arguments.report}')
+    if arguments.report and not arguments.json:
+        print(f'report: {arguments.report}')
     if arguments.json:
         by_path = dict(zip(map(str, arguments.recordings), judged, strict=True))
         options.print_json(

@@ -156,6 +156,11 @@ def _model_lines(stored: StoredModel) -> Iterator[str]:
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
+def _rate(samples: int, span_s: float) -> str:
+    """Say how many samples come per second."""
+    return rounded((samples - 1) / span_s, 4) if samples > 1 and span_s else '-'
+
+
 def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Describe a recording for people."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
@@ -163,7 +168,7 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
     rows = [
         [channel.name, ', '.join(filter(None, [channel.kind, _range(channel.reads)])),
-         str(channel.samples), rounded((channel.samples - 1) / span_s, 4) if span_s else '-',
+         str(channel.samples), _rate(channel.samples, span_s),
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip

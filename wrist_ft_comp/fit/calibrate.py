@@ -96,6 +96,7 @@ def calibrate(
         *spikes,
         *dropped,
         *data_checks.silent_stretches(recordings, settings.max_gap_s),
+        *data_checks.jumping_thermometers(recordings),
         *data_checks.idle_thermometers(recordings),
         *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
         *(work.warnings if work else ()),

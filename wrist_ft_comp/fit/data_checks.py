@@ -21,6 +21,7 @@ from wrist_ft_comp.signals import (
     require_recordings,
     stretches,
 )
+from wrist_ft_comp.stream.input_checks import JUMP_K, JUMP_K_S
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
@@ -42,6 +43,10 @@ _MOST_SPIKES = 3
 _MOST_SPIKES_SHARE = 1e-3
 #: Jumps within this share of a recording are a bump, which can be left out.
 _BUMP_SHARE = 0.1
+#: Cells before and after jumps whose medians say whether the level is another one.
+_LEVEL_CELLS = 10
+#: It is where they differ by more than this share of the largest jump.
+_STAYS_SHARE = 0.5
 #: A channel is lively where this share of its neighbouring cells differ …
 _LIVELY_SHARE = 0.9
 #: … and then stuck where it keeps a value for this many cells.
@@ -172,9 +177,17 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
         _stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist())
     )
     begin_s, end_s = (float(cell) * recording.period_s for cell in cells[[0, -1]])
+    margin_s = 10 * recording.period_s
+    before, after = raw[at[at < cells[0]][-_LEVEL_CELLS:]], raw[at[at >= cells[-1]][:_LEVEL_CELLS]]
+    stays = abs(np.median(after) - np.median(before)) > _STAYS_SHARE * steps.max()
+    short = end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s
     bump = ''
-    if end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s:
-        margin_s = 10 * recording.period_s
+    if stays:
+        bump = (
+            f' Or take one side of it: --until {max(begin_s - margin_s, 0):.0f}, or --from '
+            f'{end_s + margin_s:.0f}.'
+        )
+    elif short:
         bump = (
             f' Or leave that part out: --exclude {max(begin_s - margin_s, 0):.0f}..'
             f'{end_s + margin_s:.0f}.'
@@ -317,6 +330,27 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                 f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
                 'that time was not learnt.'
             )
+    return sentences
+
+
+def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
+    """Name thermometers that step faster than metal can, as the running node does."""
+    sentences = list[str]()
+    for recording in recordings if find_plateaus(recordings) is None else ():
+        for j, (values_c, measured) in enumerate(
+            zip(recording.temperature_c.T, recording.measured.T, strict=True), start=1
+        ):
+            at = np.flatnonzero(measured)
+            steps_k = np.diff(values_c[at])
+            limit_k = JUMP_K + JUMP_K_S * np.diff(at) * recording.period_s
+            jumps = np.flatnonzero(np.abs(steps_k) > limit_k)
+            if len(jumps):
+                sentences.append(
+                    f'Thermometer {j} of {recording.name} jumps {len(jumps)} times, first by '
+                    f'{steps_k[jumps[0]]:.1f} K at stamp {_stamp(recording, at[jumps[0] + 1])}, '
+                    'faster than metal can: is it loose? Its readings there count for the range '
+                    'and the model; leave them out by --exclude, or record again.'
+                )
     return sentences
 
 

@@ -40,6 +40,12 @@ from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
 ChamberColumns = dict[str, ChamberFigures]
+#: Two recordings are of one day where this many cells at the same time ...
+_FEWEST_STEPS = 50
+#: ... change by the same noise: where their changes correlate by more than this.
+_SAME_CORRELATION = 0.5
+#: Stamps from this one on, s, are of a clock; those of many logs begin at 0.
+_CLOCK_S = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +86,7 @@ def _read(
         part = part_of(report, number, 2 * len(job.recordings))
         try:
             recording, sha256 = _read_one(job, path, used, part)
+            _refuse_twice(path, recording, dict(zip(used.values(), recordings, strict=True)))
         except RecordingError as error:
             last = number + 1 == len(job.recordings)
             if not job.skip_unusable or (last and not recordings):
@@ -115,6 +122,26 @@ def _read_one(
             'wrench, or declare the reference unloaded or constant.'
         )
     return recording, sha256
+
+
+def _refuse_twice(path: Path, recording: Recording, others: Mapping[Path, Recording]) -> None:
+    """Refuse what another recording holds, too: counted twice, a day seems twice as sure."""
+    for other_path, other in others.items():
+        begin = max(recording.first_cell, other.first_cell)
+        if recording.period_ns != other.period_ns or begin * recording.period_s < _CLOCK_S:
+            continue
+        wrenches = [run.wrench[begin - run.first_cell :] for run in (recording, other)]
+        count, correlations = min(map(len, wrenches)), []
+        for ours, theirs in zip(*(wrench[:count].T for wrench in wrenches), strict=True):
+            both = np.isfinite(ours) & np.isfinite(theirs)
+            one, two = np.diff(ours[both]), np.diff(theirs[both])
+            if len(one) > _FEWEST_STEPS and one.any() and two.any():
+                correlations.append(one @ two / np.sqrt((one @ one) * (two @ two)))
+        if correlations and np.median(correlations) > _SAME_CORRELATION:
+            raise RecordingError(
+                f'{path} was recorded at the same time as {other_path}, and steps as it does: it '
+                'is the same day in another form. Name one of them only.'
+            )
 
 
 def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:

@@ -141,9 +141,13 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
         plain = re.sub(r'[\[(].*|\W', '', column.lower())
         near = difflib.get_close_matches(plain[:_SHOWN], absent, 1, _LEAST_SIMILARITY)
         name = _ALIASES.get(plain, near[0] if near else '')
-        meant[column] = name if name in absent and not plain.startswith('external_') else ''
-        if may_be_temperature((plain,)):
-            meant[column] = next(thermometers, '')
+        if may_be_temperature((plain,)) or column.strip() == 'T':  # t is a time
+            name = next(thermometers, '')
+        elif name not in absent or plain.startswith('external_'):
+            name = ''
+        else:
+            absent.remove(name)
+        meant[column] = name
     return meant
 
 

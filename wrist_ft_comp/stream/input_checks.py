@@ -16,9 +16,9 @@ _LEAP_NS = 60 * NANOSECONDS
 #: ... and by more than this many times the step before.
 _LEAP_STEPS = 10
 #: A thermometer in metal does not change by more than this from cell to cell, K ...
-_JUMP_K = 2.0
+JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
-_JUMP_K_S = 0.2
+JUMP_K_S = 0.2
 
 
 class SensorWatch:
@@ -98,7 +98,7 @@ class ThermometerWatch:
         apart, self._silent = self._silent + cells.count, np.array(cells.silent)
         if before is None:
             return
-        limit_k = _JUMP_K + _JUMP_K_S * apart * period_ns / NANOSECONDS
+        limit_k = JUMP_K + JUMP_K_S * apart * period_ns / NANOSECONDS
         step_k = cells.temperature_c - before
         jumped = np.abs(step_k) > limit_k
         jumped[list(replaced)] = False
