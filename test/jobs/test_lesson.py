@@ -127,10 +127,13 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     champion = Path(answers[1]['path'])
-    diary_path(sensor).write_text('{"format": ')
+    broken = diary_path(sensor).read_text()[:-300]
+    diary_path(sensor).write_text(broken)
     decided = {'since': 'day_00001.csv', 'decision': 'a person chose m.yaml'}
     again = _answer(job_of(sensor, 3, champion, **decided))
     assert again['success']
+    assert 'diary.json is not a diary: expected JSON' in again['incident']
+    assert (sensor / 'days/diary.json.kept').read_text() == broken
     diary = load_diary(sensor)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]

@@ -122,6 +122,20 @@ def test_a_day_on_which_a_reading_froze_does_not_end_learning(look, axes):
     assert lesson.better is not None, lesson.entry
 
 
+def test_a_day_on_which_a_thermometer_came_loose_is_not_learnt_from(look):
+    def loose(name):
+        day = look(name)
+        if name != NAMES[2]:
+            return day
+        temperature_c = day.recording.temperature_c.copy()
+        temperature_c[300:, 1] -= 5.0
+        return look_at(replace(day.recording, temperature_c=temperature_c))
+
+    entry = past(loose, Champion(), 1, 2)[1]
+    assert entry.kind == 'thermometer'
+    assert 'Thermometer 2 of day_00002.csv jumps 1 times, first by -5.' in entry.incident
+
+
 def test_the_drift_left_is_that_of_evaluate(separated, good):
     day = separated(3)
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])

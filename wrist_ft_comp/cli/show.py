@@ -13,7 +13,7 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
-from wrist_ft_comp.learning.diary import node_folders, survey
+from wrist_ft_comp.learning.diary import diary_problem, node_folders, survey
 from wrist_ft_comp.learning.memory import load_memory, Memory
 from wrist_ft_comp.payload.directions import ForceSummary
 from wrist_ft_comp.payload.driver_calls import driver_lines
@@ -116,7 +116,8 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
         with suppress(StateFileError):  # the node has reported it, and starts a new one
             memory = load_memory(folder) or memory
         document[str(folder)] = days_json(diary, memory)
-        texts.append(days_text(folder, diary, memory))
+        problem = diary_problem(folder)
+        texts.append(days_text(folder, diary, memory) + f'\nwarning: {problem}' * bool(problem))
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 

@@ -96,7 +96,11 @@ def calibrate(
         *spikes,
         *dropped,
         *data_checks.silent_stretches(recordings, settings.max_gap_s),
-        *data_checks.jumping_thermometers(recordings),
+        *(
+            f'{jump} Its readings there count for the range and the model; record again, or leave '
+            'that part out.'
+            for jump in data_checks.jumping_thermometers(recordings)
+        ),
         *data_checks.idle_thermometers(recordings),
         *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
         *(work.warnings if work else ()),

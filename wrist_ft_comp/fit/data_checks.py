@@ -348,8 +348,7 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
                 sentences.append(
                     f'Thermometer {j} of {recording.name} jumps {len(jumps)} times, first by '
                     f'{steps_k[jumps[0]]:.1f} K at stamp {_stamp(recording, at[jumps[0] + 1])}, '
-                    'faster than metal can: is it loose? Its readings there count for the range '
-                    'and the model; leave them out by --exclude, or record again.'
+                    'faster than metal can: is it loose?'
                 )
     return sentences
 

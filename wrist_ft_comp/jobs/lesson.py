@@ -14,7 +14,15 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.day import Day, look_at
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
-from wrist_ft_comp.learning.diary import alone, Decision, Diary, load_diary, prune, save_diary
+from wrist_ft_comp.learning.diary import (
+    alone,
+    Decision,
+    Diary,
+    diary_problem,
+    load_diary,
+    prune,
+    save_diary,
+)
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
 from wrist_ft_comp.learning.schedule import MOST_DAYS
@@ -55,6 +63,8 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
+    lost = diary_problem(directory)
+    lost = f'{lost} It is kept beside, and its days are judged anew.' if lost else ''
 
     def read(path: Path) -> Recording:
         """Read a day."""
@@ -93,7 +103,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         decisions[Decision(learning.since, words, 'person')] = None
     paused = pause(entries, learning.since)
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
-    troubles, better = [entry.incident], lesson.better
+    troubles, better = [entry.incident, lost], lesson.better
     with _noted(troubles, 'A better model is lost'):
         if better:
             days = {name: paths[name] for name in lesson.days}

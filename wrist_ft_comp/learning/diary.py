@@ -20,7 +20,14 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import Document, Kind, plain, restored, writing
+from wrist_ft_comp.stored.documents import (
+    Document,
+    Kind,
+    plain,
+    restored,
+    set_aside,
+    writing,
+)
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
@@ -191,8 +198,24 @@ def load_diary(directory: Path) -> Diary:
     return Diary()
 
 
+def diary_problem(directory: Path) -> str:
+    """Say why a diary cannot be read; empty where it can, or where there is none."""
+    try:
+        KIND.load_json(diary_path(directory))
+    except (RecordingError, ModelFileError, OSError) as error:
+        return str(error)
+    return ''
+
+
 def save_diary(directory: Path, diary: Diary) -> None:
-    """Write a diary in one step, without the oldest days where it has too many."""
+    """
+    Write a diary in one step, without the oldest days where it has too many.
+
+    One that cannot be read, such as that of a later version, is kept beside it, once.
+    """
+    with writing(diary_path(directory)):
+        if diary_problem(directory) and diary_path(directory).is_file():
+            set_aside(diary_path(directory))
     document = {
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
         'decisions': [decision._asdict() for decision in diary.decisions[-_MOST_DECISIONS:]],

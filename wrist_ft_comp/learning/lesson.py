@@ -14,7 +14,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.data_checks import drop_stuck_cells
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.creep import shares
@@ -92,6 +92,8 @@ def describe_day(
         kind, sentence = incident(day, entry, before, drift)
         if lying and not kind:
             kind, sentence = THERMOMETER, f'On this day {"; ".join(lying)}.'
+        if not kind and (jumps := jumping_thermometers([day.recording])):
+            kind, sentence = THERMOMETER, ' '.join(jumps)
     except WristFtCompError as error:
         sentence = f'This day cannot be judged: {error}'
         return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)

@@ -177,6 +177,13 @@ def _same(path: Path, other: Path) -> bool:
     return os.path.realpath(path) == os.path.realpath(other)
 
 
+def set_aside(path: Path) -> None:
+    """Rename a file to ``NAME.kept``, unless one is kept there already."""
+    kept = path.with_name(f'{path.name}.kept')
+    if not kept.exists():
+        path.rename(kept)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output:
     """A kind of file that this package writes; ``write`` is the only door to it."""
@@ -230,10 +237,8 @@ class Output:
     def write(self, path: Path, content: str | bytes) -> None:
         """Write a file, and its folder where it is missing, in one step, as far as it may."""
         try:
-            kept = path.with_name(f'{path.name}.kept')
-            foreign = path.is_file() and path.stat().st_size and not self.is_own(path)
-            if self.keeps and foreign and not kept.exists():
-                path.rename(kept)
+            if self.keeps and path.is_file() and path.stat().st_size and not self.is_own(path):
+                set_aside(path)
             self.check_target(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, content)
