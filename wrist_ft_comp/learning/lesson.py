@@ -136,7 +136,8 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     except WristFtCompError as error:
         return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     taken = ratio < (_CLEARLY_WORSE if champion.key and not chosen else 1)
-    why_so = 'It is better' if ratio < 1 else 'It is about as good, and knows more days'
+    less = round(ratio, 2) < 1  # as it is printed
+    why_so = 'It is better' if less else 'It is about as good, and knows more days'
     verdict = (
         f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
         f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '

@@ -342,7 +342,8 @@ class Learner(Part):
         memory = self.memory
         try:
             if self.why_not or not memory.offered:
-                none = f'No better model is offered: {memory.verdict or "no day is judged yet"}.'
+                said = f'the newest day said: {memory.verdict}' if memory.verdict else ''
+                none = f'No better model is offered: {said or "no day is judged yet"}.'
                 raise SettingsError(self.why_not or none)
             stored = self._live.load(self.offered)
             if stored.sha256 != memory.sha256:
