@@ -99,9 +99,11 @@ def job_of(directory, count, champion=None, *, report=False, **more):
 
 
 @pytest.fixture(scope='module')
-def answers(sensor):
-    """What the first two days give."""
-    return [_answer(job_of(sensor, count, report=True)) for count in (1, 2)]
+def answers(sensor, tmp_path_factory):
+    """What the first two days give; as ``own_lock``, which begins later."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(tempfile, 'tempdir', str(tmp_path_factory.mktemp('lock')))
+        return [_answer(job_of(sensor, count, report=True)) for count in (1, 2)]
 
 
 def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
