@@ -69,7 +69,7 @@ def test_a_thermometer_that_jumps_is_named(record):
     assert jumping_thermometers([recording]) == []
     recording.temperature_c[300, 0] += 60.0
     (sentence,) = jumping_thermometers([recording])
-    assert 'Thermometer 1 of a.csv jumps 2 times, first by 60' in sentence
+    assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
     recording.measured[200:300] = recording.measured[301:700] = False
     assert jumping_thermometers([recording]) == []
 

@@ -133,7 +133,7 @@ def test_a_day_on_which_a_thermometer_came_loose_is_not_learnt_from(look):
 
     entry = past(loose, Champion(), 1, 2)[1]
     assert entry.kind == 'thermometer'
-    assert 'Thermometer 2 of day_00002.csv jumps 1 times, first by -5.' in entry.incident
+    assert 'Thermometer 2 of day_00002.csv jumps faster than metal can: by -5.' in entry.incident
 
 
 def test_the_drift_left_is_that_of_evaluate(separated, good):

@@ -247,7 +247,8 @@ def identify_together(
         held_out, fold_logs = body.fit(fold, logs)
         held_out_logs.append(fold_logs)
         for of_axis, found in zip(errors, body.errors(fold, held_out), strict=True):
-            of_axis.extend([found] if found else [])
+            if found is not None:
+                of_axis.append(found)
         progress(number / len(body.folds))
     cleaned, tared = (
         [np.stack([getattr(of_fold, form) for of_fold in of_axis]) for of_axis in errors]

@@ -346,9 +346,9 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
             jumps = np.flatnonzero(np.abs(steps_k) > limit_k)
             if len(jumps):
                 sentences.append(
-                    f'Thermometer {j} of {recording.name} jumps {len(jumps)} times, first by '
+                    f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
                     f'{steps_k[jumps[0]]:.1f} K at stamp {_stamp(recording, at[jumps[0] + 1])}, '
-                    'faster than metal can: is it loose?'
+                    f'the first of {len(jumps)}. Is it loose?'
                 )
     return sentences
 

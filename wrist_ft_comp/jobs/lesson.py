@@ -64,7 +64,6 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
     lost = diary_problem(directory)
-    lost = f'{lost} It is kept beside, and its days are judged anew.' if lost else ''
 
     def read(path: Path) -> Recording:
         """Read a day."""
@@ -103,7 +102,9 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         decisions[Decision(learning.since, words, 'person')] = None
     paused = pause(entries, learning.since)
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
-    troubles, better = [entry.incident, lost], lesson.better
+    troubles, better = [entry.incident], lesson.better
+    if lost:
+        troubles.append(f'{lost} The days are judged anew; diary.json.kept is the first such one.')
     with _noted(troubles, 'A better model is lost'):
         if better:
             days = {name: paths[name] for name in lesson.days}
