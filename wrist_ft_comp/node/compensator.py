@@ -145,8 +145,8 @@ class CompensatorNode(Hub):
             counts.malformed += 1
             return
         stamp_ns, raw = layout.decode(data)
-        if not -LARGEST < (total := sum(raw)) < LARGEST:  # one comparison for six numbers, NaN too
-            counts.drop(max(raw, key=abs) if math.isfinite(total) else total)
+        if not math.hypot(*raw) < LARGEST:  # one comparison for six numbers; false for NaN
+            counts.drop(max(raw, key=abs) if all(map(math.isfinite, raw)) else math.nan)
             return
         stamp_ns = stamp_ns or self.now_ns()
         corrected = self.compensator.correct(stamp_ns, raw)

@@ -16,7 +16,7 @@ from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.part import Part, Service, Vector
-from wrist_ft_comp.signals import NANOSECONDS, SensorNames
+from wrist_ft_comp.signals import LARGEST, NANOSECONDS, SensorNames
 from wrist_ft_comp.stored.documents import writing
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
@@ -235,7 +235,7 @@ class RecordService(Part):
         except RecordingError:
             self._counts.bad_references += 1
             return
-        if not math.isfinite(sum(reference)):
+        if not math.hypot(*reference) < LARGEST:  # false for NaN
             self._counts.bad_references += 1
         elif self.current is not None:
             at_ns = stamp_ns or self._hub.now_ns()

@@ -112,11 +112,12 @@ class TestWrench:
         for bad in (math.nan, math.inf, -math.inf):
             node.put(START, [0, 0, bad, 0, 0, 0])
         node.put(START, [0, math.inf, -math.inf, 0, 0, 0])
+        node.put(START, [1e10, -1e10, 0, 0, 0, 0])  # their sum is plausible
         for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
             node.put_bytes(data)
         status = warns(node, 'input', 'all wrenches are unusable and dropped; check the driver')
-        names = ('received', 'dropped_not_finite', 'dropped_malformed')
-        assert [status.values[name] for name in names] == ['0', '4', '4']
+        names = ('received', 'dropped_not_finite', 'dropped_implausible', 'dropped_malformed')
+        assert [status.values[name] for name in names] == ['0', '4', '1', '4']
         assert node.outputs.empty()
         unharmed(node)
 
