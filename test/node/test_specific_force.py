@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import Gravity
+from wrist_ft_comp.node.specific_force import Gravity, RecentForces
 from wrist_ft_comp.ros.messages import FAST_SENSOR
 from wrist_ft_comp.signals import GRAVITY
 
@@ -17,6 +17,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
 TO_TOOL = 'arm', 'tool', NO_TURN
+UP, AWAY = (0.0, 0.0, 9.807), (9.807, 0.0, 0.0)
 
 
 class KeptMessages:
@@ -42,7 +43,8 @@ class FakeHub:
     def __init__(self, source='tf', upper='world', frame='tool'):
         self.on, self.samples, self.frame = {}, [], frame
         self.log = SimpleNamespace(info=lambda _: None)
-        self.source = Gravity({'gravity.source': source, 'gravity.frame': upper})
+        chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
+        self.source = Gravity(chosen)
         self.source.start(self)
 
     def hardware_id(self):
@@ -189,3 +191,42 @@ def test_without_tf2_msgs_or_a_frame_tf_is_refused():
         FakeHub()
     with pytest.raises(SettingsError, match='is empty; expected the frame whose z'):
         FakeHub(upper='')
+
+
+@pytest.fixture
+def forces():
+    return RecentForces(0.2)
+
+
+def directions(count, seed=1):
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return 9.807 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
+    for k, force in enumerate(directions(5)):
+        forces.add(START + k * SECOND // 100, tuple(force))
+    samples = [tuple(force) for force in directions(5)]
+    assert forces.at(START + SECOND // 50) == samples[2]
+    assert forces.at(START + SECOND // 50 + 1) == samples[2]
+    assert forces.at(START + SECOND // 50 - 1) == samples[1]
+    assert forces.at(START + SECOND // 10) == samples[4]
+    assert forces.at(START - SECOND // 10) == samples[0]
+    assert forces.count == 5
+
+
+def test_a_sample_beyond_the_timeout_does_not_hold(forces):
+    assert forces.at(0) is None
+    forces.add(START, UP)
+    for away in (-SECOND // 5, SECOND // 5):
+        assert forces.at(START + away) == UP
+        assert forces.at(START + away + np.sign(away)) is None
+
+
+def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
+    forces.add(START, UP)
+    forces.add(START - SECOND // 10, AWAY)
+    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
+    forces.add(START - SECOND, AWAY)
+    assert forces.at(START - SECOND) == AWAY
+    assert forces.at(START) is None

@@ -1,24 +1,17 @@
-"""The payload in operation: specific force that holds at a stamp, weight, and the second tare."""
+"""The payload in operation: its weight, and the second tare."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.drift.drift_model import Drift
-from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
+from wrist_ft_comp.payload.live_weight import LivePayload
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
-#: Since 1970, and odd, so that rounding to floats would show.
-START = 1_700_000_000 * SECOND + 1
-UP, AWAY = (0.0, 0.0, 9.807), (9.807, 0.0, 0.0)
+START = 1_700_000_000 * SECOND
 CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
-
-
-@pytest.fixture
-def forces():
-    return RecentForces(0.2)
 
 
 @pytest.fixture
@@ -37,35 +30,6 @@ def measured(frame, true):
 def directions(count, seed=1):
     vectors = np.random.default_rng(seed).normal(size=(count, 3))
     return 9.807 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
-    for k, force in enumerate(directions(5)):
-        forces.add(START + k * SECOND // 100, tuple(force))
-    samples = [tuple(force) for force in directions(5)]
-    assert forces.at(START + SECOND // 50) == samples[2]
-    assert forces.at(START + SECOND // 50 + 1) == samples[2]
-    assert forces.at(START + SECOND // 50 - 1) == samples[1]
-    assert forces.at(START + SECOND // 10) == samples[4]
-    assert forces.at(START - SECOND // 10) == samples[0]
-    assert forces.count == 5
-
-
-def test_a_sample_beyond_the_timeout_does_not_hold(forces):
-    assert forces.at(0) is None
-    forces.add(START, UP)
-    for away in (-SECOND // 5, SECOND // 5):
-        assert forces.at(START + away) == UP
-        assert forces.at(START + away + np.sign(away)) is None
-
-
-def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
-    forces.add(START, UP)
-    forces.add(START - SECOND // 10, AWAY)
-    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
-    forces.add(START - SECOND, AWAY)
-    assert forces.at(START - SECOND) == AWAY
-    assert forces.at(START) is None
 
 
 def test_the_weight_is_that_of_the_payload_in_the_frame(tool):

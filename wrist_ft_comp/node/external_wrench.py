@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.specific_force import Gravity
-from wrist_ft_comp.payload.live_weight import Force, LivePayload, RecentForces
+from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion import MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.hub import Hub
@@ -107,8 +107,6 @@ class ExternalWrench(Part):
     gravity: Gravity
     _newest: Callable[[], Newest | None]
     _log: NodeLog
-    #: Of the newest specific force, rad/s; NaN where it is not known.
-    speed: float = math.nan
     #: Wrenches that were published, and those that were not because specific force was too old.
     published: int = 0
     missed: int = 0
@@ -135,10 +133,6 @@ class ExternalWrench(Part):
 
     title = 'payload'
 
-    def __post_init__(self) -> None:
-        """Begin without specific force."""
-        self.forces = RecentForces(self._settings()['gravity.timeout'])
-
     def start(self, hub: Hub) -> None:
         """Offer the topic wrench_external."""
         self._hub = hub
@@ -149,11 +143,6 @@ class ExternalWrench(Part):
         """Choose the payload as soon as the first model is chosen."""
         if self._chosen is None:
             self._settle()
-
-    def on_force(self, stamp_ns: int, force: Force, speed: float | None) -> None:
-        """Take one specific force, m/s², and its speed of rotation, rad/s."""
-        self.forces.add(stamp_ns, force)
-        self.speed = math.nan if speed is None else speed
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -167,9 +156,10 @@ class ExternalWrench(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
-        if stamp_ns - self.forces.newest_ns > _FRESH_NS:
+        forces = self.gravity.forces
+        if stamp_ns - forces.newest_ns > _FRESH_NS:
             self._hub.do(self.gravity, self.gravity.poll)
-        force = self.forces.at(stamp_ns)
+        force = forces.at(stamp_ns)
         if force is None:
             self.missed += 1
             return
@@ -178,12 +168,12 @@ class ExternalWrench(Part):
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
             self.published += 1
         if self.collector is not None and self.collector.share < 1:
-            self.collector.add(stamp_ns, external, force, self.speed)
+            self.collector.add(stamp_ns, external, force, self.gravity.speed)
             self.collected += 1
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
-        force = self.forces.at(stamp_ns)
+        force = self.gravity.forces.at(stamp_ns)
         return None if self.payload is None or force is None else self.payload.weight(force)
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
@@ -198,9 +188,6 @@ class ExternalWrench(Part):
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
-        for parameter in parameters:
-            if parameter.name == 'gravity.timeout':
-                self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
         if not _NAMES.isdisjoint(parameter.name for parameter in parameters):
             self._settle()
 
@@ -311,7 +298,7 @@ class ExternalWrench(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
-        forces, newest, payload = self.forces, self._newest(), self.payload
+        forces, newest, payload = self.gravity.forces, self._newest(), self.payload
         grown, elapsed_s = self._growth.since(
             forces=forces.count, published=self.published, missed=self.missed
         )
@@ -343,7 +330,7 @@ class ExternalWrench(Part):
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, (self.waiting, self.gravity.doubt()))
-        newest, rests, payload = self.forces.newest, 'wrench_external rests', self.payload
+        newest, rests, payload = self.gravity.forces.newest, 'wrench_external rests', self.payload
         if not self.wanted:
             return
         if newest is None:

@@ -41,7 +41,7 @@ class IdentifyService(LongService):
 
     def _work(self) -> Work:
         """Collect a minute of stamps, let a job identify the payload, and say how to use it."""
-        if self._external.forces.newest is None:
+        if self._external.gravity.forces.newest is None:
             raise CalibrationRefusedError(
                 'No specific force has come. Set gravity.source to imu or tf, and look whether '
                 'that is published.'

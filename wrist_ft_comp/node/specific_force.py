@@ -1,5 +1,7 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
+from collections import deque
+from collections.abc import Sequence
 from functools import partial
 import math
 from typing import Any
@@ -13,6 +15,7 @@ from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
+from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.tf_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf
@@ -21,6 +24,47 @@ from wrist_ft_comp.wire.tf_tree import GravityByTf
 _STEP_NS = 10_000_000
 #: Old transforms are dropped after this many messages of TF.
 _TIDY_MESSAGES = 100
+#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
+_KEPT_SAMPLES = 256
+
+
+class RecentForces:
+    """
+    The newest samples of specific force, as measured, m/s².
+
+    At a stamp the newest one up to it holds, or else the nearest, so that nothing waits.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        #: A sample is used for wrenches within this time, ns.
+        self.timeout_ns = round(timeout_s * NANOSECONDS)
+        #: Samples since the start, and the stamp of the newest, ns.
+        self.count = self.newest_ns = 0
+        self._kept: deque[tuple[int, Vector]] = deque(maxlen=_KEPT_SAMPLES)
+
+    @property
+    def newest(self) -> tuple[int, Vector] | None:
+        """Stamp, ns, and specific force of the newest sample."""
+        return self._kept[-1] if self._kept else None
+
+    def add(self, stamp_ns: int, force: Vector) -> None:
+        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
+        self.count += 1
+        if self._kept and stamp_ns < self._kept[-1][0]:
+            if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
+                return
+            self._kept.clear()
+        self.newest_ns = stamp_ns
+        self._kept.append((stamp_ns, force))
+
+    def at(self, stamp_ns: int) -> Vector | None:
+        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
+        if not self._kept:
+            return None
+        for sample in reversed(self._kept):
+            if sample[0] <= stamp_ns:
+                break
+        return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
 class Gravity(Part):
@@ -35,6 +79,9 @@ class Gravity(Part):
     def __init__(self, chosen: dict[str, Any]) -> None:
         self._source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
         self._by_tf = self._source == 'tf'
+        self.forces = RecentForces(chosen['gravity.timeout'])
+        #: Speed of rotation at the newest of them, rad/s; NaN where it is not known.
+        self.speed = math.nan
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
         self._unreadable_before = 0
@@ -77,6 +124,17 @@ class Gravity(Part):
         if self._imu is not None and not self.stopped:
             for data in messages.waiting(self._imu):
                 self.on_imu(data)
+
+    def on_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+        """Keep one specific force, m/s², and its speed of rotation, rad/s."""
+        self.forces.add(stamp_ns, force)
+        self.speed = math.nan if speed is None else speed
+
+    def apply_parameters(self, parameters: Sequence[Any]) -> None:
+        """Follow gravity.timeout."""
+        for parameter in parameters:
+            if parameter.name == 'gravity.timeout':
+                self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
 
     def frames(self) -> FrameIds:
         """

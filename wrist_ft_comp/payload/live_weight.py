@@ -1,56 +1,12 @@
-"""
-The weight of the mounted payload at the stamp of a wrench, live, in floats instead of arrays.
+"""The weight of the mounted payload, taken off live, in floats instead of arrays."""
 
-It is the weight at the newest specific force up to the stamp, or else at the nearest one, so that
-nothing waits.
-"""
-
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.signals import NANOSECONDS
 
 Force = tuple[float, float, float]
-#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
-_KEPT_SAMPLES = 256
-
-
-class RecentForces:
-    """The newest samples of specific force, as measured, m/s²."""
-
-    def __init__(self, timeout_s: float) -> None:
-        #: A sample is used for wrenches within this time, ns.
-        self.timeout_ns = round(timeout_s * NANOSECONDS)
-        #: Samples since the start, and the stamp of the newest, ns.
-        self.count = self.newest_ns = 0
-        self._kept: deque[tuple[int, Force]] = deque(maxlen=_KEPT_SAMPLES)
-
-    @property
-    def newest(self) -> tuple[int, Force] | None:
-        """Stamp, ns, and specific force of the newest sample."""
-        return self._kept[-1] if self._kept else None
-
-    def add(self, stamp_ns: int, force: Force) -> None:
-        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
-        self.count += 1
-        if self._kept and stamp_ns < self._kept[-1][0]:
-            if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
-                return
-            self._kept.clear()
-        self.newest_ns = stamp_ns
-        self._kept.append((stamp_ns, force))
-
-    def at(self, stamp_ns: int) -> Force | None:
-        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
-        if not self._kept:
-            return None
-        for sample in reversed(self._kept):
-            if sample[0] <= stamp_ns:
-                break
-        return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
 class LivePayload:

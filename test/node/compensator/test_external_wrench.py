@@ -83,7 +83,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     )
     imu = node.bench.publisher(Imu, node.topic('imu'))
     imu.publish(messages.imu(START, (FRAME.rotation.T @ ASIDE).tolist(), [0.0, 0.1, 0.0]))
-    forces = node.node.external.forces
+    forces = node.node.gravity.forces
     node.wait_until(lambda: forces.count == 1, 'the specific force')
     node.wait_until(node.node.external.output.get_subscription_count, 'the listener')
     raw = TOOL.weight(ASIDE) + CONSTANT
@@ -91,7 +91,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     message = externals.get(timeout=20.0)
     assert head(message) == (START + SECOND // 10, 'tool0')
     np.testing.assert_allclose(values(message), CONSTANT, atol=1e-12)
-    assert node.node.external.speed == pytest.approx(0.1)
+    assert node.node.gravity.speed == pytest.approx(0.1)
 
 
 def test_without_a_payload_no_external_wrench_is_computed(rig):
