@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.robust import robust_cost, robust_weight

@@ -33,7 +33,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.live_weight import LivePayload
-from wrist_ft_comp.payload.minute import identify
+from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.signals import AXES, FloatArray, GRAVITY, NANOSECONDS, Recording

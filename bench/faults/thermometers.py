@@ -26,7 +26,7 @@ from peers import root_mean_square
 from worlds import Answer, DEVELOPMENT_SEED, left_of, report_seed
 from worlds_drawn import FAMILIES, Family, family, World
 
-from wrist_ft_comp.drift.arx import static_gain
+from wrist_ft_comp.drift.arx_filter import static_gain
 from wrist_ft_comp.drift.arx_pls import from_gains
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel

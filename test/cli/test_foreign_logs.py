@@ -10,8 +10,8 @@ import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recordings.columns import meant_columns
+from wrist_ft_comp.recordings.excerpt import parse_part, Part
 from wrist_ft_comp.recordings.foreign_log import iso_nanoseconds, log_map
-from wrist_ft_comp.recordings.part import parse_part, Part
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, Topics
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import free_run, relaxation
+from wrist_ft_comp.drift.arx_filter import free_run, relaxation
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
+from wrist_ft_comp.fit.column_pool import least_squares
 from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data
-from wrist_ft_comp.fit.pool import least_squares
 
 WIDTH = 10
 #: With a last bin of 4 cells.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.paper_methods import (

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.calibration import run_job

@@ -16,8 +16,8 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table
+from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import log_map
-from wrist_ft_comp.recordings.part import parse_part
 from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of, TABLE
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain

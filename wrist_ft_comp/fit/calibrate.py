@@ -9,7 +9,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
-from wrist_ft_comp.fit.auto import identify_together
+from wrist_ft_comp.fit.averaging import identify_together
 from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.fit.competition import identify_hats, identify_lags, identify_paper_method
 from wrist_ft_comp.fit.cross_validation import largest_drift

@@ -16,6 +16,13 @@ import numpy as np
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.column_pool import (
+    FreeTimeConstants,
+    GRID_S,
+    jackknife_errors,
+    least_squares,
+    time_constant_errors,
+)
 from wrist_ft_comp.fit.cross_validation import (
     day_over_blocks,
     Fitted,
@@ -37,13 +44,6 @@ from wrist_ft_comp.fit.model_building import (
 )
 from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data, BinnedData
 from wrist_ft_comp.fit.paper_methods import identify, PaperMethod
-from wrist_ft_comp.fit.pool import (
-    FreeTimeConstants,
-    GRID_S,
-    jackknife_errors,
-    least_squares,
-    time_constant_errors,
-)
 from wrist_ft_comp.fit.result import AxisFit, Candidate, left_of_a_day, OUTPUTS, Term
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.signals import FloatArray

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.drift.arx import Arx, free_run, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx_filter import Arx, free_run, mean_relaxation, relaxation
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray

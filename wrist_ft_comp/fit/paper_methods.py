@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import (
+from wrist_ft_comp.drift.arx_filter import (
     Arx,
     fit_one_step,
     free_run,

@@ -5,7 +5,7 @@ from typing import get_args, Literal
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Orders
+from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range

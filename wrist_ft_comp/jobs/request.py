@@ -32,7 +32,7 @@ class Learning:
 class Minute:
     """A minute of motion, in which a job finds the payload; the job's output is payloads.json."""
 
-    #: Means over cells, as payload/minute.py takes them.
+    #: Means over cells, as payload/minute_of_motion.py takes them.
     cells: Sequence[tuple[float, ...]]
     #: Length of a cell, s.
     period_s: float

@@ -11,7 +11,7 @@ from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.at_work import payloads_of
 from wrist_ft_comp.payload.gains import contrast, COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.learnt import LearntPayloads
-from wrist_ft_comp.payload.rigid_body import CONTRAST
+from wrist_ft_comp.payload.mass_and_center import CONTRAST
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation, Step
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, Recording

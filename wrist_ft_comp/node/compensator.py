@@ -13,11 +13,11 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.node.correction import Correction
 from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
-from wrist_ft_comp.node.field_inputs import WrenchTopic
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
 from wrist_ft_comp.node.learning import Learner
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.message_fields import WrenchTopic
 from wrist_ft_comp.node.output import Output
 from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.node.recording import Recorder, RecordService

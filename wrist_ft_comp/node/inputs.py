@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.node.field_inputs import FieldInputs, WrenchTopic
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.message_fields import FieldInputs, WrenchTopic
 from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.hub import Hub

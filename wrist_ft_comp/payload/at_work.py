@@ -8,7 +8,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.payload.doubts import doubts
 from wrist_ft_comp.payload.learnt import LearntPayloads
-from wrist_ft_comp.payload.rigid_body import RigidBodies
+from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stream.offline import simulate_drift

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.payload.rigid_body import CONTRAST
+from wrist_ft_comp.payload.mass_and_center import CONTRAST
 from wrist_ft_comp.signals import FloatArray, GRAVITY, Recording
 
 

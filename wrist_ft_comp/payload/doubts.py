@@ -15,7 +15,7 @@ from wrist_ft_comp.payload.gains import (
     solve,
     unexplained_contrast,
 )
-from wrist_ft_comp.payload.rigid_body import CONTRAST, LIGHTEST_KG, RigidBodies
+from wrist_ft_comp.payload.mass_and_center import CONTRAST, LIGHTEST_KG, RigidBodies
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.signals import FloatArray, Recording, Reference
 

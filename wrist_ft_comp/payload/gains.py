@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.payload.directions import rotation_speed
-from wrist_ft_comp.payload.rigid_body import blocks, information, rigid_bodies, RigidBodies
+from wrist_ft_comp.payload.mass_and_center import blocks, information, rigid_bodies, RigidBodies
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Length of a block, s, in which a parabola follows the drift.

@@ -1,4 +1,4 @@
-"""Collects the minute of motion in which a job identifies the payload (minute.py)."""
+"""Collects the minute of motion in which a job identifies the payload (minute_of_motion.py)."""
 
 from collections.abc import Sequence
 import math

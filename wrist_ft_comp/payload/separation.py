@@ -35,7 +35,7 @@ from wrist_ft_comp.payload.gains import (
     LONG_BLOCK_S,
     of_state,
 )
-from wrist_ft_comp.payload.rigid_body import RigidBodies
+from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.states import find_states, fit_again, follow_closely, WIDTH
 from wrist_ft_comp.robust import robust_cost, robust_weight
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording

@@ -26,7 +26,7 @@ from wrist_ft_comp.payload.gains import (
     solve,
     with_new_noise,
 )
-from wrist_ft_comp.payload.rigid_body import CONTRAST, LIGHTEST_KG, MISFIT
+from wrist_ft_comp.payload.mass_and_center import CONTRAST, LIGHTEST_KG, MISFIT
 from wrist_ft_comp.robust import robust_cost, robust_weight
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray
 

@@ -38,6 +38,7 @@ from wrist_ft_comp.recordings.chamber_table import (
 )
 from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
 from wrist_ft_comp.recordings.csv_file import CsvRecording, first_rows, rewrite_csv, sensor_in
+from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import (
     guessed_map,
     log_map,
@@ -45,7 +46,6 @@ from wrist_ft_comp.recordings.foreign_log import (
     map_beside,
     with_guessed_force_unit,
 )
-from wrist_ft_comp.recordings.part import parse_part
 from wrist_ft_comp.signals import (
     AXES,
     axis_unit,

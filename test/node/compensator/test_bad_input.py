@@ -38,7 +38,7 @@ LIVE = {
     'one stamp hours ahead': 'a temperature was dropped, because its stamp was far from those',
     'a wrench without a stamp': 'wrenches come without stamps',
 }  # fmt: skip
-#: These come in messages of a driver's own type, which only DDS can carry: test_field_inputs.py.
+#: These come in messages of a driver's own type, which only DDS can carry: test_message_fields.py.
 OWN_TYPES = ('wrench and temperature in one message', 'a stamp taken for a temperature')
 
 

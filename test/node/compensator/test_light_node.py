@@ -7,7 +7,7 @@ import pytest
 
 HEAVY = (
     'matplotlib', 'rosbags', 'scipy', 'jinja2', 'tqdm', 'wrist_ft_comp.cli',
-    'wrist_ft_comp.fit.auto', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
+    'wrist_ft_comp.fit.averaging', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
     'wrist_ft_comp.simulation',
 )  # fmt: skip
 #: A node with a model gets temperatures and a wrench, swaps its model, and tells what is imported.

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.auto import (
+from wrist_ft_comp.fit.averaging import (
     _gate,
     _if_worthwhile,
     _model,
@@ -15,8 +15,8 @@ from wrist_ft_comp.fit.auto import (
     identify_together,
 )
 from wrist_ft_comp.fit.axis_data import FOLDS
+from wrist_ft_comp.fit.column_pool import GRID_S
 from wrist_ft_comp.fit.model_building import anchored, build_axis_model, by_relaxation
-from wrist_ft_comp.fit.pool import GRID_S
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import (
+from wrist_ft_comp.drift.arx_filter import (
     Arx,
     fit_one_step,
     free_run,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data
-from wrist_ft_comp.fit.pool import (
+from wrist_ft_comp.fit.column_pool import (
     FreeTimeConstants,
     GRID_S,
     interpolate,
@@ -15,6 +14,7 @@ from wrist_ft_comp.fit.pool import (
     near,
     RidgeBank,
 )
+from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data
 
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=3)
 CELLS = 300

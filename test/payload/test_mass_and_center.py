@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.payload.rigid_body import blocks, rigid_bodies, small_rotation
+from wrist_ft_comp.payload.mass_and_center import blocks, rigid_bodies, small_rotation
 
 BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.12]))]
 #: Products of three directions seen equally, by two bodies for half of the time each.

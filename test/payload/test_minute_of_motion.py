@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.minute import identify
+from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.signals import GRAVITY

@@ -1,7 +1,7 @@
 """
 Method ``auto``: an average of many fits, weighted by what they leave of recordings held out.
 
-All are vectors of gains on one pool of columns (``fit/pool.py``), and so is their
+All are vectors of gains on one pool of columns (``fit/column_pool.py``), and so is their
 average: one model with a bank of relaxations. docs/algorithm.md says why each piece is there.
 """
 
@@ -11,10 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import free_run
+from wrist_ft_comp.drift.arx_filter import free_run
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.column_pool import (
+    FreeTimeConstants,
+    GRID_S,
+    near,
+    RidgeBank,
+    time_constant_errors,
+)
 from wrist_ft_comp.fit.cross_validation import (
     bin_means,
     day_over_blocks,
@@ -35,13 +42,6 @@ from wrist_ft_comp.fit.moments import (
     Moments,
     start_transients,
     TRANSIENT_VARIANCE,
-)
-from wrist_ft_comp.fit.pool import (
-    FreeTimeConstants,
-    GRID_S,
-    near,
-    RidgeBank,
-    time_constant_errors,
 )
 from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut, left_of_a_day
 from wrist_ft_comp.fit.settings import IdentificationSettings
