@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.driver_calls import driver_calls
+from wrist_ft_comp.payload.set_payload_commands import driver_calls
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 
 

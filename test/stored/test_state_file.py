@@ -15,7 +15,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored import state_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
-from wrist_ft_comp.stream.warm_restart import Block, OpenCells, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import Block, OpenCells, ThermalMemory
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)

@@ -11,7 +11,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.learning.diary import Diary, TORQUES
 from wrist_ft_comp.learning.memory import Memory
-from wrist_ft_comp.payload.driver_calls import driver_calls
+from wrist_ft_comp.payload.set_payload_commands import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.chamber_table import ChamberFigures, FIGURE_TITLES

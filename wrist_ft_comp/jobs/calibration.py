@@ -19,9 +19,9 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.lesson import answer_learning, keep_payloads
 from wrist_ft_comp.jobs.process import serve
 from wrist_ft_comp.jobs.request import CalibrationJob, Minute
-from wrist_ft_comp.payload.driver_calls import driver_lines
 from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
+from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recordings.chamber_table import (
     chamber_figures,

@@ -12,7 +12,7 @@ from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.gap import doubt, longest_gap_s
-from wrist_ft_comp.stream.warm_restart import belongs_to, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import belongs_to, ThermalMemory
 
 #: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0

@@ -11,7 +11,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.signals import AXES, FloatArray
 from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
-from wrist_ft_comp.stream.warm_restart import ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(

@@ -12,7 +12,7 @@ from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
 from wrist_ft_comp.stream.stream_grid import CompletedCells
-from wrist_ft_comp.stream.warm_restart import ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]

@@ -11,8 +11,8 @@ from wrist_ft_comp.signals import BoolArray, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.agreement import Agreement, Offsets, Rewrite
 from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, starts, straight_lines
 from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.stream.thermal_memory import blocks_of, Distrust, OpenCells, ThermalMemory
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
-from wrist_ft_comp.stream.warm_restart import blocks_of, Distrust, OpenCells, ThermalMemory
 
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes.
 SPAN_S = 60.0

@@ -14,7 +14,7 @@ from wrist_ft_comp.stream.gap import (
     MOST_GAP_S,
     slowest_time_constant_s,
 )
-from wrist_ft_comp.stream.warm_restart import belongs_to
+from wrist_ft_comp.stream.thermal_memory import belongs_to
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
