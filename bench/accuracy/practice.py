@@ -11,8 +11,9 @@ import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from judging import block_means
 import numpy as np
-from peers import block_means, PEERS
+from peers import PEERS
 from residuals import by_peer
 from scenarios import wrist, Z
 from scipy.signal import butter, lfilter

@@ -4,34 +4,20 @@ Residual drift on recordings that the fit never saw, against what is usual today
 ``python bench/accuracy/residuals.py [SEEDS]``, 6 by default. Per scenario and method: median and
 worst residual over the seeds, in % of the uncompensated drift, both tared on the first minute and
 averaged over 10 s. "the truth" is what noise leaves, of the tare above all, of a model that knows
-the sensor. Then what ``auto`` states of itself, and a real load cell.
+the sensor. Then a real load cell.
 """
 
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from judging import tared_rms
 import numpy as np
-from peers import (
-    BANKS,
-    block_means,
-    Day,
-    described,
-    fold,
-    parts,
-    Peer,
-    PEERS,
-    root_mean_square,
-    solved,
-    STRENGTHS,
-    tared,
-)  # fmt: skip
+from peers import BANKS, Day, described, fold, parts, Peer, PEERS, solved, STRENGTHS
 from scenarios import drift, LEARNT_H, LOAD_CELL, load_cell, SCENARIOS, Z
 
-from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.signals import FloatArray, Recording
 from wrist_ft_comp.stream.offline import simulate_drift
@@ -41,26 +27,16 @@ Method = Callable[[Sequence[Recording], Recording], FloatArray]
 TRUTH = 'the truth'
 
 
-def calibrated(method: str, recordings: Sequence[Recording]) -> Calibration | None:
-    """Calibrate with one of the package's methods; None when it refuses."""
+def by_package(method: str, recordings: Sequence[Recording], day: Recording) -> FloatArray:
+    """Use one of the package's methods; a refusal leaves the sensor as it is."""
     identification = IdentificationSettings(method=method)  # type: ignore[arg-type] # a name
     settings = CalibrationSettings(reference='recorded', identification=identification)
     try:
-        return calibrate(recordings, settings)
+        model = calibrate(recordings, settings).model
     except WristFtCompError:
-        return None
-
-
-def predicted(model: DriftModel, day: Recording) -> FloatArray:
-    """Zero drift, and sensitivity drift times the load, shape (N,)."""
+        return np.zeros(len(day))
     zero, sensitivity = simulate_drift(model, day)
     return np.asarray(zero[:, Z] + sensitivity[:, Z] * day.reference[:, Z])
-
-
-def by_package(method: str, recordings: Sequence[Recording], day: Recording) -> FloatArray:
-    """Use one of the package's methods; a refusal leaves the sensor as it is."""
-    calibration = calibrated(method, recordings)
-    return np.zeros(len(day)) if calibration is None else predicted(calibration.model, day)
 
 
 def by_peer(peer: Peer, recordings: Sequence[Recording], day: Recording) -> FloatArray:
@@ -103,8 +79,7 @@ METHODS: dict[str, Method] = {
 
 def residual(day: Recording, prediction: FloatArray) -> float:
     """Root mean square of what is left, tared on the first minute, in bins of 10 s."""
-    error = block_means((drift(day) - prediction)[:, np.newaxis], 10)
-    return float(root_mean_square(tared(error, 10.0))[0])
+    return float(tared_rms((drift(day) - prediction)[:, np.newaxis])[0])
 
 
 def print_table(seeds: range) -> None:
@@ -124,21 +99,6 @@ def print_table(seeds: range) -> None:
         cells = [f'{np.median(s):.2f} ({max(s):.2f})' for s in shares.values()]
         cells.append(f'{np.median(ratios):.2f} ({ratios.max():.2f})')
         print(f'{title:22}' + ''.join(f'{cell:>15}' for cell in cells), flush=True)
-
-
-def print_stated(seeds: range) -> None:
-    """Print how what is left compares with the standard deviation that the model states."""
-    print('\nwhat auto leaves, as a multiple of the standard deviation it states: median (worst)')
-    for title, scenario in SCENARIOS.items():
-        ratios = []
-        for seed in seeds:
-            training, test, _ = scenario(seed)
-            calibration = calibrated('auto', training)
-            if calibration is not None:
-                error = (drift(test) - predicted(calibration.model, test))[:, np.newaxis]
-                stated = calibration.model.deviation['force_z']
-                ratios.append(float(np.std(block_means(error, 30))) / stated)
-        print(f'{title:22}{np.median(ratios):6.2f} ({max(ratios):.2f})', flush=True)
 
 
 def print_load_cell() -> None:
@@ -165,7 +125,6 @@ def main() -> None:
     parser.add_argument('seeds', nargs='?', type=int, default=6)
     seeds = range(parser.parse_args().seeds)
     print_table(seeds)
-    print_stated(seeds)
     print_load_cell()
 
 

@@ -85,10 +85,6 @@ class WorkDay:
         Specific force, m/s², in a frame of its own.
     spin : ndarray, shape (N,)
         RMS of the speed of rotation, rad/s.
-    states : ndarray, shape (N,)
-        Number of the payload, -1 where it changes: the truth, for judging only.
-    touched : ndarray, shape (N,)
-        Share of a cell in contact: the truth, for judging only.
     tares : ndarray of int
         Cells in which the driver tared: the truth, for judging only.
 
@@ -98,8 +94,6 @@ class WorkDay:
     wrench: FloatArray
     force: FloatArray
     spin: FloatArray
-    states: IntArray
-    touched: FloatArray
     tares: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
@@ -288,14 +282,11 @@ def work(
     touched = touch(rng, samples, scenario.contacts)
     pushes = np.stack([weight(payload, motion) for payload in payloads])
     shaken = motion.moving * rng.normal(0, [0.3, 0.3, 0.3, 0.02, 0.02, 0.02], (samples, 6))
-    cells = states.reshape(-1, RATE)
     return WorkDay(
         temperature_c=np.zeros((SECONDS, 0)),
         wrench=seconds(pushes[states, np.arange(samples)] + touched + shaken),
         force=seconds(motion.gravity),
         spin=np.sqrt(seconds(np.sum(motion.omega**2, axis=1))),
-        states=np.where((cells == cells[:, :1]).all(axis=1), cells[:, 0], -1),
-        touched=seconds(np.abs(touched).sum(axis=1) > 0),
     ), seconds(motion.force + lever(motion.omega, motion.alpha, IMU_M))
 
 
