@@ -65,7 +65,6 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/cost/rewriting.py 20 --reading
 	$(BIN)/python bench/accuracy/residuals.py
 	$(BIN)/python bench/accuracy/worlds.py
 	$(BIN)/python bench/accuracy/practice.py
