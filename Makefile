@@ -67,7 +67,6 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/python bench/accuracy/residuals.py
 	$(BIN)/python bench/accuracy/worlds.py
-	$(BIN)/python bench/accuracy/practice.py
 	$(BIN)/python bench/cost/calibration.py
 	$(BIN)/python bench/cost/stream.py
 	$(BIN)/python bench/accuracy/identify.py

@@ -61,8 +61,10 @@ FIRST_MONDAY_NS = 20_458 * 86_400 * NANOSECONDS
 _KEPT = 30
 #: Days of a week.
 _WEEK = 7
-#: Days before an incident that are looked at, too, and what the live model leaves on them.
-BEFORE_DAYS, LEAVES = 2, 0.2
+#: Days before an incident that are looked at, too.
+BEFORE_DAYS = 2
+#: What the live model leaves of the drift on the days around an incident.
+LEAVES = 0.2
 
 
 @dataclass(frozen=True, eq=False)

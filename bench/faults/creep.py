@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
 
-from judging import bench_parser, first_seed
+from judging import bench_parser, block_means, first_seed
 import numpy as np
 from years_drawn import CELL_S, Year
 
@@ -88,11 +88,6 @@ def pressed(rng: np.random.Generator, kind: str, wrench: FloatArray) -> FloatArr
     return np.asarray(wrench + on[:, None] * np.concatenate((force, np.cross(at_m, force))))
 
 
-def coarse(values: FloatArray) -> FloatArray:
-    """Means over cells."""
-    return np.asarray(values.reshape(-1, CELL_S, values.shape[1]).mean(axis=1))
-
-
 def drawn(year: Year, seed: int, number: int, kind: str) -> Loaded:
     """Draw and separate a day with a load."""
     loads = []
@@ -102,7 +97,7 @@ def drawn(year: Year, seed: int, number: int, kind: str) -> Loaded:
         return loads[-1]
 
     recording = year.day(number, burden).recording
-    return Loaded(kind, look_at(recording), coarse(loads[0]))
+    return Loaded(kind, look_at(recording), block_means(loads[0], CELL_S))
 
 
 def crept(loaded: Loaded, settings: FtSensorSettings) -> Day:
