@@ -7,8 +7,7 @@ executor, a relay of bytes on the events executor, and the compensator with a mo
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
 each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
 with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
-1 kHz, and while it learns from days; last, the computation alone. ``--payload`` measures the
-payload only, ``--learning`` the learning.
+1 kHz, and while it learns from days; last, the computation alone.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
@@ -59,12 +58,12 @@ ROLES = str(Path(__file__).with_name('stream_roles.py'))
 #: What is made of the figures of several runs. ``cpu_us``: processor time of the node per wrench;
 #: ``p50_us`` to ``max_us``: latency from the sensor's stamp to the receiver; ``lost``: what the
 #: receiver did not hear of what was sent; ``lost_before`` and ``lost_inside``: of these before and
-#: in the node, NaN where nobody counts; ``publisher_late_ms``: how far the sensor was behind its
-#: own clock.
+#: in the node, NaN where nobody counts; ``external``: wrenches without the payload that were
+#: heard; ``publisher_late_ms``: how far the sensor was behind its own clock.
 SUMMARIES: tuple[tuple[Callable[[Any], float], tuple[str, ...]], ...] = (
     (median, ('cpu_us', 'p50_us', 'p99_us')),
     (max, ('max_us', 'publisher_late_ms')),
-    (sum, ('sent', 'lost', 'lost_before', 'lost_inside')),
+    (sum, ('sent', 'lost', 'lost_before', 'lost_inside', 'external')),
 )
 HEADER = (
     'rate, Hz  through      CPU, µs  p50, µs  p99, µs  max, µs    sent    lost  '
@@ -202,6 +201,7 @@ class Line:
             'lost_before': total - received if counts else math.nan,
             'lost_inside': received - published if counts else math.nan,
             'publisher_late_ms': sent['publisher_late_ms'],
+            'external': topic['external'],
         }
 
 
@@ -305,20 +305,15 @@ def with_a_payload(
     with ExitStack() as stack:
         line = Line(stack, nodes)
         for rate_hz in rates:
-            runs: dict[str, list[Run]] = {name: [] for name in nodes}
-            external = 0
-            for _ in range(repeats):
-                runs['bare'].append(line.measure('bare', rate_hz, seconds))
-                every = max(round(rate_hz / 1000), 1)
-                runs['payload'].append(line.measure('payload', rate_hz, seconds, imu_every=every))
-                external += line.topics['payload']['external']
+            every = max(round(rate_hz / 1000), 1)
+            runs = by_turns(line, list(nodes), rate_hz, seconds, repeats, imu_every=every)
             rows += rows_of(runs, rate_hz)
             rows[-1]['cpu_to_bare'] = cpu_ratio(runs, 'payload', 'bare')
-            rows[-1]['external_missing'] = sum(run['sent'] for run in runs['payload']) - external
+            missing = rows[-1]['sent'] - rows[-1]['external']
             print(
                 f'          with a payload: {rows[-1]["cpu_to_bare"]:.2f} of the CPU, '
                 f'{rows[-1]["p99_us"] / rows[-2]["p99_us"]:.2f} of the p99; '
-                f'{rows[-1]["external_missing"]} of wrench_external missing'
+                f'{missing} of wrench_external missing'
             )
     return rows
 
@@ -364,8 +359,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description='Cost of the stream.')
     parser.add_argument('--seconds', type=float, default=2.0, help='length of a run')
     parser.add_argument('--repeats', type=int, default=5)
-    parser.add_argument('--payload', action='store_true', help='measure the payload only')
-    parser.add_argument('--learning', action='store_true', help='measure the learning only')
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
     seconds, repeats = arguments.seconds, arguments.repeats
@@ -377,12 +370,6 @@ def main() -> None:
         figures['compute_us'] = pure_compute(make_model(folder))
         print(f'computation alone, bytes in to bytes out: {figures["compute_us"]:.2f} µs')
         print(HEADER)
-        if arguments.payload:
-            with_a_payload(folder, arguments.rates, seconds, repeats)
-            return
-        if arguments.learning:
-            while_learning(folder, seconds)
-            return
         with ExitStack() as stack:
             relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
             line = Line(stack, {**relays, NODE: with_model(folder, NODE)})
