@@ -10,22 +10,20 @@ an empty flange and without a tare. Both use ``auto``. For every scenario: drift
 by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
 their stated standard errors, and steps that were found for the driver's tares.
 
-Seen on twelve worlds that nobody had looked at: the README has the figures. Not reached in that
+docs/accuracy.md has the figures of twelve worlds that nobody had looked at. Not reached in that
 draw: a ratio of medians of 1.15, but for [imu] (1.25 to 1.40); in the twelve worlds before, by the
 same rules, [tool] and [part] came to 1.07 and 1.10. By TF it was missed in both (2.30): its base
 is not level, which no recording tells.
 """
 
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 import time
 from typing import NamedTuple
 
-from judging import bench_parser, first_seed, interval, recording_of, STATISTICS, tared_rms
+from judging import bench_parser, first_seed, interval, STATISTICS, tared_rms
 import numpy as np
-from working_days import SCENARIOS, WorkDay, Working, working
+from working_days import SCENARIOS, Working, working
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
@@ -63,19 +61,6 @@ class Judged(NamedTuple):
     seconds: float
 
 
-def at_work(days: Sequence[WorkDay]) -> Calibration:
-    """Learn from days at work."""
-    recordings = [
-        replace(
-            recording_of(day.temperature_c, day.wrench),
-            specific_force=day.force,
-            rotation_speed=day.spin,
-        )
-        for day in days
-    ]
-    return calibrate(recordings, CalibrationSettings('payload'))
-
-
 def left_of(calibration: Calibration, judged: Recording) -> FloatArray:
     """Share of an empty day's drift that is left, (6,)."""
     rest = judged.wrench - simulate_drift(calibration.model, judged).zero
@@ -100,11 +85,10 @@ def errors_of(world: Working, calibration: Calibration) -> tuple[FloatArray, Flo
 def judge(name: str, seed: int) -> Judged:
     """Judge one world."""
     world = working(name, seed)
-    judged = recording_of(*world.judged)
-    empty = left_of(calibrate([recording_of(*day) for day in world.empty]), judged)
+    empty = left_of(calibrate(world.empty), world.judged)
     began = time.perf_counter()
-    calibration = at_work(world.days)
-    left = left_of(calibration, judged)
+    calibration = calibrate(world.days, CalibrationSettings('payload'))
+    left = left_of(calibration, world.judged)
     seconds = time.perf_counter() - began
     separation = calibration.separation
     states, steps = (len(separation.fit.gains), separation.steps) if separation else (0, [])
@@ -113,7 +97,7 @@ def judge(name: str, seed: int) -> Judged:
         empty,
         *errors_of(world, calibration),
         (states, len(world.payloads)),
-        (sum(map(len, steps)), sum(len(day.tares) for day in world.days)),
+        (sum(map(len, steps)), world.tares),
         seconds,
     )
 

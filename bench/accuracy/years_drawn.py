@@ -119,10 +119,9 @@ class Year:
         if number == events.pressed:
             scenario = replace(scenario, contacts=PRESSED)
         true, felt = work(rng, scenario, self._payloads[number >= events.tool])
-        if burden is not None:
-            true = replace(true, wrench=burden(true.wrench))
+        wrench = true.wrench if burden is None else burden(true.wrench)
         again = [np.random.default_rng([self._seed, 34, number]) for _ in range(2)]
-        raw, _ = measure(again[0], self._gauges, felt_c, true.wrench, 0.25)
+        raw, _ = measure(again[0], self._gauges, felt_c, wrench, 0.25)
         quiet = replace(self._gauges, noise=0 * self._gauges.noise)
         drift, _ = measure(again[1], quiet, felt_c, np.zeros_like(raw), 0.0)
         if number == events.crash:
