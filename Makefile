@@ -65,10 +65,8 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/cost/rewriting.py 20 --reading
 	$(BIN)/python bench/accuracy/residuals.py
 	$(BIN)/python bench/accuracy/worlds.py
-	$(BIN)/python bench/accuracy/practice.py
 	$(BIN)/python bench/cost/calibration.py
 	$(BIN)/python bench/cost/stream.py
 	$(BIN)/python bench/accuracy/identify.py

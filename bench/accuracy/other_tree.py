@@ -1,13 +1,12 @@
 """
 ``auto`` of another version, which lives in a tree of its own and runs in a process of its own.
 
-Run as a program it answers worlds with the package of ``PYTHONPATH``: pickled plain values in,
+Run as a program it answers a world with the package of ``PYTHONPATH``: pickled plain values in,
 pickled drift and claim out. 0.2.0 has the same names in other modules.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
 import importlib
 import os
 from pathlib import Path
@@ -23,34 +22,19 @@ if TYPE_CHECKING:
 
     from wrist_ft_comp.signals import FloatArray, Recording
 
-#: Where names live that are not public: in this version, and in 0.2.0.
-_OFFLINE = ('wrist_ft_comp.stream.offline', 'wrist_ft_comp.model.offline')
 
-
-class OtherTree:
-    """A process that calibrates with the package of another tree."""
-
-    def __init__(self, tree: str) -> None:
-        environment = {**os.environ, 'PYTHONPATH': tree}
-        self.process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).resolve())],
-            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
-
-    @staticmethod
-    @lru_cache(maxsize=1)
-    def at(tree: str) -> OtherTree:
-        """Start the process of a tree once."""
-        return OtherTree(tree)
-
-    def answer(self, world: World) -> tuple[FloatArray, FloatArray]:
-        """Calibrate in the other process: drift of the judged day, (N, 6), and claim, (6,)."""
-        assert self.process.stdin  # noqa: S101 -- opened above
-        assert self.process.stdout  # noqa: S101
-        days = [_plain(day) for day in (*world.learn, world.judge)]
-        pickle.dump((days, world.reference), self.process.stdin)
-        self.process.stdin.flush()
-        drift, claim = pickle.load(self.process.stdout)  # noqa: S301 -- from our own process
-        return drift, claim
+def answer_of_tree(tree: str, world: World) -> tuple[FloatArray, FloatArray]:
+    """Calibrate with the package of a tree: drift of the judged day, (N, 6), and claim, (6,)."""
+    days = [_plain(day) for day in (*world.learn, world.judge)]
+    done = subprocess.run(
+        [sys.executable, str(Path(__file__).resolve())],
+        env={**os.environ, 'PYTHONPATH': tree},
+        input=pickle.dumps((days, world.reference)),
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    drift, claim = pickle.loads(done.stdout)  # noqa: S301 -- from our own process
+    return drift, claim
 
 
 def _plain(day: Recording) -> tuple[Any, ...]:
@@ -60,40 +44,31 @@ def _plain(day: Recording) -> tuple[Any, ...]:
         day.reference)  # fmt: skip
 
 
-def _module(names: tuple[str, str]) -> Any:
-    """Import the first of some modules that there is."""
-    here, before = names
+def _simulate_drift() -> Any:
+    """Find a function that is not public: where this version has it, or 0.2.0."""
     try:
-        return importlib.import_module(here)
+        offline = importlib.import_module('wrist_ft_comp.stream.offline')
     except ModuleNotFoundError:
-        return importlib.import_module(before)
+        offline = importlib.import_module('wrist_ft_comp.model.offline')
+    return offline.simulate_drift
 
 
-def serve() -> None:
-    """Answer worlds until there are no more."""
+def main() -> None:
+    """Answer a world with the package of PYTHONPATH."""
     package = importlib.import_module('wrist_ft_comp')
-    offline = _module(_OFFLINE)
-    while True:
-        try:
-            days, reference = pickle.load(sys.stdin.buffer)  # noqa: S301 -- from our own process
-        except EOFError:
-            return
-        *learn, judge = (package.Recording(*day) for day in days)
-        drift, claim = np.zeros_like(judge.wrench), np.full(judge.wrench.shape[1], np.nan)
-        try:
-            model = package.calibrate(
-                learn, package.CalibrationSettings(reference=reference)
-            ).model
-        except package.WristFtCompError:
-            pass
-        else:
-            zero, gain = offline.simulate_drift(model, judge)
-            drift = zero + np.where(gain == 0.0, 0.0, gain * judge.reference)
-            deviation = model.uncertainty(judge.temperature_c)
-            claim = np.sqrt(np.mean(deviation**2, axis=0))
-        pickle.dump((drift, claim), sys.stdout.buffer)
-        sys.stdout.buffer.flush()
+    days, reference = pickle.load(sys.stdin.buffer)  # noqa: S301 -- from our own process
+    *learn, judge = (package.Recording(*day) for day in days)
+    drift, claim = np.zeros_like(judge.wrench), np.full(judge.wrench.shape[1], np.nan)
+    try:
+        model = package.calibrate(learn, package.CalibrationSettings(reference=reference)).model
+    except package.WristFtCompError:
+        pass
+    else:
+        zero, gain = _simulate_drift()(model, judge)
+        drift = zero + np.where(gain == 0.0, 0.0, gain * judge.reference)
+        claim = np.sqrt(np.mean(model.uncertainty(judge.temperature_c) ** 2, axis=0))
+    pickle.dump((drift, claim), sys.stdout.buffer)
 
 
 if __name__ == '__main__':
-    serve()
+    main()

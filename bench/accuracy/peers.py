@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise, product
 
+from judging import block_means, BLOCK_S, tared
 import numpy as np
-from scipy.optimize import minimize
 from scipy.signal import lfilter
 from sklearn.cross_decomposition import PLSRegression
 
 from wrist_ft_comp.signals import FloatArray, IntArray, Recording
 
-BLOCK_S, TARE_S = 10.0, 60.0
 BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
 STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
 SHARPNESS = 8
@@ -34,12 +33,6 @@ Peer = Callable[[Sequence[Day], Day], FloatArray]
 Features = Callable[[Day], tuple[FloatArray, IntArray]]
 
 
-def block_means(values: FloatArray, cells: int) -> FloatArray:
-    """Average blocks of rows; an incomplete block at the end is left out."""
-    whole = values[: len(values) // cells * cells]
-    return np.asarray(whole.reshape(-1, cells, values.shape[1]).mean(axis=1))
-
-
 def day_of(recording: Recording) -> Day:
     """Average a recording."""
     cells = max(1, round(BLOCK_S / recording.period_s))
@@ -52,22 +45,6 @@ def day_of(recording: Recording) -> Day:
         )
     )
     return Day(temperature_c, drift, load, cells * recording.period_s)
-
-
-def tared(error: FloatArray, period_s: float) -> FloatArray:
-    """Zero every column on its first minute; its NaN count for nothing."""
-    first = error[: max(1, round(TARE_S / period_s))]
-    finite = np.isfinite(first)
-    mean = np.where(finite, first, 0.0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
-    return np.asarray(error - mean)
-
-
-def root_mean_square(values: FloatArray) -> FloatArray:
-    """Root of the mean square of every column without its NaN; NaN where nothing is left."""
-    finite = np.isfinite(values)
-    squares = np.where(finite, values, 0.0) ** 2
-    with np.errstate(invalid='ignore'):
-        return np.asarray(np.sqrt(squares.sum(axis=0) / finite.sum(axis=0)))
 
 
 def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
@@ -216,39 +193,6 @@ def averaged(
     return result
 
 
-def most_likely(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
-    """Give every degree a prior variance, by marginal likelihood with white residuals."""
-    result = np.zeros_like(judged.drift)
-    for axis in axes_of(days):
-        columns, degrees = design(features, judged, axis)
-        result[:, axis] = columns @ likely([fold(features, day, axis) for day in days], degrees)
-    return result
-
-
-def likely(folds: Sequence[Fold], degrees: IntArray) -> FloatArray:
-    """Find the gains of the most likely prior variances, one per degree, shape (p,)."""
-    rows = sum(len(piece.drift) - 1 for piece in folds)
-    total = sum(float(np.sum((piece.drift - piece.drift.mean()) ** 2)) for piece in folds)
-    normal = np.sum([piece.normal for piece in folds], axis=0)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300) / rows)
-    right = np.sum([piece.right for piece in folds], axis=0) / size
-    kinds, which = np.unique(degrees, return_inverse=True)
-
-    def inner(logs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        root = np.exp(logs[which] / 2)  # prior deviation over noise
-        return root, np.eye(len(root)) + normal * np.outer(root / size, root / size)
-
-    def surprise(logs: FloatArray) -> float:
-        root, matrix = inner(logs)
-        explained = float(root * right @ np.linalg.solve(matrix, root * right))
-        misfit = max(total - explained, 1e-12 * total)
-        return rows * float(np.log(misfit)) + float(np.linalg.slogdet(matrix)[1])
-
-    start: FloatArray = np.zeros(len(kinds))
-    root, matrix = inner(minimize(surprise, start, bounds=[(-25, 25)] * len(start)).x)
-    return np.asarray(root * np.linalg.solve(matrix, root * right) / size)
-
-
 def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
     """Fit scikit-learn's PLS with six components."""
     result = np.zeros_like(judged.drift)
@@ -268,10 +212,8 @@ MEMBERS = [*product(BANKS, (1e-2, 1e-4, 1e-6)), *product(POLYNOMIALS, (1e-9,))]
 PEERS: dict[str, Peer] = {
     'nothing': nothing,
     'line': partial(plain, POLYNOMIALS[0]),
-    'square': partial(plain, POLYNOMIALS[1]),
     'cubic': partial(plain, POLYNOMIALS[2]),
     'PLS on lags': lagged_pls,
     'ridge bank': partial(chosen_ridge, BANKS[:2]),
-    'likely bank': partial(most_likely, BANKS[1]),
     'mean of 30': partial(averaged, MEMBERS),
 }

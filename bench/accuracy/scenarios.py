@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 
+from judging import recording_of
 import numpy as np
 
 from wrist_ft_comp.drift.arx_filter import free_run, relaxation
@@ -28,17 +29,11 @@ LEARNT_H = 20.0
 DUTY_S = 1200.0
 
 
-def recording(temperature_c: FloatArray, wrench: FloatArray, true: FloatArray) -> Recording:
-    """Make a recording with cells of 1 s."""
-    measured = np.ones(temperature_c.shape, dtype=bool)
-    return Recording('simulated', NANOSECONDS, 0, temperature_c, measured, wrench, true)
-
-
 def only_z(temperature_c: FloatArray, raw: FloatArray, true: FloatArray) -> Recording:
     """Make a recording of force z, (N,)."""
     wrench, reference = (np.full((len(raw), len(AXES)), np.nan) for _ in range(2))
     wrench[:, Z], reference[:, Z] = raw, true
-    return recording(temperature_c, wrench, reference)
+    return recording_of(temperature_c, wrench, reference)
 
 
 def lag(values: FloatArray, tau_s: float) -> FloatArray:
@@ -86,7 +81,7 @@ def warm_up(  # noqa: PLR0913 -- what a run can differ in
     nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, float(driven[0, 1])), driven)
     measured = ft_sensor.measured_wrench(sensor, nodes_c[:-1], true)
     wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
-    return recording(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
+    return recording_of(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
 
 
 def wrist(  # noqa: PLR0913 -- the same

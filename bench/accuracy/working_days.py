@@ -13,14 +13,16 @@ knows no acceleration of the robot and stands on a base that is not quite level.
 an empty next day to be judged on; a payload pushes with F = -m f, τ = c×F.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from judging import recording_of
 import numpy as np
 from scipy.spatial.transform import Rotation
 from thermal_networks import between, draw_day, draw_others, draw_sources, network
 from worlds_drawn import draw_gauges, draw_thermometers, FACTORY_C, Gauges, LOADS, read, shift_of
 
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
 from wrist_ft_comp.simulation.work import lever
 
 GRAVITY, RATE = 9.807, 10
@@ -70,49 +72,23 @@ class Payload:
     inertia: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class WorkDay:
-    """
-    Means over cells of 1 s.
+class Work(NamedTuple):
+    """True wrench (N, 6), gravity by TF (N, 3) and RMS speed of rotation (N,), cells of 1 s."""
 
-    Attributes
-    ----------
-    temperature_c : ndarray, shape (N, J)
-        Of the thermometers.
-    wrench : ndarray, shape (N, 6)
-        Raw, axis order AXES.
-    force : ndarray, shape (N, 3)
-        Specific force, m/s², in a frame of its own.
-    spin : ndarray, shape (N,)
-        RMS of the speed of rotation, rad/s.
-    states : ndarray, shape (N,)
-        Number of the payload, -1 where it changes: the truth, for judging only.
-    touched : ndarray, shape (N,)
-        Share of a cell in contact: the truth, for judging only.
-    tares : ndarray of int
-        Cells in which the driver tared: the truth, for judging only.
-
-    """
-
-    temperature_c: FloatArray
     wrench: FloatArray
-    force: FloatArray
+    gravity: FloatArray
     spin: FloatArray
-    states: IntArray
-    touched: FloatArray
-    tares: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
 class Working:
-    """Days at work and with an empty flange, (N, J) temperatures and (N, 6) wrenches; payloads."""
+    """Days at work and with an empty flange, an empty day to judge, payloads, drivers' tares."""
 
-    days: list[WorkDay]
-    empty: list[tuple[FloatArray, FloatArray]]
-    judged: tuple[FloatArray, FloatArray]
+    days: list[Recording]
+    empty: list[Recording]
+    judged: Recording
     payloads: list[Payload]
-    #: From the frame of the specific force to that of the wrench.
-    rotation: Rotation
+    tares: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,23 +256,18 @@ def seconds(values: FloatArray) -> FloatArray:
 
 def work(
     rng: np.random.Generator, scenario: Scenario, payloads: list[Payload]
-) -> tuple[WorkDay, FloatArray]:
-    """Work for a day: true wrenches, gravity by TF, no thermometer; and felt at the IMU."""
+) -> tuple[Work, FloatArray]:
+    """Work for a day; and the specific force at the IMU, (N, 3)."""
     samples = SECONDS * RATE
     motion = move(rng, scenario, samples)
     states = hold(rng, samples, part=scenario.part)
     touched = touch(rng, samples, scenario.contacts)
     pushes = np.stack([weight(payload, motion) for payload in payloads])
     shaken = motion.moving * rng.normal(0, [0.3, 0.3, 0.3, 0.02, 0.02, 0.02], (samples, 6))
-    cells = states.reshape(-1, RATE)
-    return WorkDay(
-        temperature_c=np.zeros((SECONDS, 0)),
-        wrench=seconds(pushes[states, np.arange(samples)] + touched + shaken),
-        force=seconds(motion.gravity),
-        spin=np.sqrt(seconds(np.sum(motion.omega**2, axis=1))),
-        states=np.where((cells == cells[:, :1]).all(axis=1), cells[:, 0], -1),
-        touched=seconds(np.abs(touched).sum(axis=1) > 0),
-    ), seconds(motion.force + lever(motion.omega, motion.alpha, IMU_M))
+    wrench = seconds(pushes[states, np.arange(samples)] + touched + shaken)
+    spin = np.sqrt(seconds(np.sum(motion.omega**2, axis=1)))
+    felt = seconds(motion.force + lever(motion.omega, motion.alpha, IMU_M))
+    return Work(wrench, seconds(motion.gravity), spin), felt
 
 
 def measure(
@@ -356,18 +327,19 @@ def working(name: str, seed: int) -> Working:
         1 + scenario.scale_error * rng.choice([-1, 1], 3),
         rng.normal(0, 0.003, 3),
     )
-    days, empty = [], []
+    days, empty, tares = [], [], 0
     for number, (_, felt_c) in enumerate(nights):
         nothing = np.zeros((SECONDS, len(AXES)))
         again = np.random.default_rng([seed, 16, number])
         raw, _ = measure(again, gauges, felt_c, nothing, 0.0)
-        empty.append((seen[number], raw))
+        empty.append(recording_of(seen[number], raw))
         if number == DAYS:
             break
         day, felt = work(rng, scenario, payloads)
         again = np.random.default_rng([seed, 16, number])
         wrench, tared = measure(again, gauges, felt_c, day.wrench, scenario.tares)
-        force = day.force if scenario.tf else imu.read(rng, felt, felt_c[:, node])
-        day = replace(day, wrench=wrench, force=force, tares=tared)
-        days.append(replace(day, temperature_c=seen[number]))
-    return Working(days, empty[:-1], empty[-1], payloads, imu.rotation)
+        force = day.gravity if scenario.tf else imu.read(rng, felt, felt_c[:, node])
+        recording = recording_of(seen[number], wrench)
+        days.append(replace(recording, specific_force=force, rotation_speed=day.spin))
+        tares += len(tared)
+    return Working(days, empty[:-1], empty[-1], payloads, tares)

@@ -17,17 +17,22 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 import os
 from pathlib import Path
-import subprocess
 import time
+from typing import NamedTuple
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-
+from judging import (
+    bench_parser,
+    block_means,
+    first_seed,
+    root_mean_square,
+    STATISTICS,
+    tared,
+    with_interval,
+)
 import numpy as np
-from other_tree import OtherTree
-from peers import block_means, day_of, Peer, PEERS, root_mean_square, tared
+from other_tree import answer_of_tree
+from peers import day_of, Peer, PEERS
 from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
-from scenarios import SCENARIOS
 from worlds_drawn import FAMILIES, family, World
 
 from wrist_ft_comp.errors import WristFtCompError
@@ -36,12 +41,10 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import AXES, FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
-ROOT = Path(__file__).resolve().parents[2]
-#: The folders that decide how drift is learnt: their last commit draws the worlds.
-LEARNING = ('fit', 'payload')
-DEVELOPMENT_SEED = 1000
 AUTO, MORE, BEFORE, TRUTH = 'auto', 'auto, more', 'auto before', 'the truth'
 METHODS = (*PEERS, AUTO, TRUTH)
+#: Statistics that are printed with an interval.
+PRINTED = ('median', 'mean', '95 %')
 #: Tree of the version that is judged as ``auto before``.
 BEFORE_TREE = 'WORLDS_BEFORE_TREE'
 OVERALL_PEER = 'mean of 30'
@@ -50,22 +53,7 @@ OVERALL_PEER = 'mean of 30'
 BEST_PEER = {
     'nothing': 'nothing',
     'rod_one': 'ridge bank',
-    'two lags': 'likely bank',
-    'wrist, 1 thermometer': 'PLS on lags',
-    'wrist, 1, loaded': 'PLS on lags',
-    'noise only': 'nothing',
-    'no drift': 'nothing',
 }
-
-
-#: Statistics over axes, NaN left out.
-STATISTICS: dict[str, Callable[[FloatArray], float]] = {
-    'median': lambda shares: float(np.nanmedian(shares)),
-    'mean': lambda shares: float(np.nanmean(shares)),
-    '95 %': lambda shares: float(np.nanquantile(shares, 0.95)),
-    'worst': lambda shares: float(np.nanmax(shares)),
-}
-_DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +69,7 @@ class Answer:
     limit: FloatArray = field(default_factory=lambda: np.full(len(AXES), np.nan))
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
+class Result(NamedTuple):
     """
     What a method left in the worlds of a family.
 
@@ -105,51 +92,23 @@ class Result:
     seconds: FloatArray
 
 
-def intervals(
-    statistic: Callable[[FloatArray], float], *shares: FloatArray
-) -> tuple[float, float]:
-    """Draw worlds again and again: 95 % of a statistic, or of its ratio between two methods."""
-    rng = np.random.default_rng(0)
-    worlds = len(shares[0])
-    drawn = []
-    for _ in range(_DRAWS):
-        rows = rng.integers(worlds, size=worlds)
-        values = [statistic(share[rows]) for share in shares]
-        drawn.append(values[0] / values[1] if len(values) > 1 else values[0])
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return float(low), float(high)
-
-
 def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
     """Print one family: every method, and how auto stands to the family's best peer."""
     worlds = len(next(iter(results.values())).left)
     print(f'\n{title}: drift left in {worlds} worlds, as a share of the uncompensated')
     print(f'{"":16}{"median":>21}{"mean":>21}{"95 %":>21}{"worst":>8}{"s":>7}')
     for name, result in results.items():
-        cells = ''
-        for key in ('median', 'mean', '95 %'):
-            low, high = intervals(STATISTICS[key], result.left)
-            cells += f'{STATISTICS[key](result.left):7.3f} ({low:.3f}–{high:.3f})'.rjust(21)
+        cells = ''.join(f'{with_interval(key, result.left):>21}' for key in PRINTED)
         cells += f'{STATISTICS["worst"](result.left):8.2f}{np.median(result.seconds):7.1f}'
         print(f'{name:16}{cells}')
-    if AUTO in results and peer in results:
-        print(f'{AUTO} by {peer}: ' + ratios(results[AUTO].left, results[peer].left))
-    for ours, theirs in ((AUTO, BEFORE), (MORE, AUTO)):
+    for ours, theirs in ((AUTO, peer), (AUTO, BEFORE), (MORE, AUTO)):
         if ours in results and theirs in results:
-            print(f'{ours} by {theirs}: ' + ratios(results[ours].left, results[theirs].left))
+            left = results[ours].left, results[theirs].left
+            ratios = ', '.join(f'{key} {with_interval(key, *left)}' for key in PRINTED)
+            print(f'{ours} by {theirs}: {ratios}')
     for name in (AUTO, BEFORE):
         if name in results and np.isfinite(results[name].kept).any():
             print(f'{name}, left by claimed: {claims(results[name])}')
-
-
-def ratios(ours: FloatArray, peers: FloatArray) -> str:
-    """Say how the statistics stand to a peer's."""
-    words = []
-    for key in ('median', 'mean', '95 %'):
-        low, high = intervals(STATISTICS[key], ours, peers)
-        ratio = STATISTICS[key](ours) / STATISTICS[key](peers)
-        words.append(f'{key} {ratio:.2f} ({low:.2f}–{high:.2f})')
-    return ', '.join(words)
 
 
 def claims(result: Result) -> str:
@@ -165,38 +124,9 @@ def claims(result: Result) -> str:
 def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
     """Put the worlds of several families together."""
     return {
-        name: Result(
-            np.concatenate([family[name].left for family in families]),
-            np.concatenate([family[name].kept for family in families]),
-            np.concatenate([family[name].peak for family in families]),
-            np.concatenate([family[name].seconds for family in families]),
-        )
+        name: Result(*map(np.concatenate, zip(*(one[name] for one in families), strict=True)))
         for name in families[0]
     }
-
-
-def draw(families: Mapping[str, Mapping[str, Result]], target: Path) -> None:
-    """Draw the share of axes below a drift left, one panel per family."""
-    import matplotlib as mpl  # noqa: PLC0415 -- needed for a picture only
-
-    mpl.use('Agg')
-    import matplotlib.pyplot as plt  # noqa: PLC0415
-
-    rows = -(-len(families) // 3)
-    figure, axes = plt.subplots(rows, 3, figsize=(15, 4 * rows), squeeze=False, sharex=True)
-    for panel in axes.flat[len(families) :]:
-        panel.axis('off')
-    for panel, (title, results) in zip(axes.flat, families.items(), strict=False):
-        for name, result in results.items():
-            shares = np.sort(result.left[np.isfinite(result.left)])
-            part = np.arange(1, len(shares) + 1) / len(shares)
-            width = 2.5 if name.startswith('auto') else 1.0
-            panel.step(np.maximum(shares, 1e-3), part, where='post', label=name, linewidth=width)
-        panel.set(xscale='log', title=title, ylabel='share of axes', xlabel='drift left / raw')
-        panel.grid(alpha=0.3)
-    axes.flat[0].legend(fontsize=7)
-    figure.tight_layout()
-    figure.savefig(target, dpi=110)
 
 
 def by_auto(world: World) -> Answer:
@@ -221,7 +151,7 @@ def by_more(world: World) -> Answer:
 
 def by_other_tree(world: World) -> Answer:
     """Calibrate with ``auto`` of another version, in a process of its own."""
-    return Answer(*OtherTree.at(os.environ[BEFORE_TREE]).answer(world))
+    return Answer(*answer_of_tree(os.environ[BEFORE_TREE], world))
 
 
 def by_peer(peer: Peer, world: World) -> Answer:
@@ -241,16 +171,6 @@ def answerer(method: str) -> Callable[[World], Answer]:
     return ours.get(method) or partial(by_peer, PEERS[method])
 
 
-def drawn(name: str, seed: int, more: int) -> World:
-    """Draw a world of a family, or of a scenario of the package's own simulator."""
-    if name in FAMILIES:
-        return family(name, seed, more)
-    learn, judge, truth = SCENARIOS[name](seed)
-    whole = np.zeros_like(judge.wrench)
-    whole[:, 2] = truth
-    return World(learn, judge, whole)
-
-
 def left_of(world: World, answer: Answer) -> FloatArray:
     """Return what is left of the judged day's drift, shape (M, 6), tared."""
     day = day_of(world.judge)
@@ -259,11 +179,11 @@ def left_of(world: World, answer: Answer) -> FloatArray:
 
 
 def judge(
-    task: tuple[str, int, tuple[str, ...], int],
+    task: tuple[str, int, Sequence[str], int],
 ) -> list[tuple[FloatArray, FloatArray, FloatArray, float]]:
-    """Judge all methods in one world: share left, left and peak by claimed, and seconds."""
+    """Judge all methods in one world: what stands in a Result, of each."""
     name, seed, methods, more = task
-    world = drawn(name, seed, more)
+    world = family(name, seed, more)
     raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.judge.wrench), np.zeros(6))))
     rows = []
     for method in methods:
@@ -274,18 +194,6 @@ def judge(
         remaining, peak = root_mean_square(errors), np.asarray(np.nanmax(np.abs(errors), axis=0))
         rows.append((remaining / raw, remaining / answer.claim, peak / answer.limit, seconds))
     return rows
-
-
-def report_seed(*more: str) -> int:
-    """Make a seed of the last commit that touched how drift is learnt, or ``more`` folders."""
-    paths = [f'wrist_ft_comp/{room}' for room in (*LEARNING, *more)]
-    command = ['git', 'log', '-1', '--format=%H', '--', *paths]
-    commit = subprocess.run(command, cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    changed = ['git', 'status', '--porcelain', '--', *paths]
-    if subprocess.run(changed, cwd=ROOT, capture_output=True, check=True).stdout:
-        print('NOT A REPORT: how drift is learnt has changes that are not committed')
-    print(f'report seeds from commit {commit[:12]}')
-    return int(commit[:8], 16)
 
 
 def print_real(methods: Sequence[str]) -> None:
@@ -330,60 +238,43 @@ def print_chamber() -> None:
 
 def arguments() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument('--dev', action='store_true', help='worlds to develop on')
-    parser.add_argument('--worlds', type=int, default=20, help='per family')
-    parser.add_argument(
-        '--families',
-        nargs='*',
-        default=[*FAMILIES, *SCENARIOS],
-        choices=[*FAMILIES, *SCENARIOS],
-        help='and scenarios',
-    )
+    parser = bench_parser(__doc__, 'worlds', 20)
+    parser.add_argument('--families', nargs='*', default=[*FAMILIES], choices=FAMILIES)
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
     parser.add_argument('--before', type=Path, help='tree of a version to judge beside this one')
     parser.add_argument('--more', type=int, default=0, help='days beyond those of the families')
-    parser.add_argument('--jobs', type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument('--no-real', action='store_true', help='drawn worlds only')
-    parser.add_argument('--picture', type=Path, help='empirical distributions')
     return parser.parse_args()
 
 
 def main() -> None:
     """Judge all methods in all worlds."""
     options = arguments()
-    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    first = first_seed(options)
+    methods = list(options.methods)
     if options.before:
         os.environ[BEFORE_TREE] = str(options.before.resolve())
-        options.methods = [*options.methods, BEFORE]
+        methods.append(BEFORE)
     if options.more:
-        options.methods = [*options.methods, MORE]
-    results: dict[str, dict[str, Result]] = {}
-    with ProcessPoolExecutor(options.jobs) as pool:
+        methods.append(MORE)
+    drawn_families = []
+    with ProcessPoolExecutor() as pool:
         for name in options.families:
-            title = FAMILIES[name].title if name in FAMILIES else f'scenario: {name}'
-            tasks = [
-                (name, first + number, tuple(options.methods), options.more)
-                for number in range(options.worlds)
-            ]
-            rows = list(pool.map(judge, tasks))
-            results[title] = {
-                method: Result(*(np.array([row[i][part] for row in rows]) for part in range(4)))
-                for i, method in enumerate(options.methods)
+            tasks = [(name, first + n, methods, options.more) for n in range(options.worlds)]
+            worlds = list(pool.map(judge, tasks))
+            rows = [zip(*of_method, strict=True) for of_method in zip(*worlds, strict=True)]
+            results = {
+                method: Result(*map(np.array, row))
+                for method, row in zip(methods, rows, strict=True)
             }
-            peer = BEST_PEER.get(name, OVERALL_PEER)
-            print_family(f'{title} [{name}]', results[title], peer)
-    ours = [FAMILIES[name].title for name in options.families if name in FAMILIES]
-    if ours:
-        together = pooled([results[title] for title in ours])
-        print_family('all families', together, OVERALL_PEER)
+            title = f'{FAMILIES[name].title} [{name}]'
+            print_family(title, results, BEST_PEER.get(name, OVERALL_PEER))
+            drawn_families.append(results)
+    if drawn_families:
+        print_family('all families', pooled(drawn_families), OVERALL_PEER)
     if not options.no_real:
-        print_real([method for method in options.methods if method != TRUTH])
+        print_real([method for method in methods if method != TRUTH])
         print_chamber()
-    if options.picture:
-        draw(results, options.picture)
 
 
 if __name__ == '__main__':

@@ -9,6 +9,7 @@ and its reference; the drift is raw minus reference. ``FAMILIES`` names the fami
 
 from dataclasses import dataclass, field
 
+from judging import recording_of
 import numpy as np
 from thermal_networks import (
     between,
@@ -27,7 +28,6 @@ from wrist_ft_comp.signals import (
     AXES,
     FloatArray,
     IntArray,
-    NANOSECONDS,
     Recording,
     Reference,
 )
@@ -198,8 +198,7 @@ def record(
     drift = theta @ gauges.linear + theta**2 @ gauges.square + crept + theta @ gauges.gain * true
     offset = rng.normal(0, LOADS)
     raw = true + drift + offset + rng.normal(0, gauges.noise, (cells, axes))
-    measured = np.ones(temperature_c.shape, dtype=bool)
-    return Recording('day', NANOSECONDS, 0, temperature_c, measured, raw, true), drift
+    return recording_of(temperature_c, raw, true), drift
 
 
 def shift_of(rng: np.random.Generator, learnt: FloatArray, judged: FloatArray) -> float:

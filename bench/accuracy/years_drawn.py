@@ -11,6 +11,7 @@ contact nearly all the time.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from judging import block_means, recording_of
 import numpy as np
 from scipy.spatial.transform import Rotation
 from thermal_networks import between, Body, draw_day, draw_others, draw_sources, network, SUN
@@ -118,10 +119,9 @@ class Year:
         if number == events.pressed:
             scenario = replace(scenario, contacts=PRESSED)
         true, felt = work(rng, scenario, self._payloads[number >= events.tool])
-        if burden is not None:
-            true = replace(true, wrench=burden(true.wrench))
+        wrench = true.wrench if burden is None else burden(true.wrench)
         again = [np.random.default_rng([self._seed, 34, number]) for _ in range(2)]
-        raw, _ = measure(again[0], self._gauges, felt_c, true.wrench, 0.25)
+        raw, _ = measure(again[0], self._gauges, felt_c, wrench, 0.25)
         quiet = replace(self._gauges, noise=0 * self._gauges.noise)
         drift, _ = measure(again[1], quiet, felt_c, np.zeros_like(raw), 0.0)
         if number == events.crash:
@@ -132,23 +132,28 @@ class Year:
             seen_c[at:, 1] = seen_c[at, 1] if at else 24.0
             measured[at:, 1] = not self._silent
         force = self._imu.read(rng, felt, felt_c[:, self._thermometers.nodes[0]])
-        spin = np.sqrt(_coarse(true.spin[:, None] ** 2)[:, 0])
-        recording = Recording(
-            day_name(number), CELL_S * NANOSECONDS, number * 86_400 // CELL_S, _coarse(seen_c),
-            measured[::CELL_S], _coarse(raw), np.full((SECONDS // CELL_S, len(AXES)), np.nan),
-            specific_force=_coarse(force), rotation_speed=spin)  # fmt: skip
-        return YearDay(number, recording, _coarse(drift))
+        spin = np.sqrt(block_means(true.spin[:, None] ** 2, CELL_S)[:, 0])
+        recording = replace(
+            _recorded(number, seen_c, raw),
+            first_cell=number * 86_400 // CELL_S,
+            measured=measured[::CELL_S],
+            specific_force=block_means(force, CELL_S),
+            rotation_speed=spin,
+        )
+        return YearDay(number, recording, block_means(drift, CELL_S))
 
     def warm_up(self, number: int) -> Recording:
         """Record a day with an empty flange, as somebody does who calibrates by hand."""
         felt_c, seen_c = self._warmed(number)
         rng = np.random.default_rng([self._seed, 35, number])
         raw, _ = measure(rng, self._gauges, felt_c, np.zeros((SECONDS, len(AXES))), 0.0)
-        temperature_c, wrench = _coarse(seen_c), _coarse(raw)
-        measured = np.ones(temperature_c.shape, dtype=bool)
-        nothing = np.full_like(wrench, np.nan)
-        name, period_ns = day_name(number), CELL_S * NANOSECONDS
-        return Recording(name, period_ns, 0, temperature_c, measured, wrench, nothing)
+        return _recorded(number, seen_c, raw)
+
+
+def _recorded(number: int, seen_c: FloatArray, raw: FloatArray) -> Recording:
+    """Record temperatures (N, J) and wrenches (N, 6) of every second in cells of CELL_S."""
+    recording = recording_of(block_means(seen_c, CELL_S), block_means(raw, CELL_S))
+    return replace(recording, name=day_name(number), period_ns=CELL_S * NANOSECONDS)
 
 
 def day_name(number: int) -> str:
@@ -164,8 +169,3 @@ def _moved(rng: np.random.Generator, body: Body) -> Body:
     shone = body.shapes[node] / np.linalg.norm(body.shapes[node])
     inlets[:, SUN] = strength * size * shone
     return replace(body, inlets=inlets)
-
-
-def _coarse(values: FloatArray) -> FloatArray:
-    """Means over cells."""
-    return np.asarray(values.reshape(-1, CELL_S, *values.shape[1:]).mean(axis=1))

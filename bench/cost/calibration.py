@@ -2,8 +2,8 @@
 How long ``auto`` takes: six axes of the simulated wrist, unloaded and loaded.
 
 ``python bench/cost/calibration.py``. 24 h, half and a quarter of it for the growth, five times
-2.5 h, and a fortnight of 8 h a day; 8 h with four and with sixteen thermometers, which may take
-MOST_TIMES as long; with the largest memory of the process.
+2.5 h, and a fortnight of 8 h a day; 8 h with four and with sixteen thermometers, which
+may take MOST_TIMES as long; with the largest memory of the process.
 """
 
 from collections.abc import Sequence
@@ -55,11 +55,9 @@ def with_thermometers(count: int) -> Recording:
 
 def main() -> None:
     """Print how long a calibration of six axes takes."""
-    references: tuple[tuple[str, Reference], ...] = (
-        ('unloaded', 'unloaded'), ('loaded', 'recorded'),
-    )  # fmt: skip
+    references: dict[str, Reference] = {'unloaded': 'unloaded', 'loaded': 'recorded'}
     for hours, count in LENGTHS:
-        for what, reference in references:
+        for what, reference in references.items():
             runs = [
                 warm_up(np.random.default_rng(run), 1, hours, loaded=what == 'loaded')
                 for run in range(count)

@@ -7,7 +7,6 @@ that nobody hears; only the transport is left out. Figures in ``out/memory.json`
 """
 
 import argparse
-import json
 import os
 from pathlib import Path
 import struct
@@ -18,7 +17,7 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from stream_roles import wrench_bytes
-from warm_up import make_model
+from warm_up import keep, make_model
 
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.signals import NANOSECONDS
@@ -85,8 +84,7 @@ def main() -> None:
         node.destroy_node()
         context.try_shutdown()
     print(f'growth after the first minute: {figures["growth_mib"]:.2f} MiB')
-    Path('out').mkdir(exist_ok=True)
-    Path('out/memory.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    keep('memory.json', figures)
 
 
 if __name__ == '__main__':

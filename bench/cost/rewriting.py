@@ -1,5 +1,5 @@
 """
-What long recordings cost: to read them, and to compensate them, against scripts of a user.
+What it costs to compensate long recordings, against scripts of a user.
 
 ``python bench/cost/rewriting.py [MINUTES]``, 60 by default, runs ``wrist_ft_comp compensate`` at
 1 kHz with a thermometer at 10 Hz, as mcap, sqlite3 and CSV. The script reads, computes and writes
@@ -7,19 +7,15 @@ one message by one, in typed Python; it gets the first PEER_MINUTES only, and is
 wrench, in processor time, which other programs disturb less. The command is run as a process of
 its own, start-up included. Peak memory is shown for the whole and for a quarter of it, because it
 must not grow. Figures are written to ``out/rewriting.json``.
-
-``--reading`` compares read_recording with rosbags' deserialize_cdr, one message by one, on bags of
-1 kHz: messages per second, and peak memory of a quarter and of the whole.
 """
 
 import argparse
 from collections.abc import Callable, Iterator
 import csv
-import json
+from functools import partial
 import math
 import os
 from pathlib import Path
-import resource
 import struct
 import subprocess
 import sys
@@ -30,9 +26,8 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from warm_up import make_model
+from warm_up import keep, make_model
 
-from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -62,7 +57,7 @@ def rows(minutes: float) -> Iterator[tuple[int, Any, float | None]]:
             yield stamp, wrench, warm
 
 
-def write_bag(path: Path, minutes: float, storage: StoragePlugin) -> None:
+def write_bag(storage: StoragePlugin, path: Path, minutes: float) -> None:
     """Write the bag that is to be compensated."""
     with Writer(path, version=9, storage_plugin=storage) as writer:
         raw = writer.add_connection('/wrench_raw', WRENCH, typestore=STORE)
@@ -154,17 +149,10 @@ def command_cost(source: Path, model: Path, target: Path) -> dict[str, float]:
     }
 
 
+#: By kind of recording: its suffix, what writes it, and the script that rewrites it.
 KINDS: dict[str, tuple[str, Callable[[Path, float], None], Any]] = {
-    'mcap': (
-        '',
-        lambda path, minutes: write_bag(path, minutes, StoragePlugin.MCAP),
-        rewrite_bag_typed,
-    ),
-    'sqlite3': (
-        '',
-        lambda path, minutes: write_bag(path, minutes, StoragePlugin.SQLITE3),
-        rewrite_bag_typed,
-    ),
+    'mcap': ('', partial(write_bag, StoragePlugin.MCAP), rewrite_bag_typed),
+    'sqlite3': ('', partial(write_bag, StoragePlugin.SQLITE3), rewrite_bag_typed),
     'csv': ('.csv', write_csv, rewrite_csv_typed),
 }
 
@@ -189,63 +177,11 @@ def compare(kind: str, minutes: float, folder: Path, model: Path) -> dict[str, f
     }
 
 
-def read_one_by_one(path: Path) -> None:
-    """Deserialize every message, as most scripts do."""
-    with Reader(path) as reader:
-        for connection, _, data in reader.messages():
-            STORE.deserialize_cdr(data, connection.msgtype)
-
-
-def seconds_of(read: Callable[[Path], object], path: Path) -> float:
-    """Time a reader, s."""
-    start = time.perf_counter()
-    read(path)
-    return time.perf_counter() - start
-
-
-def peak_mib(path: Path) -> float:
-    """Peak memory of a process that reads the bag, MiB."""
-    command = [sys.executable, __file__, '--peak', str(path)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return float(done.stdout)
-
-
-def compare_readers(minutes: float) -> None:
-    """Print a table of messages per second, and of peak memory."""
-    print(
-        f'{"storage":8} {"read_recording":>15} {"one by one":>11} {"ratio":>6} {"peak, MiB":>22}'
-    )
-    messages = round(minutes * 60 * RATE_HZ) * (1 + 1 / THERMAL)
-    for storage in (StoragePlugin.SQLITE3, StoragePlugin.MCAP):
-        with tempfile.TemporaryDirectory() as folder:
-            long, short = Path(folder, 'long'), Path(folder, 'short')
-            write_bag(long, minutes, storage)
-            write_bag(short, minutes / 4, storage)
-            bulk, single = (
-                messages / seconds_of(read, long) for read in (read_recording, read_one_by_one)
-            )
-            peaks = peak_mib(short), peak_mib(long)
-        print(
-            f'{storage.name.lower():8} {bulk:13,.0f}/s {single:9,.0f}/s {bulk / single:6.1f} '
-            f'{peaks[0]:7.1f} (x1) {peaks[1]:7.1f} (x4)'
-        )
-
-
 def main() -> None:
     """Measure, print a table, write JSON."""
     parser = argparse.ArgumentParser(description='Speed and memory of compensate.')
     parser.add_argument('minutes', nargs='?', type=float, default=60.0)
-    parser.add_argument('--reading', action='store_true', help='compare readers')
-    parser.add_argument('--peak', type=Path, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    minutes = arguments.minutes
-    if arguments.peak:
-        read_recording(arguments.peak)
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-        return
-    if arguments.reading:
-        compare_readers(minutes)
-        return
+    minutes = parser.parse_args().minutes
     print(f'{minutes:g} minutes; wrenches per second of processor time')
     print(
         'storage   compensate  typed script  ratio  whole: CPU, s  elapsed, s  peak MiB of 1/4, 1'
@@ -253,16 +189,14 @@ def main() -> None:
     figures = {}
     for kind in KINDS:
         with tempfile.TemporaryDirectory() as name:
-            row = compare(kind, minutes, Path(name), make_model(Path(name)))
-        figures[kind] = row
+            row = figures[kind] = compare(kind, minutes, Path(name), make_model(Path(name)))
         print(
             f'{kind:8}  {row["wrenches_per_cpu_s"]:10,.0f}  {row["typed_per_cpu_s"]:12,.0f}  '
             f'{row["ratio"]:5.1f}  {row["cpu_s"]:13.1f}  {row["elapsed_s"]:10.1f}  '
             f'{row["quarter_peak_mib"]:15.0f}  {row["peak_mib"]:4.0f}',
             flush=True,
         )
-    Path('out').mkdir(exist_ok=True)
-    Path('out/rewriting.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
+    keep('rewriting.json', figures)
 
 
 if __name__ == '__main__':

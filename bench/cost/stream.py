@@ -7,18 +7,18 @@ executor, a relay of bytes on the events executor, and the compensator with a mo
 the time and are used one after the other in short runs, so that a noisy machine is as noisy to
 each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
 with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
-1 kHz, while it learns from days, and with 1, 2 and 5 sensors in one process; last, the computation
-alone. ``--payload`` measures the payload only, ``--learning`` the learning.
+1 kHz, and while it learns from days; last, the computation alone.
 
 Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
 diagnostics tell what it received and published, and the receiver counts the different stamps that
-it hears. A table goes to standard output, figures to ``out/stream.json``, a picture beside them.
+it hears. A table goes to standard output, figures to ``out/stream.json``.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 import json
+import math
 import os
 from pathlib import Path
 import signal
@@ -31,8 +31,7 @@ from typing import Any
 
 import numpy as np
 from stream_roles import STATE_ENTRY, wrench_bytes
-from stream_table import draw, print_header, print_row, Run, summary
-from warm_up import make_model, write_warm_up
+from warm_up import keep, make_model, write_warm_up
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
 from kills import write_days
@@ -45,12 +44,33 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
+#: Ways of a relay that a user would write: typed messages, and bytes.
 RELAYS = ('typed', 'bytes')
 NODE = 'compensator'
+#: The compensator, as setup.py installs it.
+START = 'from wrist_ft_comp.node.executables import compensator; compensator()'
+#: The diagnostics tell within this time what was counted, s.
 DIAGNOSTICS_S = 1.2
+#: Processes that have just met get this time before they are measured, s.
 SETTLE_S = 2.0
 LEARNT_DAYS = 12
 ROLES = str(Path(__file__).with_name('stream_roles.py'))
+#: What is made of the figures of several runs. ``cpu_us``: processor time of the node per wrench;
+#: ``p50_us`` to ``max_us``: latency from the sensor's stamp to the receiver; ``lost``: what the
+#: receiver did not hear of what was sent; ``lost_before`` and ``lost_inside``: of these before and
+#: in the node, NaN where nobody counts; ``external``: wrenches without the payload that were
+#: heard; ``publisher_late_ms``: how far the sensor was behind its own clock.
+SUMMARIES: tuple[tuple[Callable[[Any], float], tuple[str, ...]], ...] = (
+    (median, ('cpu_us', 'p50_us', 'p99_us')),
+    (max, ('max_us', 'publisher_late_ms')),
+    (sum, ('sent', 'lost', 'lost_before', 'lost_inside', 'external')),
+)
+HEADER = (
+    'rate, Hz  through      CPU, µs  p50, µs  p99, µs  max, µs    sent    lost  '
+    'before node  in node  publisher late, ms'
+)
+#: Figures of a run, named in SUMMARIES.
+Run = dict[str, float]
 
 
 @contextmanager
@@ -77,28 +97,31 @@ def processor_us(pid: int) -> float:
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e3
 
 
-def ask(running: 'subprocess.Popen[str]', order: str) -> Any:
-    """Give an order to a process of ours, and wait for its answer."""
-    if running.stdin is None or running.stdout is None:
-        raise TypeError('the process has no pipes')
-    running.stdin.write(order + '\n')
-    running.stdin.flush()
-    return json.loads(running.stdout.readline())
-
-
 def order(running: 'subprocess.Popen[str]', words: str) -> None:
-    """Give an order that has no answer."""
-    if running.stdin is not None:
-        running.stdin.write(words + '\n')
-        running.stdin.flush()
+    """Give an order to a process of ours."""
+    if running.stdin is None:
+        raise TypeError('the process has no pipes')
+    running.stdin.write(words + '\n')
+    running.stdin.flush()
 
 
-def compensator(folder: Path, namespace: str, *parameters: str) -> list[str]:
+def ask(running: 'subprocess.Popen[str]', words: str) -> Any:
+    """Give an order, and wait for its answer."""
+    order(running, words)
+    return json.loads(running.stdout.readline() if running.stdout else '')
+
+
+def compensator(data: Path, namespace: str, *parameters: str) -> list[str]:
+    """Words that start the compensator in a namespace, with a data directory."""
+    settings = (f'data_directory:={data}', *parameters)
+    words = [word for setting in settings for word in ('-p', setting)]
+    return ['-c', START, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
+
+
+def with_model(folder: Path, namespace: str, *parameters: str) -> list[str]:
     """Words that start the compensator with the model."""
-    settings = [f'model_file:={folder / "model.yaml"}', f'data_directory:={folder / namespace}']
-    words = [word for setting in (*settings, *parameters) for word in ('-p', setting)]
-    module = 'wrist_ft_comp.node.compensator'
-    return ['-m', module, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
+    model = f'model_file:={folder / "model.yaml"}'
+    return compensator(folder / namespace, namespace, model, *parameters)
 
 
 class Line:
@@ -110,74 +133,76 @@ class Line:
     stack : ExitStack
         Ends the processes.
     nodes : dict of str to sequence of str
-        Words that start the process that serves each namespace (or several, joined by spaces).
+        Words that start the process that serves each namespace.
 
     """
 
     def __init__(self, stack: ExitStack, nodes: dict[str, Sequence[str]]) -> None:
         self.nodes = {n: stack.enter_context(process(*words)) for n, words in nodes.items()}
-        names = [name for group in nodes for name in group.split()]
-        self.receiver = stack.enter_context(process(ROLES, 'receiver', *names))
-        self._sensor = stack.enter_context(process(ROLES, 'sensor', *names))
-        self._counted: dict[str, tuple[int, int]] = {}
+        self.receiver = stack.enter_context(process(ROLES, 'receiver', *nodes))
+        self._sensor = stack.enter_context(process(ROLES, 'sensor', *nodes))
+        self._counted: dict[str, Any] = {name: np.zeros(2, dtype=int) for name in nodes}
+        #: Processor time until a message had come all the way through each node, µs.
+        self.started_us: dict[str, float] = {}
         deadline = time.monotonic() + 60
         waiting = set(nodes)
-        while waiting:  # until a message has come all the way through each
+        while waiting:
             if time.monotonic() > deadline:
                 sys.exit(f'{", ".join(waiting)} did not start')
-            self._send(' '.join(waiting), 20, 0.5)
-            heard = ask(self.receiver, 'take')['topics']
-            waiting -= {g for g in waiting if all(heard[n]['heard'] for n in g.split())}
+            for name in waiting:
+                self._send(name, 20, 0.2)
+            self._take()
+            for name in [name for name in waiting if self.topics[name]['heard']]:
+                self.started_us[name] = processor_us(self.nodes[name].pid)
+                waiting.remove(name)
         time.sleep(SETTLE_S)
-        self._take(nodes)
+        self._take()
+        for name in nodes:
+            self._newly_counted(name)
 
     def _send(
-        self, group: str, rate_hz: float, seconds: float, **beside: float
+        self, name: str, rate_hz: float, seconds: float, **beside: float
     ) -> dict[str, float]:
         """Let the sensor send."""
-        job = {'to': group.split(), 'rate_hz': rate_hz, 'seconds': seconds, **beside}
+        job = {'to': name, 'rate_hz': rate_hz, 'seconds': seconds, **beside}
         result: dict[str, float] = ask(self._sensor, json.dumps(job))
         return result
 
-    def _take(self, groups: Any) -> dict[str, Any]:
-        """Take what the receiver has; remember the compensators' counts."""
-        result: dict[str, Any] = ask(self.receiver, 'take')
-        self.topics: dict[str, Any] = result['topics']
-        for name in (n for group in groups for n in group.split()):
-            measured = result['topics'][name]
-            counts = (measured.get('received', 0), measured.get('published', 0))
-            before = self._counted.get(name, (0, 0))
-            measured['delta'] = tuple(b - a for a, b in zip(before, counts, strict=True))
-            self._counted[name] = counts
-        return result
+    def _take(self) -> None:
+        """Take what the receiver has."""
+        taken = ask(self.receiver, 'take')
+        self.topics: dict[str, Any] = taken['topics']
+        self.calibrated = bool(taken['calibrated'])
 
-    def measure(self, group: str, rate_hz: float, seconds: float, **beside: float) -> Run:
-        """Send through one of the nodes, at a rate per sensor; what beside, stream_roles says."""
-        pid = self.nodes[group].pid
+    def _newly_counted(self, name: str) -> list[int]:
+        """Give what a compensator has received and published since it was asked last."""
+        topic, before = self.topics[name], self._counted[name]
+        self._counted[name] = np.array([topic.get('received', 0), topic.get('published', 0)])
+        new: list[int] = (self._counted[name] - before).tolist()
+        return new
+
+    def measure(self, name: str, rate_hz: float, seconds: float, **beside: float) -> Run:
+        """Send through one of the nodes; what beside the wrenches, stream_roles says."""
+        pid = self.nodes[name].pid
         before = processor_us(pid)
-        sent = self._send(group, rate_hz, seconds, **beside)
+        sent = self._send(name, rate_hz, seconds, **beside)
         time.sleep(0.2)
         used = processor_us(pid) - before
-        counts = group not in RELAYS
+        counts = name not in RELAYS
         time.sleep(DIAGNOSTICS_S if counts else 0.0)
-        taken = self._take([group])
-        topics = [taken['topics'][name] for name in group.split()]
-        sent_to_each = int(sent['sent'])
-        heard = sum(topic['heard'] for topic in topics)
-        received, published = (sum(topic['delta'][k] for topic in topics) for k in (0, 1))
-        total = sent_to_each * len(topics)
-        return Run(
-            cpu_us=used / total,
-            p50_us=median(topic['latencies_us'][0] for topic in topics),
-            p99_us=max(topic['latencies_us'][1] for topic in topics),
-            max_us=max(topic['latencies_us'][2] for topic in topics),
-            sent=total,
-            lost=total - heard,
-            lost_before=total - received if counts else None,
-            lost_inside=received - published if counts else None,
-            publisher_late_ms=sent['publisher_late_ms'],
-            calibrated=len(taken['calibrated']),
-        )
+        self._take()
+        topic, total = self.topics[name], int(sent['sent'])
+        received, published = self._newly_counted(name)
+        return {
+            'cpu_us': used / total,
+            **dict(zip(('p50_us', 'p99_us', 'max_us'), topic['latencies_us'], strict=True)),
+            'sent': total,
+            'lost': total - topic['heard'],
+            'lost_before': total - received if counts else math.nan,
+            'lost_inside': received - published if counts else math.nan,
+            'publisher_late_ms': sent['publisher_late_ms'],
+            'external': topic['external'],
+        }
 
 
 def by_turns(
@@ -193,16 +218,26 @@ def by_turns(
 
 def rows_of(runs: dict[str, list[Run]], rate_hz: float) -> list[dict[str, Any]]:
     """Sum up and print."""
-    rows = [summary(name, rate_hz, measured) for name, measured in runs.items()]
-    for row in rows:
-        print_row(row)
+    rows = []
+    for name, measured in runs.items():
+        row: dict[str, Any] = {'name': name, 'rate_hz': rate_hz}
+        for combine, keys in SUMMARIES:
+            row |= {key: combine(run[key] for run in measured) for key in keys}
+        losses = f'{row["lost"]:6}  {row["lost_before"]:11}  {row["lost_inside"]:7}'
+        print(
+            f'{rate_hz:8.0f}  {name:11}  {row["cpu_us"]:7.1f}  {row["p50_us"]:7.0f}  '
+            f'{row["p99_us"]:7.0f}  {row["max_us"]:7.0f}  {row["sent"]:6}  {losses}  '
+            f'{row["publisher_late_ms"]:18.1f}',
+            flush=True,
+        )
+        rows.append(row)
     return rows
 
 
 def cpu_ratio(runs: dict[str, list[Run]], name: str, other: str) -> float:
     """Compare runs that followed each other, and take the median."""
     pairs = zip(runs[name], runs[other], strict=True)
-    return median(run.cpu_us / beside.cpu_us for run, beside in pairs)
+    return median(run['cpu_us'] / beside['cpu_us'] for run, beside in pairs)
 
 
 def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: int) -> list[Any]:
@@ -222,13 +257,11 @@ def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: i
 
 def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
     """Measure at 1 kHz before and while the node calibrates from a recording of some hours."""
-    recordings = folder / NODE / 'recordings'
-    recordings.mkdir(parents=True)
-    write_warm_up(recordings / 'warm_up.csv', 4 * 3600)
+    write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
     idle = [line.measure(NODE, 1000, seconds) for _ in range(4)]
     order(line.receiver, f'calibrate {NODE}')
     busy = [line.measure(NODE, 1000, seconds)]
-    while not busy[-1].calibrated:
+    while not line.calibrated:
         busy.append(line.measure(NODE, 1000, seconds))
     rows = rows_of({'idle': idle, 'calibrating': busy}, 1000)
     print(f'          p99 while calibrating: {rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of idle')
@@ -239,7 +272,7 @@ def with_a_field(folder: Path, seconds: float, repeats: int) -> list[Any]:
     """Compare, at 1 kHz, a thermometer with one that is a field of a message at the same rate."""
     entries = {'topic': 'temperature', 'field': STATE_ENTRY}
     nodes: dict[str, Sequence[str]] = {
-        name: compensator(folder, name, f'temperature_topics:=["{entry}"]')
+        name: with_model(folder, name, f'temperature_topics:=["{entry}"]')
         for name, entry in entries.items()
     }
     with ExitStack() as stack:
@@ -265,27 +298,22 @@ def with_a_payload(
     add_payloads(folder / PAYLOADS, 'bench', [payload], ForceFrame())
     held = ('gravity.source:=imu', 'payload.active:=bench-1')
     nodes: dict[str, Sequence[str]] = {
-        'bare': compensator(folder, 'bare'),
-        'payload': compensator(folder, 'payload', *held),
+        'bare': with_model(folder, 'bare'),
+        'payload': with_model(folder, 'payload', *held),
     }
     rows = []
     with ExitStack() as stack:
         line = Line(stack, nodes)
         for rate_hz in rates:
-            runs: dict[str, list[Run]] = {name: [] for name in nodes}
-            external = 0
-            for _ in range(repeats):
-                runs['bare'].append(line.measure('bare', rate_hz, seconds))
-                every = max(round(rate_hz / 1000), 1)
-                runs['payload'].append(line.measure('payload', rate_hz, seconds, imu_every=every))
-                external += line.topics['payload']['external']
+            every = max(round(rate_hz / 1000), 1)
+            runs = by_turns(line, list(nodes), rate_hz, seconds, repeats, imu_every=every)
             rows += rows_of(runs, rate_hz)
             rows[-1]['cpu_to_bare'] = cpu_ratio(runs, 'payload', 'bare')
-            rows[-1]['external_missing'] = sum(run.sent for run in runs['payload']) - external
+            missing = rows[-1]['sent'] - rows[-1]['external']
             print(
                 f'          with a payload: {rows[-1]["cpu_to_bare"]:.2f} of the CPU, '
                 f'{rows[-1]["p99_us"] / rows[-2]["p99_us"]:.2f} of the p99; '
-                f'{rows[-1]["external_missing"]} of wrench_external missing'
+                f'{missing} of wrench_external missing'
             )
     return rows
 
@@ -295,7 +323,7 @@ def while_learning(folder: Path, seconds: float) -> list[Any]:
     write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
     given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning:=auto'
     with ExitStack() as stack:
-        line = Line(stack, {'learns': compensator(folder, 'learns', *given)})
+        line = Line(stack, {'learns': with_model(folder, 'learns', *given)})
 
         def measure() -> Run:
             return line.measure('learns', 1000, seconds, imu_every=1)
@@ -307,20 +335,6 @@ def while_learning(folder: Path, seconds: float) -> list[Any]:
     rows = rows_of(runs, 1000)
     ratio = rows[0]['p99_us'] / rows[1]['p99_us']
     print(f'          p99 while learning: {ratio:.2f} of afterwards')
-    return rows
-
-
-def several_sensors(folder: Path, seconds: float, repeats: int) -> list[Any]:
-    """Measure 1, 2 and 5 sensors in one process, each at 1 kHz."""
-    rows = []
-    for count in (1, 2, 5):
-        names = [f's{k}' for k in range(count)]
-        group = ' '.join(f'n{count}/{name}' for name in names)
-        words = compensator(folder, f'n{count}', f'sensors:=[{", ".join(names)}]')
-        with ExitStack() as stack:
-            line = Line(stack, {group: words})
-            runs = by_turns(line, [group], 1000, seconds, repeats)[group]
-        rows += rows_of({f'{count} sensors': runs}, 1000)
     return rows
 
 
@@ -341,12 +355,10 @@ def pure_compute(model: Path) -> float:
 
 
 def main() -> None:
-    """Measure everything, print tables, write JSON and picture."""
+    """Measure everything, print tables, write JSON."""
     parser = argparse.ArgumentParser(description='Cost of the stream.')
     parser.add_argument('--seconds', type=float, default=2.0, help='length of a run')
     parser.add_argument('--repeats', type=int, default=5)
-    parser.add_argument('--payload', action='store_true', help='measure the payload only')
-    parser.add_argument('--learning', action='store_true', help='measure the learning only')
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
     seconds, repeats = arguments.seconds, arguments.repeats
@@ -355,32 +367,19 @@ def main() -> None:
     figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        make_model(folder)
-        figures['compute_us'] = pure_compute(folder / 'model.yaml')
+        figures['compute_us'] = pure_compute(make_model(folder))
         print(f'computation alone, bytes in to bytes out: {figures["compute_us"]:.2f} µs')
-        print_header()
-        if arguments.payload:
-            with_a_payload(folder, arguments.rates, seconds, repeats)
-            return
-        if arguments.learning:
-            while_learning(folder, seconds)
-            return
+        print(HEADER)
         with ExitStack() as stack:
             relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
-            line = Line(stack, {**relays, NODE: compensator(folder, NODE)})
+            line = Line(stack, {**relays, NODE: with_model(folder, NODE)})
             figures['rates'] = compare_rates(line, arguments.rates, seconds, repeats)
-            long = summary('10 s', 8000, [line.measure(NODE, 8000, 10.0)])
-            print_row(long)
-            figures['long'] = long
+            figures['long'] = rows_of({'10 s': [line.measure(NODE, 8000, 10.0)]}, 8000)
             figures['calibration'] = during_calibration(line, folder, seconds)
         figures['field'] = with_a_field(folder, seconds, 2 * repeats)
         figures['payload'] = with_a_payload(folder, (1000, 2000), seconds, repeats)
         figures['learning'] = while_learning(folder, seconds)
-        figures['sensors'] = several_sensors(folder, seconds, repeats)
-    out = Path('out')
-    out.mkdir(exist_ok=True)
-    (out / 'stream.json').write_text(json.dumps(figures, indent=1), encoding='utf-8')
-    draw(figures, out / 'stream.png')
+    keep('stream.json', figures)
 
 
 if __name__ == '__main__':

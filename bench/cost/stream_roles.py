@@ -56,41 +56,40 @@ def wrench_bytes(stamp_ns: int, doubles: bytes = _DOUBLES) -> bytes:
 
 def sense(context: Any, namespaces: Sequence[str]) -> None:
     """
-    Publish as a request says, ``{"to": […], "rate_hz": …, "seconds": …}``, with stamps of now.
+    Publish as a request says, ``{"to": …, "rate_hz": …, "seconds": …}``, with stamps of now.
 
     ``"states": true`` sends the driver's whole state beside every wrench, temperature included;
     ``"imu_every": n`` a message of the IMU beside every n-th.
     """
     node: Any = Node('bench_sensor', context=context)
-    wrenches, thermometers, states, imus = (
-        {name: node.create_publisher(kind, f'/{name}/{topic}', profile) for name in namespaces}
-        for kind, topic, profile in (
-            (WrenchStamped, 'wrench_raw', qos.FAST_SENSOR),
-            (Temperature, 'temperature', qos.SLOW_SENSOR),
-            (JointState, 'state', qos.FAST_SENSOR),
-            (Imu, 'imu', qos.FAST_SENSOR),
-        )
+    kinds = (
+        (WrenchStamped, 'wrench_raw', qos.FAST_SENSOR),
+        (Temperature, 'temperature', qos.SLOW_SENSOR),
+        (JointState, 'state', qos.FAST_SENSOR),
+        (Imu, 'imu', qos.FAST_SENSOR),
     )
+    publishers = {
+        name: [
+            node.create_publisher(kind, f'/{name}/{topic}', depth) for kind, topic, depth in kinds
+        ]
+        for name in namespaces
+    }
     for line in sys.stdin:
         order = json.loads(line)
-        to = order.pop('to')
-        order['states'] = [states[n] for n in to] if order.get('states') else []
-        order['imu_every'] = every = order.get('imu_every', 0)
-        order['imus'] = [imus[n] for n in to] if every else []
-        result = _publish([wrenches[n] for n in to], [thermometers[n] for n in to], **order)
-        print(json.dumps(result), flush=True)
+        print(json.dumps(_publish(*publishers[order.pop('to')], **order)), flush=True)
     node.destroy_node()
 
 
 def _publish(  # noqa: PLR0913 -- as the order says
-    wrenches: list[Any],
-    thermometers: list[Any],
+    wrench: Any,
+    thermometer: Any,
+    state: Any,
+    imu: Any,
     *,
-    states: list[Any],
-    imus: list[Any],
-    imu_every: int,
     rate_hz: float,
     seconds: float,
+    states: bool = False,
+    imu_every: int = 0,
 ) -> dict[str, float]:
     """Keep to a rate: what a pause delayed is sent at once, so that nothing is left out."""
     due, late_s = round(rate_hz * seconds), 0.0
@@ -103,16 +102,14 @@ def _publish(  # noqa: PLR0913 -- as the order says
         late_s = max(late_s, now - start - k / rate_hz)
         if now >= next_temperature:
             degrees = struct.pack('<2d', 25.0 + now % 10.0, 0.0)
-            for publisher in thermometers:
-                publisher.publish(wrench_bytes(time.monotonic_ns(), degrees))
+            thermometer.publish(wrench_bytes(time.monotonic_ns(), degrees))
             next_temperature += 1 / TEMPERATURE_HZ
-        for publisher in imus if imu_every and k % imu_every == 0 else ():
-            publisher.publish(wrench_bytes(time.monotonic_ns(), _IMU))
-        for publisher in wrenches:
-            publisher.publish(wrench_bytes(time.monotonic_ns()))
-        for publisher in states:
+        if imu_every and k % imu_every == 0:
+            imu.publish(wrench_bytes(time.monotonic_ns(), _IMU))
+        wrench.publish(wrench_bytes(time.monotonic_ns()))
+        if states:
             stamp = struct.pack('<iI', *divmod(time.monotonic_ns(), NANOSECONDS))
-            publisher.publish(_STATE[:4] + stamp + _STATE[12:])
+            state.publish(_STATE[:4] + stamp + _STATE[12:])
     return {'sent': due, 'publisher_late_ms': 1e3 * late_s}
 
 
@@ -135,17 +132,17 @@ class Receiver:
         self._counted: dict[str, dict[str, float]] = {name: {} for name in namespaces}
         self._calibrated: list[str] = []
         #: Wrenches without the payload that were heard, by namespace.
-        self._external = dict.fromkeys(namespaces, 0)
+        self._external: dict[str, list[bytes]] = {name: [] for name in namespaces}
         profile: Any = QoSProfile
         for name, came in self._came.items():
             hear = partial(_hear, came.append)
             self._node.create_subscription(
                 WrenchStamped, f'/{name}/wrench', hear, profile(depth=5000), raw=True
             )
-            count = partial(self._count, name)
             self._node.create_subscription(
-                WrenchStamped, f'/{name}/wrench_external', count, profile(depth=5000), raw=True
-            )
+                WrenchStamped, f'/{name}/wrench_external', self._external[name].append,
+                profile(depth=5000), raw=True,
+            )  # fmt: skip
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._orders: list[str] = []
 
@@ -174,17 +171,13 @@ class Receiver:
             answer.add_done_callback(lambda done: self._calibrated.append(done.result().message))
             return
         received = {
-            name: {**latencies(came), **self._counted[name], 'external': self._external[name]}
+            name: {**latencies(came), **self._counted[name], 'external': len(self._external[name])}
             for name, came in self._came.items()
         }
         print(json.dumps({'topics': received, 'calibrated': self._calibrated}), flush=True)
         for name, came in self._came.items():
             came.clear()
-            self._external[name] = 0
-
-    def _count(self, name: str, _data: bytes) -> None:
-        """Count a wrench without the payload."""
-        self._external[name] += 1
+            self._external[name].clear()
 
     def _on_diagnostics(self, array: Any) -> None:
         """Keep the compensators' own counts of wrenches in and out."""

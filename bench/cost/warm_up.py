@@ -1,5 +1,11 @@
-"""A model for the benchmarks: calibrated from a made-up warm-up of six axes."""
+"""
+A model for the benches of cost, and where they keep their figures.
 
+The model is calibrated from a made-up warm-up of six axes, in a process of its own: a bench that
+measures memory must not have calibrated.
+"""
+
+import json
 from pathlib import Path
 import subprocess
 import sys
@@ -9,6 +15,7 @@ import numpy as np
 
 def write_warm_up(path: Path, seconds: int = 7200) -> Path:
     """Write a CSV recording of one row per second."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(1)
     cells = np.arange(seconds)
     temperature = 25 + 20 * (1 - np.exp(-cells / 1500)) + 3 * np.sin(cells / 500)
@@ -27,3 +34,10 @@ def make_model(folder: Path) -> Path:
         [*command, str(recording), '-o', str(model)], check=True, stdout=subprocess.DEVNULL
     )
     return model
+
+
+def keep(name: str, figures: object) -> None:
+    """Write figures into out/."""
+    folder = Path(__file__).resolve().parents[2] / 'out'
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(json.dumps(figures, indent=1), 'utf-8')

@@ -21,10 +21,10 @@ BENCHES: dict[str, tuple[str, str, int, str, float]] = {
     'kills': ('kills', 'kill_recording', 94, 'kills', 200),
     'learning_kills': ('kills', 'kill_learning', 93, 'kills', 20),
     'thermometer_kills': (
-        'thermometer_kills', 'kill_with_a_thermometer_out', 90, 'kills', 200,
+        'resuming', 'kill_with_a_thermometer_out', 90, 'kills', 200,
     ),
-    'restart': ('restart', 'compare_drift', 93, 'kills', 20),
-    'comes_back': ('restart', 'count_deaf', 92, 'kills', 50),
+    'restart': ('resuming', 'compare_drift', 93, 'kills', 20),
+    'comes_back': ('resuming', 'count_deaf', 92, 'kills', 50),
     'endurance': ('endurance', 'endure', 95, 'minutes', 10.0),
 }  # fmt: skip
 

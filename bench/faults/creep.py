@@ -10,21 +10,17 @@ keep a share of an overload of 300 N. Creep is drawn by the simulated sensor's o
 and added behind the separation, which it does not change: a day is separated once.
 """
 
-import argparse
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-import os
 from pathlib import Path
 import sys
 from typing import NamedTuple
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
 
+from judging import bench_parser, block_means, first_seed
 import numpy as np
-from worlds import DEVELOPMENT_SEED, report_seed
 from years_drawn import CELL_S, Year
 
 from wrist_ft_comp.drift.drift_model import DriftModel
@@ -42,8 +38,6 @@ from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 #: Creep of a load of 30 min, as a share of it, and its time constant, s.
 SIZES = (0.0, 0.0005, 0.001, 0.002, 0.005)
 CONSTANT_S = 1080.0
-#: The same for faster and slower creep.
-OTHERS = ((300.0, 0.001), (2700.0, 0.001))
 #: Creep on days from which models are learnt.
 HARMFUL = (0.001, 0.005)
 #: Hysteresis, as a share of what the overload has beyond the play.
@@ -94,11 +88,6 @@ def pressed(rng: np.random.Generator, kind: str, wrench: FloatArray) -> FloatArr
     return np.asarray(wrench + on[:, None] * np.concatenate((force, np.cross(at_m, force))))
 
 
-def coarse(values: FloatArray) -> FloatArray:
-    """Means over cells."""
-    return np.asarray(values.reshape(-1, CELL_S, values.shape[1]).mean(axis=1))
-
-
 def drawn(year: Year, seed: int, number: int, kind: str) -> Loaded:
     """Draw and separate a day with a load."""
     loads = []
@@ -108,7 +97,7 @@ def drawn(year: Year, seed: int, number: int, kind: str) -> Loaded:
         return loads[-1]
 
     recording = year.day(number, burden).recording
-    return Loaded(kind, look_at(recording), coarse(loads[0]))
+    return Loaded(kind, look_at(recording), block_means(loads[0], CELL_S))
 
 
 def crept(loaded: Loaded, settings: FtSensorSettings) -> Day:
@@ -175,7 +164,7 @@ def left_of(model: DriftModel, days: Sequence[Loaded]) -> FloatArray:
 def print_findings(named: Mapping[tuple[str, float], Sequence[Sequence[Finding]]]) -> None:
     """Print how often creep was named: by days, and by sensors after some days."""
     after = 1, 2, 4, 7
-    print(f'{"time constant":15}{"creep":>8}{"days":>6}{"named":>7}{"sigmas":>8}{"tenth":>7}'
+    print(f'{"":15}{"size":>8}{"days":>6}{"named":>7}{"sigmas":>8}{"tenth":>7}'
           f'{"sensors":>9}' + ''.join(f'{f"in {count}":>6}' for count in after))  # fmt: skip
     for (title, size), sensors in named.items():
         days = [finding for findings in sensors for finding in findings]
@@ -188,12 +177,10 @@ def print_findings(named: Mapping[tuple[str, float], Sequence[Sequence[Finding]]
 
 def main() -> None:
     """Judge days with and without creep, and learn from them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--dev', action='store_true', help='years to develop on')
-    parser.add_argument('--years', type=int, default=3)
+    parser = bench_parser(__doc__, 'years', 3)
     parser.add_argument('--days', type=int, default=7, help='per year')
     options = parser.parse_args()
-    first = DEVELOPMENT_SEED if options.dev else report_seed('learning')
+    first = first_seed(options, 'learning')
     named = defaultdict[tuple[str, float], list[list[Finding]]](list)
     harm = defaultdict[float, list[float]](list)
     for seed in range(first, first + options.years):
@@ -205,11 +192,10 @@ def main() -> None:
         except WristFtCompError as error:
             print(f'year {seed}: {error}')
             continue
-        for constant_s, size in (*((CONSTANT_S, size) for size in SIZES), *OTHERS):
-            settings = FtSensorSettings(creep=size, creep_s=constant_s)
-            title = f'{constant_s / 60:.0f} min'
+        for size in SIZES:
+            settings = FtSensorSettings(creep=size, creep_s=CONSTANT_S)
             findings = list(found(days, model, settings))
-            named[title if size else 'heat alone', size].append(findings)
+            named['creep' if size else 'heat alone', size].append(findings)
             for finding in findings:
                 if finding.kind and not (finding.kind == CREEP and size):
                     print(f'year {seed}, creep {size:.2%}, {finding}', flush=True)

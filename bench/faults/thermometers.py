@@ -8,22 +8,18 @@ day. What is left of its drift is compared with what a model leaves that was lea
 thermometer. Healthy days are counted on which a thermometer was not believed.
 """
 
-import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-import os
 from pathlib import Path
 import sys
 import time
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
 
+from judging import bench_parser, first_seed, root_mean_square
 import numpy as np
-from peers import root_mean_square
-from worlds import Answer, DEVELOPMENT_SEED, left_of, report_seed
+from worlds import Answer, left_of
 from worlds_drawn import FAMILIES, Family, family, World
 
 from wrist_ft_comp.drift.arx_filter import static_gain
@@ -175,12 +171,10 @@ def print_faults(outcomes: Sequence[Outcome]) -> None:
 
 def main() -> None:
     """Judge lies, then count healthy days."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--dev', action='store_true', help='worlds to develop on')
-    parser.add_argument('--worlds', type=int, default=20, help='per number of thermometers')
+    parser = bench_parser(__doc__, 'worlds', 20)
     parser.add_argument('--healthy', type=int, default=70, help='days per number of thermometers')
     options = parser.parse_args()
-    first = DEVELOPMENT_SEED if options.dev else report_seed()
+    first = first_seed(options)
     for count in COUNTS if options.worlds else ():
         worlds = drawn(range(first, first + options.worlds), count)
         print(f'\n{count} thermometers')

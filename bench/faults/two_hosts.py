@@ -12,7 +12,6 @@ stream does not come back.
 import argparse
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from itertools import pairwise
 import json
 import os
 from pathlib import Path
@@ -24,13 +23,13 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from rclpy.context import Context
-from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Temperature
 from stand import make_model, message, Sensor, Stand, tell, TIMEOUT_S, write_warm_up
 
 RATE_HZ = 1000
+#: The cable is pulled this long after the sensor was started, s.
+CUT_AFTER_S = 8.0
 NAMES = ('wfc_sensor', 'wfc_node')
 CABLE = ('wfc_cable_s', 'wfc_cable_n')
 #: How packets get lost, the first that the kernel can do. The narrow cable holds a datagram of
@@ -73,24 +72,20 @@ def cable() -> Iterator[str]:
             ip('netns', 'del', name)
 
 
-def sense(seconds: float) -> None:
+def sense(seconds: float, folder: Path) -> None:
     """Be the sensor: publish, and print what was sent."""
-    context: Any = Context()
-    context.init([])
-    node: Any = Node('two_hosts_sensor', context=context)
-    raw = node.create_publisher(WrenchStamped, 'wrench_raw', qos_profile_sensor_data)
-    heat = node.create_publisher(Temperature, 'temperature', qos_profile_sensor_data)
-    sensor, begun, sent = Sensor(0), time.monotonic(), 0
-    while (now := time.monotonic() - begun) < seconds:
-        sensor.advance(now)
-        while sent < now * RATE_HZ:
-            raw.publish(message(time.time_ns(), sensor.raw()))
-            if sent % 100 == 0:
-                heat.publish(message(time.time_ns(), (sensor.celsius, 0.0)))
-            sent += 1
-        time.sleep(0.001)
-    node.destroy_node()
-    context.try_shutdown()
+    with closing(Stand(folder)) as stand:
+        raw = stand.talker.create_publisher(WrenchStamped, 'wrench_raw', qos_profile_sensor_data)
+        heat = stand.talker.create_publisher(Temperature, 'temperature', qos_profile_sensor_data)
+        sensor, begun, sent = Sensor(0), time.monotonic(), 0
+        while (now := time.monotonic() - begun) < seconds:
+            sensor.advance(now)
+            while sent < now * RATE_HZ:
+                raw.publish(message(time.time_ns(), sensor.raw()))
+                if sent % 100 == 0:
+                    heat.publish(message(time.time_ns(), (sensor.celsius, 0.0)))
+                sent += 1
+            time.sleep(0.001)
     print(sent)
 
 
@@ -106,43 +101,44 @@ def receive(seconds: float, folder: Path) -> None:
         stand.wait(lambda: stand.ready('tare'), 'the node')
         print('ready', flush=True)
         time.sleep(seconds)
-    print(json.dumps([round(at - came[0], 4) for at in came] if came else []))
+    print(json.dumps([round(at - came[0], 4) for at in came]))
     print(stand.log.read_text('utf-8'), file=sys.stderr)
+
+
+def end(name: str, role: str, seconds: float, folder: str) -> 'subprocess.Popen[str]':
+    """Start one of the two ends in its namespace."""
+    words = [sys.executable, str(Path(__file__).resolve()), '--role', role, str(seconds), folder]
+    return subprocess.Popen(netns(name, *words), stdout=subprocess.PIPE, text=True)
 
 
 def run(cut_s: float) -> dict[str, Any]:
     """Run both hosts and pull the cable between them."""
     seconds = cut_s + 20.0
-    program = [sys.executable, str(Path(__file__).resolve())]
     with tempfile.TemporaryDirectory() as folder, cable() as loss:
-        listening = subprocess.Popen(
-            netns(NAMES[1], *program, '--receive', str(seconds + 2), folder),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        listening = end(NAMES[1], 'receive', seconds + 2, folder)
         if listening.stdout is None or listening.stdout.readline() != 'ready\n':
             sys.exit('the node did not start')
-        sensing = subprocess.Popen(
-            netns(NAMES[0], *program, '--sense', str(seconds)), stdout=subprocess.PIPE, text=True
-        )
-        time.sleep(8.0)
+        sensing = end(NAMES[0], 'sense', seconds, folder)
+        time.sleep(CUT_AFTER_S)
         ip('-n', NAMES[1], 'link', 'set', CABLE[1], 'down')
         time.sleep(cut_s)
         ip('-n', NAMES[1], 'link', 'set', CABLE[1], 'up')
         ip('-n', NAMES[1], 'route', 'add', '224.0.0.0/4', 'dev', CABLE[1])
         sent = int(sensing.communicate(timeout=seconds + TIMEOUT_S)[0])
-        came = json.loads(listening.communicate(timeout=seconds + TIMEOUT_S)[0].splitlines()[-1])
-    pauses = sorted((b - a for a, b in pairwise(came)), reverse=True)
+        came_s = np.array(
+            json.loads(listening.communicate(timeout=seconds + TIMEOUT_S)[0].splitlines()[-1])
+        )
+    pauses_s = np.sort(np.diff(came_s))[::-1]
     return {
         'cut_s': cut_s,
         'packets_are_lost': loss,
         'sent': sent,
-        'arrived': len(came),
-        'median_rate_hz': float(np.median(np.bincount(np.array(came).astype(int))))
-        if came
+        'arrived': len(came_s),
+        'median_rate_hz': float(np.median(np.bincount(came_s.astype(int))))
+        if len(came_s)
         else 0.0,
-        'longest_pauses_s': [round(pause, 2) for pause in pauses[:3]],
-        'came_after_the_cut': sum(at > came[0] + 8.0 + cut_s for at in came) if came else 0,
+        'longest_pauses_s': pauses_s[:3].round(2).tolist(),
+        'came_after_the_cut': int((came_s > CUT_AFTER_S + cut_s).sum()),
     }
 
 
@@ -150,23 +146,20 @@ def main() -> int:
     """Run, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1] if __doc__ else '')
     parser.add_argument('cut', nargs='?', type=float, default=5.0)
-    parser.add_argument('--sense', type=float)
-    parser.add_argument('--receive', nargs=2)
+    parser.add_argument('--role', nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
     os.environ.setdefault('ROS_DOMAIN_ID', '97')
-    if arguments.sense:
-        sense(arguments.sense)
-        return 0
-    if arguments.receive:
-        receive(float(arguments.receive[0]), Path(arguments.receive[1]))
+    if arguments.role:
+        role, seconds, folder = arguments.role
+        {'sense': sense, 'receive': receive}[role](float(seconds), Path(folder))
         return 0
     if os.geteuid() != 0:
         sys.exit('Network namespaces need root.')
     result = run(arguments.cut)
     tell('two_hosts', result)
-    return 0 if result['came_after_the_cut'] > 0 else 1
+    return int(not result['came_after_the_cut'])
 
 
 if __name__ == '__main__':
