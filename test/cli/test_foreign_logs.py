@@ -202,6 +202,49 @@ def test_a_column_that_is_not_there_and_a_bad_time_are_named(tmp_path, run):
     assert "got '08:00'" in sentence
 
 
+def test_topics_that_were_made_columns_are_raw_wrenches_unless_they_say_otherwise(tmp_path, done):
+    """As PlotJuggler and others write a bag's topics."""
+    t, wrench, celsius = day(1)
+    header = '__time,/ft/wrench/force/x,/ft/wrench/torque/z,/true/wrench/force/x,/ft/temperature'
+    rows = np.column_stack((t, wrench[:, [2, 5]], 0 * t, celsius)).tolist()
+    path = write(tmp_path / 'log.csv', header, rows)
+    words = commands(done('show', path))[0]
+    assert words[words.index('--columns') + 1].split(',') == [
+        'stamp=__time', 'force_x=/ft/wrench/force/x', 'torque_z=/ft/wrench/torque/z',
+        'reference_force_x=/true/wrench/force/x', 'temperature_c=/ft/temperature',
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('header', 'example'),
+    [
+        ('t,load_cell,celsius', 'stamp=t,temperature_c=celsius,force_z=load_cell'),
+        ('a,b,c', 'stamp=a,force_z=b,temperature_c=c'),
+        ('stamp_s,fz,gauge', 'force_z=fz,temperature_c=gauge'),
+    ],
+)
+def test_where_no_columns_can_be_guessed_the_refusal_leads_to_a_map(
+    header, example, tmp_path, run, done
+):
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench[:, 2], celsius)).tolist()
+    path = write(tmp_path / 'log.csv', header, rows)
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--method', 'pls']
+    assert f"such as --columns '{example}'" in run(*words).sentence
+    done(*words, '--columns', example)
+
+
+def test_a_map_that_was_given_is_called_no_guess(logs, done):
+    given = ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F', '--time', 'iso']
+    assert 'the map is a guess' in done('show', logs[0])
+    shown = done('show', logs[0], *given)
+    assert 'guess' not in shown
+    assert 'columns: stamp=time,force_z=fz:kN,temperature_c=temp:F\ntime: iso' in shown
+    recipe = shown[shown.index('columns: ') :].split('\nwarning')[0]
+    (logs[0].parent / 'recording.yaml').write_text(recipe)
+    assert 'guess' not in done('show', logs[0])
+
+
 def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs):
     assert parse_part('80min', '1.5h', ['1:20:00..81min']) == Part(4800, 5400, ((4800, 4860),))
     given = 'stamp=time,force_z=fz:kN,temperature_c=temp:F'
