@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -25,6 +26,11 @@ from wrist_ft_comp.stream.input_checks import JUMP_K, JUMP_K_S
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
+#: Readings are equal where they differ by less than this many times their noise: fewer digits make
+#: them differ by less, and of another day only every fourth is so near ...
+_EQUAL_NOISE = 0.5
+#: ... in more than this share of the cells: rounded stamps move a few samples to the next cell.
+_EQUAL_SHARE = 0.9
 #: A jump between neighbouring cells counts as load where it exceeds this many times the noise …
 _JUMP_TO_NOISE = 12.0
 #: … and this share of the axis' whole range.
@@ -81,6 +87,31 @@ def check_alike(recordings: Sequence[Recording]) -> None:
             )
         if problem := order_problem(first.sensor, other.sensor):
             raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
+    for other, recording in combinations(recordings, 2):
+        if _are_the_same(other, recording):
+            raise CalibrationRefusedError(
+                f'{recording.name} holds the readings of {other.name}: it is the same day in '
+                'another form. Name one of them only.'
+            )
+
+
+def _are_the_same(one: Recording, other: Recording) -> bool:
+    """Whether wrenches are equal up to rounding, whatever their stamps; noise never repeats."""
+    cells = min(len(one), len(other))
+    if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
+        return False
+    axes = [
+        pair
+        for pair in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True)
+        if noise_level(pair)
+    ]
+    equal = [
+        np.mean(
+            (np.abs(a - b) <= _EQUAL_NOISE * noise_level((a, b))) | (np.isnan(a) & np.isnan(b))
+        )
+        for a, b in axes
+    ]
+    return bool(equal) and min(equal) > _EQUAL_SHARE
 
 
 def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:

@@ -174,8 +174,10 @@ class Calibration:
             for axis, fit in self.fits.items()
             if np.isfinite(fit.largest_drift)
         ]
+        if not lines:
+            return []
         low_c, high_c = max(self.temperature_range_c.tolist(), key=lambda ends: ends[1] - ends[0])
         tared = f'On another day, tared, between {low_c:.0f} and {high_c:.0f} °C'
         period_s = self.model.period_ns / NANOSECONDS
         means = f'means over {averaged_cells(period_s) * period_s:g} s'
-        return [f'{tared}, {means} (95 of 100 days):', *lines] if lines else []
+        return [f'{tared}, {means} (95 of 100 days):', *lines]
