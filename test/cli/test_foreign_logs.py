@@ -234,6 +234,37 @@ def test_where_no_columns_can_be_guessed_the_refusal_leads_to_a_map(
     done(*words, '--columns', example)
 
 
+@pytest.mark.parametrize(
+    ('header', 'columns'),
+    [
+        ('"time", "Fz", "Temp"', 'stamp=time,force_z=Fz,temperature_c=Temp'),
+        (
+            't,Fz,T_sensor,T_x,T1',
+            'stamp=t,force_z=Fz,temperature_c=T_sensor,torque_x=T_x,temperature_2_c=T1',
+        ),
+    ],
+)
+def test_quotes_behind_blanks_and_short_names_of_temperatures_are_read(
+    header, columns, tmp_path, done
+):
+    width = header.count(',') + 1
+    rows = np.column_stack([23 + np.arange(9.0)] * width).tolist()
+    words = commands(done('show', write(tmp_path / 'log.csv', header, rows)))[0]
+    assert words[words.index('--columns') + 1] == columns
+
+
+def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
+    t, wrench, celsius = day(1)
+    times = [f'{BEGIN + timedelta(seconds=s):%d.%m.%Y %H:%M:%S}' for s in t.tolist()]
+    rows = zip(times, wrench[:, 2].tolist(), celsius.tolist(), strict=True)
+    log = write(tmp_path / 'log.csv', 'Zeit;Fz;Temperatur', rows, ';')
+    example = '--columns', 'force_z=Fz,temperature_c=Temperatur,stamp=Zeit'
+    assert ' '.join((example[0], f"'{example[1]}'")) in run('show', log).sentence
+    sentence = run('show', log, *example).sentence
+    assert 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")' in sentence
+    assert run('show', log, *example, '--time', '%d.%m.%Y %H:%M:%S').code == 0
+
+
 def test_a_map_that_was_given_is_called_no_guess(logs, done):
     given = ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F', '--time', 'iso']
     assert 'the map is a guess' in done('show', logs[0])

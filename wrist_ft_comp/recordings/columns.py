@@ -50,6 +50,8 @@ _ALIASES = {
         for axis in 'xyz'
     },
 }
+#: T, T1 or T_sensor is a temperature; t is a time, and T_x a torque.
+_SHORT_TEMPERATURE = re.compile(r'T(\d+|_(?![xyzXYZ]\b)\w+)?')
 #: What names the true wrench among columns of a log.
 _TRUE = re.compile('reference|ref|truth|true')
 #: Signs of a map: a column with one of them in its name cannot stand in one.
@@ -162,7 +164,7 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
             continue
         plain = re.sub(r'[\[(].*|\W', '', column.lower())
         name = _meant(plain, absent)
-        if may_be_temperature((plain,)) or column.strip() == 'T':  # t is a time
+        if may_be_temperature((plain,)) or _SHORT_TEMPERATURE.fullmatch(column.strip()):
             name = next(thermometers, '')
         elif name not in absent or plain.startswith('external_'):
             name = ''

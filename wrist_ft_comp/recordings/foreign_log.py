@@ -196,7 +196,8 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
                 word = _guessed_temperature_unit(cell)
             unit_word = f':{word}' if word in units and name != 'stamp_s' else ''
             entries.append(f'{name.replace("stamp_s", "stamp")}={column}{unit_word}')
-    return ','.join(entries), time
+    # Without a time nothing is read: let the refusal name the log's own columns.
+    return (','.join(entries), time) if time or ours & set(STAMPS) else ('', '')
 
 
 def _guessed_time(cell: str, unit: str) -> str:
