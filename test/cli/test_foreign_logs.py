@@ -117,6 +117,17 @@ def test_a_column_t_beside_a_time_is_a_temperature():
     }  # fmt: skip
 
 
+def test_a_second_column_of_an_axis_is_no_other_axis():
+    meant = meant_columns(['time', 'fz', 'force_z2', 'forcex', 'torque_y_raw'])
+    assert list(meant.values()) == ['stamp_s', 'force_z', '', 'force_x', 'torque_y']
+
+
+def test_a_name_with_a_sign_of_maps_has_to_be_another_one(tmp_path, run):
+    log = write(tmp_path / 'log.csv', 'time,ft:fz,ft:temp', [[0.0, 1.0, 2.0]])
+    said = run('calibrate', log, '-o', tmp_path / 'model.yaml').sentence
+    assert said.endswith('or rename it; none of , : * = may be in its name.')
+
+
 def test_a_part_behind_the_end_is_named_as_that(logs, run):
     words = ['calibrate', logs[0], '-o', 'model.yaml', '--from', '3h', '--time', 'iso']
     words += ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F']

@@ -114,7 +114,7 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Iterab
         f"Say what the columns of a file are, such as --columns '{example}', or rename them; each "
         'with its values in that unit.'
         if example
-        else 'Add the column.'
+        else f'Add the column, or rename it; none of {" ".join(MAP_SIGNS)} may be in its name.'
     )
     raise RecordingError(
         f'{source} has no {kind} column; expected {" or ".join(names)}, got '
@@ -129,7 +129,9 @@ def _example_map(columns: Sequence[str]) -> str:
     found = {name: column for column, name in meant.items() if name}
     known = {channel_of(column) or column for column in columns} | found.keys()
     for name, others in (('stamp_s', STAMPS), ('force_z', AXES), ('temperature_c', ())):
-        if free and known.isdisjoint((name, *others)):
+        if known.isdisjoint((name, *others)):
+            if not free:
+                return ''
             found[name] = free.pop(0)
     entries = (f'{name.replace("stamp_s", "stamp")}={column}' for name, column in found.items())
     return ','.join(islice(entries, _LISTED))
@@ -182,7 +184,10 @@ def _meant(plain: str, absent: Sequence[str]) -> str:
     # Such as /ft/wrench/force/x, whatever stands before.
     ends = [name for name in names if plain.replace('_', '').endswith(name.replace('_', ''))]
     ends += ['stamp_s'] * plain.endswith('timestamp')
-    near = difflib.get_close_matches(plain, names, 1, _LEAST_SIMILARITY)
+    # A second force_z is like force_y, but of another axis.
+    axis = plain.rstrip('0123456789')[-1:]
+    alike = [n for n in names if axis not in 'xyz' or n[-2:-1] != '_' or n.endswith(axis)]
+    near = difflib.get_close_matches(plain, alike, 1, _LEAST_SIMILARITY)
     name = _ALIASES.get(plain) or next(iter((*ends, *near)), '')
     return f'{prefix}{name}' if name else ''
 
