@@ -176,3 +176,12 @@ def test_a_day_that_was_saved_again_in_other_digits_is_no_second_day(begin_s, ru
     assert 'two.csv holds the readings of one.csv' in run('calibrate', one, two, *words).sentence
     other = make.csv(tmp_path / 'other.csv', make.drifting(seed=5))
     assert run('calibrate', one, other, *words).code == 0
+
+
+def test_days_of_few_samples_are_not_alike_for_their_empty_cells(done, make, tmp_path):
+    days = []
+    for seed in (1, 2):
+        day = make.drifting(seed=seed)
+        day['stamp_s'] = [20 * stamp for stamp in day['stamp_s']]
+        days.append(make.csv(tmp_path / f'{seed}.csv', day))
+    done('calibrate', *days, '-o', tmp_path / 'model.yaml', '--method', 'pls')

@@ -100,18 +100,12 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
     cells = min(len(one), len(other))
     if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
         return False
-    axes = [
-        pair
-        for pair in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True)
-        if noise_level(pair)
-    ]
-    equal = [
-        np.mean(
-            (np.abs(a - b) <= _EQUAL_NOISE * noise_level((a, b))) | (np.isnan(a) & np.isnan(b))
-        )
-        for a, b in axes
-    ]
-    return bool(equal) and min(equal) > _EQUAL_SHARE
+    shares = []
+    for ours, theirs in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True):
+        if noise := noise_level((ours, theirs)):
+            equal = np.abs(ours - theirs) <= _EQUAL_NOISE * noise
+            shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
+    return bool(shares) and min(shares) > _EQUAL_SHARE
 
 
 def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
