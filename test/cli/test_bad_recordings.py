@@ -381,3 +381,21 @@ def test_memory_is_bounded_whatever_a_file_holds(kind, tmp_path):
     assert 'Traceback' not in done.stderr
     assert done.returncode == (1 if sentence else 0), done.stderr
     assert sentence in done.stderr
+
+
+def test_a_reading_of_a_thermometer_that_stands_alone_is_not_learnt_from(run, make, tmp_path):
+    """Such as the 85 °C that a common digital thermometer gives where it was not ready."""
+    day = make.drifting()
+    whole = make.csv(tmp_path / 'whole.csv', day)
+    day['temperature_c'][150] = day['temperature_c'][300] = 85.0
+    spiky, model = make.csv(tmp_path / 'spiky.csv', day), tmp_path / 'model.yaml'
+    words = ['--method', 'pls', '-o', model]
+    expected, found = (run('calibrate', path, *words) for path in (whole, spiky))
+    said = 'stands out alone in 2 of 400 cells, first at stamp 150 s with 85.0 °C; left out.'
+    assert f'Thermometer 1 of spiky.csv {said}' in found.out
+    assert 'jumps faster than metal' not in found.out
+    at = 'at 20.0 to 3'
+    assert at in expected.out
+    assert at in found.out
+    figures = [outcome.out.split()[3] for outcome in (expected, found)]
+    assert float(figures[1]) < 1.2 * float(figures[0])

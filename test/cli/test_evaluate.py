@@ -21,6 +21,45 @@ def test_the_numbers_are_those_of_the_core(tare_s, done, make, model, tmp_path):
     assert judged['recordings'][0]['axes'] == judged['axes']
 
 
+def test_a_day_of_noise_is_judged_by_the_means_that_the_limit_was_stated_of(done, make, tmp_path):
+    """Noise averages out over 10 s; the peak of cells of 1 s broke a limit that was kept."""
+    days = []
+    for seed in (1, 2, 3):
+        columns = make.drifting(3600, seed)
+        noise = np.random.default_rng(seed).normal(0, 0.2, 3600)
+        columns['force_z'] = (np.array(columns['force_z']) + noise).tolist()
+        days.append(make.csv(tmp_path / f'{seed}.csv', columns))
+    model = tmp_path / 'model.yaml'
+    stated = json.loads(done('calibrate', *days[:2], '-o', model, '--json'))['axes']['force_z']
+    judged = json.loads(done('evaluate', model, days[2], '--json'))
+    axis, limit = judged['axes']['force_z'], stated['day_limit']
+    assert axis['max_after'] < limit
+    assert judged['averaged_s'] == 10.0
+    assert judged['day_limits']['force_z'] == pytest.approx(limit)
+    assert axis['rms_after'] == pytest.approx(stated['rms_after'], rel=0.3)
+    cells = lfilter(np.ones(10) / 10, [1], noise)[9::10]
+    assert axis['rms_after'] == pytest.approx(cells.std(), rel=0.3)
+    text = ' '.join(done('evaluate', model, days[2]).split())
+    assert 'means over 10 s, as those of calibrate. Limits that it stated' in text
+    assert f'force_z {limit:.2g} N' in text
+
+
+@pytest.mark.parametrize('tare_s', [0, -1])
+def test_without_a_tare_there_is_nothing_to_compare(tare_s, run, drift_csv, model):
+    outcome = run('evaluate', model, drift_csv, '--tare', tare_s)
+    assert outcome.code == 2
+    assert f"--tare: expected a number above 0, got '{tare_s}'" in outcome.err
+
+
+def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path):
+    path, out = make.csv(tmp_path / 'short.csv', make.drifting(50)), tmp_path / 'out.csv'
+    sentence = 'short.csv lasts 50 s, which is shorter than the tare of 60 s. Give a shorter'
+    assert sentence in run('evaluate', model, path).sentence
+    assert sentence in run('compensate', model, path, '-o', out, '--tare', 60).sentence
+    assert not out.exists()
+    done('evaluate', model, path, '--tare', 50)
+
+
 def test_the_reference_is_subtracted(done, make, model, tmp_path):
     """With a model of zero drift only, a recorded load changes nothing in the errors."""
     columns = make.drifting(seed=3)
@@ -53,9 +92,9 @@ def test_a_report_holds_the_printed_figures(done, make, model, tmp_path):
 
 
 def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_path):
-    columns = make.drifting(30)
-    noise = np.random.default_rng(0).normal(0, 0.02, (2, 30))
-    columns['temperature_c'] = [24.0] * 30
+    columns = make.drifting(70)
+    noise = np.random.default_rng(0).normal(0, 0.02, (2, 70))
+    columns['temperature_c'] = [24.0] * 70
     columns['force_z'], columns['torque_x'] = (3 + noise).tolist()
     path, page = make.csv(tmp_path / 'still.csv', columns), tmp_path / 'r.html'
     text = ' '.join(done('evaluate', model, path, '--report', page).split())

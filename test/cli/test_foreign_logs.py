@@ -117,6 +117,17 @@ def test_a_column_t_beside_a_time_is_a_temperature():
     }  # fmt: skip
 
 
+def test_a_second_column_of_an_axis_is_no_other_axis():
+    meant = meant_columns(['time', 'fz', 'force_z2', 'forcex', 'torque_y_raw'])
+    assert list(meant.values()) == ['stamp_s', 'force_z', '', 'force_x', 'torque_y']
+
+
+def test_a_name_with_a_sign_of_maps_has_to_be_another_one(tmp_path, run):
+    log = write(tmp_path / 'log.csv', 'time,ft:fz,ft:temp', [[0.0, 1.0, 2.0]])
+    said = run('calibrate', log, '-o', tmp_path / 'model.yaml').sentence
+    assert said.endswith('or rename it; none of , : * = may be in its name.')
+
+
 def test_a_part_behind_the_end_is_named_as_that(logs, run):
     words = ['calibrate', logs[0], '-o', 'model.yaml', '--from', '3h', '--time', 'iso']
     words += ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F']
@@ -200,6 +211,80 @@ def test_a_column_that_is_not_there_and_a_bad_time_are_named(tmp_path, run):
     sentence = run(*words, given, '--time', 'iso').sentence
     assert 'Line 2 of log.csv' in sentence
     assert "got '08:00'" in sentence
+
+
+def test_topics_that_were_made_columns_are_raw_wrenches_unless_they_say_otherwise(tmp_path, done):
+    """As PlotJuggler and others write a bag's topics."""
+    t, wrench, celsius = day(1)
+    header = '__time,/ft/wrench/force/x,/ft/wrench/torque/z,/true/wrench/force/x,/ft/temperature'
+    rows = np.column_stack((t, wrench[:, [2, 5]], 0 * t, celsius)).tolist()
+    path = write(tmp_path / 'log.csv', header, rows)
+    words = commands(done('show', path))[0]
+    assert words[words.index('--columns') + 1].split(',') == [
+        'stamp=__time', 'force_x=/ft/wrench/force/x', 'torque_z=/ft/wrench/torque/z',
+        'reference_force_x=/true/wrench/force/x', 'temperature_c=/ft/temperature',
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('header', 'example'),
+    [
+        ('t,load_cell,celsius', 'stamp=t,temperature_c=celsius,force_z=load_cell'),
+        ('a,b,c', 'stamp=a,force_z=b,temperature_c=c'),
+        ('stamp_s,fz,gauge', 'force_z=fz,temperature_c=gauge'),
+    ],
+)
+def test_where_no_columns_can_be_guessed_the_refusal_leads_to_a_map(
+    header, example, tmp_path, run, done
+):
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench[:, 2], celsius)).tolist()
+    path = write(tmp_path / 'log.csv', header, rows)
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--method', 'pls']
+    assert f"such as --columns '{example}'" in run(*words).sentence
+    done(*words, '--columns', example)
+
+
+@pytest.mark.parametrize(
+    ('header', 'columns'),
+    [
+        ('"time", "Fz", "Temp"', 'stamp=time,force_z=Fz,temperature_c=Temp'),
+        (
+            't,Fz,T_sensor,T_x,T1',
+            'stamp=t,force_z=Fz,temperature_c=T_sensor,torque_x=T_x,temperature_2_c=T1',
+        ),
+    ],
+)
+def test_quotes_behind_blanks_and_short_names_of_temperatures_are_read(
+    header, columns, tmp_path, done
+):
+    width = header.count(',') + 1
+    rows = np.column_stack([23 + np.arange(9.0)] * width).tolist()
+    words = commands(done('show', write(tmp_path / 'log.csv', header, rows)))[0]
+    assert words[words.index('--columns') + 1] == columns
+
+
+def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
+    t, wrench, celsius = day(1)
+    times = [f'{BEGIN + timedelta(seconds=s):%d.%m.%Y %H:%M:%S}' for s in t.tolist()]
+    rows = zip(times, wrench[:, 2].tolist(), celsius.tolist(), strict=True)
+    log = write(tmp_path / 'log.csv', 'Zeit;Fz;Temperatur', rows, ';')
+    example = '--columns', 'force_z=Fz,temperature_c=Temperatur,stamp=Zeit'
+    assert ' '.join((example[0], f"'{example[1]}'")) in run('show', log).sentence
+    sentence = run('show', log, *example).sentence
+    assert 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")' in sentence
+    assert run('show', log, *example, '--time', '%d.%m.%Y %H:%M:%S').code == 0
+
+
+def test_a_map_that_was_given_is_called_no_guess(logs, done):
+    given = ['--columns', 'stamp=time,force_z=fz:kN,temperature_c=temp:F', '--time', 'iso']
+    assert 'the map is a guess' in done('show', logs[0])
+    shown = done('show', logs[0], *given)
+    assert 'guess' not in shown
+    assert 'columns: stamp=time,force_z=fz:kN,temperature_c=temp:F\ntime: iso' in shown
+    recipe = shown[shown.index('columns: ') :].split('\nwarning')[0]
+    (logs[0].parent / 'recording.yaml').write_text(recipe)
+    assert 'guess' not in done('show', logs[0])
 
 
 def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs):

@@ -36,7 +36,7 @@ def loaded(make_recording, moved):
     return make_recording(temperature_c, {'force_z': raw}, {'force_z': load}, first_cell=1000)
 
 
-@pytest.mark.parametrize(('tare_s', 'tare_cells'), [(60.0, 6), (65.0, 7), (0.0, 1)])
+@pytest.mark.parametrize(('tare_s', 'tare_cells'), [(60.0, 6), (65.0, 7), (0.1, 1)])
 def test_errors_are_what_a_hand_computes(model, loaded, moved, tare_s, tare_cells):
     raw, true = loaded.wrench[:, Z], loaded.reference[:, Z]
     measured = [k for k in range(CELLS) if np.isfinite(raw[k])]
@@ -51,6 +51,18 @@ def test_errors_are_what_a_hand_computes(model, loaded, moved, tare_s, tare_cell
         peak = max(abs(v) for v in values)
         assert getattr(judged['force_z'], f'max_{name}') == pytest.approx(peak, rel=1e-9)
     assert judged['force_z'].rms_after < 0.1 * judged['force_z'].rms_before
+
+
+def test_short_cells_are_judged_in_means_over_ten_seconds(make_model, make_recording):
+    raw = np.random.default_rng(2).standard_normal(125)
+    raw[[3, *range(20, 30)]] = np.nan
+    model = make_model({'force_z': (0.0, 0.0, 50.0)}, period_s=1.0)
+    recording = make_recording(np.full(125, 20.0), {'force_z': raw}, period_s=1.0)
+    tared = raw - np.nanmean(raw[:60])
+    means = [np.nanmean(tared[k : k + 10]) for k in range(0, 125, 10) if k != 20]
+    judged = judge_errors([tared_errors(model, recording, 'unloaded')])['force_z']
+    assert judged.rms_after == pytest.approx(np.sqrt(np.mean(np.square(means))), rel=1e-9)
+    assert judged.max_after == pytest.approx(max(map(abs, means)), rel=1e-9)
 
 
 def test_an_axis_without_model_stays_as_it_was(model, make_recording):

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+import textwrap
 
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
@@ -20,8 +21,13 @@ from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
-from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, Reference
+from wrist_ft_comp.report.view import (
+    averaged_s,
+    EvaluatedRecording,
+    evaluation_view,
+    model_sources,
+)
+from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, Reference
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -41,8 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recordings(parser)
     options.add_reference(parser)
     parser.add_argument(
-        '--tare', type=options.number(0.0), default=60.0, metavar='SECONDS',
-        help='tare on the first SECONDS (default: 60)')  # fmt: skip
+        '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
+        help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
+        '60)')  # fmt: skip
     options.add_copied_columns(parser)
     options.add_topics(parser)
     options.add_part(parser)
@@ -71,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
+        print(f'\n{_limit_text(stored)}')
         for path, evaluated in zip(arguments.recordings, judged, strict=True):
             if evaluated.figures:
                 print(f'\n{path}\n{tables.chamber_table_text(evaluated.figures)}')
@@ -84,7 +92,9 @@ def run(arguments: argparse.Namespace) -> int:
                 'model': str(stored.path),
                 'sha256': stored.sha256,
                 'tare_s': arguments.tare,
+                'averaged_s': averaged_s(stored),
                 'axes': errors,
+                'day_limits': dict(stored.model.day_limits),
                 'recordings': [_as_json(path, evaluated) for path, evaluated in by_path.items()],
                 'chamber_tables': {path: e.figures for path, e in by_path.items() if e.figures},
                 'verdicts': tables.verdicts_json(verdicts),
@@ -146,6 +156,17 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
             for axis, left in axes.items()
         ],
     )  # fmt: skip
+
+
+def _limit_text(stored: StoredModel) -> str:
+    """Say over which means errors are, and which limits the calibration stated of the peaks."""
+    limits = ', '.join(
+        f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in stored.model.day_limits.items()
+    )
+    text = f'Errors are means over {averaged_s(stored):g} s, as those of calibrate.'
+    if limits:
+        text += f' Limits that it stated of the peaks after (95 of 100 days): {limits}.'
+    return textwrap.fill(text, tables.WIDTH)
 
 
 def _as_json(path: str, evaluated: EvaluatedRecording) -> dict[str, object]:

@@ -51,15 +51,16 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(message)
 
 
-def number(low: Number, high: float = math.inf) -> Callable[[str], Number]:
-    """Make a parser, for ``add_argument``, of numbers from low to high: whole ones if low is."""
+def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
+    """Make a parser, for ``add_argument``, of numbers from (or above) low to high: as low is."""
 
     def parse(text: str) -> Number:
         with suppress(ValueError):
             value = type(low)(text)
-            if low <= value <= high and value < math.inf:
+            if low <= value <= high and value < math.inf and not (above and value == low):
                 return value
-        what = f'a{" whole" * isinstance(low, int)} number {range_words(low, high)}'
+        words = range_words(low, high, above=above)
+        what = f'a{" whole" * isinstance(low, int)} number {words}'
         raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
 
     return parse

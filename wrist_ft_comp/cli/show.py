@@ -273,11 +273,13 @@ def _map_lines(summary: RecordingSummary) -> Iterator[str]:
     topics = summary.topics or Topics()
     if not topics.columns:
         return
-    yield (
-        '\nIts columns have names of another program; the map is a guess, above all the units. '
-        'Put another one behind a column, such as :kN, :Nmm, :F or *9.81. Written once, into '
-        f'{MAP_FILE} beside the recordings, it needs no option:'
-    )
+    said = 'It was read by the map that was given.'
+    if summary.guessed:
+        said = (
+            'Its columns have names of another program; the map is a guess, above all the units. '
+            'Put another one behind a column, such as :kN, :Nmm, :F or *9.81.'
+        )
+    yield (f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no option:')
     yield from recipe(topics.columns, topics.time)
 
 

@@ -162,6 +162,11 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     return [bins * FOLDS // (bins[-1] + 1)]
 
 
+def averaged_cells(period_s: float) -> int:
+    """Count the thermal cells of the means that limits are stated of, and days are judged by."""
+    return max(1, round(FITTED_BIN_S / period_s))
+
+
 def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:
     """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
     longest_bin = max(longest // (FOLDS * _BINS_PER_FOLD), 1)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.fit.axis_data import AxisData, FITTED_BIN_S, FOLDS
+from wrist_ft_comp.fit.axis_data import averaged_cells, AxisData, FOLDS
 from wrist_ft_comp.fit.moments import BinnedData
 from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.signals import FloatArray, IntArray
@@ -102,7 +102,7 @@ def largest_drift(data: AxisData) -> float:
     """Find the largest drift since a recording's first minute, in means over 10 s; NaN untared."""
     if not data.tared:
         return np.nan
-    bin_cells, drifts = max(1, round(FITTED_BIN_S / data.period_s)), [0.0]
+    bin_cells, drifts = averaged_cells(data.period_s), [0.0]
     for residual in data.residual:
         cells = np.flatnonzero(np.isfinite(residual))
         if len(cells):

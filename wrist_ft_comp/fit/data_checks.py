@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -25,6 +26,11 @@ from wrist_ft_comp.stream.input_checks import JUMP_K, JUMP_K_S
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
+#: Readings are equal where they differ by less than this many times their noise: fewer digits make
+#: them differ by less, and of another day only every fourth is so near ...
+_EQUAL_NOISE = 0.5
+#: ... in more than this share of the cells: rounded stamps move a few samples to the next cell.
+_EQUAL_SHARE = 0.9
 #: A jump between neighbouring cells counts as load where it exceeds this many times the noise …
 _JUMP_TO_NOISE = 12.0
 #: … and this share of the axis' whole range.
@@ -81,6 +87,25 @@ def check_alike(recordings: Sequence[Recording]) -> None:
             )
         if problem := order_problem(first.sensor, other.sensor):
             raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
+    for other, recording in combinations(recordings, 2):
+        if _are_the_same(other, recording):
+            raise CalibrationRefusedError(
+                f'{recording.name} holds the readings of {other.name}: it is the same day in '
+                'another form. Name one of them only.'
+            )
+
+
+def _are_the_same(one: Recording, other: Recording) -> bool:
+    """Whether wrenches are equal up to rounding, whatever their stamps; noise never repeats."""
+    cells = min(len(one), len(other))
+    if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
+        return False
+    shares = []
+    for ours, theirs in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True):
+        if noise := noise_level((ours, theirs)):
+            equal = np.abs(ours - theirs) <= _EQUAL_NOISE * noise
+            shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
+    return bool(shares) and min(shares) > _EQUAL_SHARE
 
 
 def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
@@ -333,6 +358,45 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     return sentences
 
 
+def drop_temperature_spikes(
+    recordings: Sequence[Recording],
+) -> tuple[list[Recording], list[str]]:
+    """
+    Put temperatures that stand alone on a straight line between their neighbours, and say so.
+
+    A cell stands alone where metal can have gone neither to it nor from it, and can have gone from
+    the cell before to the cell after. Many of them are no spikes: that thermometer is loose.
+    """
+    sound, sentences = list(recordings), list[str]()
+    for number, recording in enumerate(recordings if find_plateaus(recordings) is None else ()):
+        temperature_c, measured = recording.temperature_c.copy(), recording.measured.copy()
+        for j, readings_c in enumerate(recording.temperature_c.T):
+            at = np.flatnonzero(measured[:, j])
+            apart = np.flatnonzero(_leaps(readings_c, at, recording.period_s))
+            alone = np.intersect1d(apart, apart - 1) + 1
+            alone = alone[~_leaps(readings_c, at, recording.period_s, 2)[alone - 1]]
+            if not 0 < len(alone) <= max(_MOST_SPIKES, _MOST_SPIKES_SHARE * len(at)):
+                continue
+            spikes, rest = at[alone], np.delete(at, alone)
+            temperature_c[spikes, j] = np.interp(spikes, rest, readings_c[rest])
+            measured[spikes, j] = False
+            sentences.append(
+                f'Thermometer {j + 1} of {recording.name} stands out alone in {len(spikes)} of '
+                f'{len(at)} cells, first at stamp {_stamp(recording, spikes[0])} with '
+                f'{readings_c[spikes[0]]:.1f} °C; left out.'
+            )
+        if not np.array_equal(measured, recording.measured):
+            sound[number] = replace(recording, temperature_c=temperature_c, measured=measured)
+    return sound, sentences
+
+
+def _leaps(readings_c: FloatArray, at: IntArray, period_s: float, apart: int = 1) -> BoolArray:
+    """Mark where metal cannot have gone from a measured cell to one some measured cells later."""
+    elapsed_s = (at[apart:] - at[:-apart]) * period_s
+    steps_k = np.abs(readings_c[at[apart:]] - readings_c[at[:-apart]])
+    return np.asarray(steps_k > JUMP_K + JUMP_K_S * elapsed_s)
+
+
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that step faster than metal can, as the running node does."""
     sentences = list[str]()
@@ -342,8 +406,7 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
         ):
             at = np.flatnonzero(measured)
             steps_k = np.diff(values_c[at])
-            limit_k = JUMP_K + JUMP_K_S * np.diff(at) * recording.period_s
-            jumps = np.flatnonzero(np.abs(steps_k) > limit_k)
+            jumps = np.flatnonzero(_leaps(values_c, at, recording.period_s))
             if len(jumps):
                 sentences.append(
                     f'Thermometer {j} of {recording.name} jumps faster than metal can: by '

@@ -8,6 +8,7 @@ a pandas DataFrame. Where a column may be in several units, its name holds the u
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 import difflib
+from itertools import islice
 import re
 from typing import Any, Protocol
 
@@ -49,6 +50,12 @@ _ALIASES = {
         for axis in 'xyz'
     },
 }
+#: T, T1 or T_sensor is a temperature; t is a time, and T_x a torque.
+_SHORT_TEMPERATURE = re.compile(r'T(\d+|_(?![xyzXYZ]\b)\w+)?')
+#: What names the true wrench among columns of a log.
+_TRUE = re.compile('reference|ref|truth|true')
+#: Signs of a map: a column with one of them in its name cannot stand in one.
+MAP_SIGNS = ',:*='
 #: A column is probably meant where its name is as similar as this, 0 to 1.
 _LEAST_SIMILARITY = 0.7
 #: Most columns that a sentence lists.
@@ -102,13 +109,32 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Iterab
         return
     meant = {column: name for column, name in meant_columns(columns).items() if name in names}
     guesses = [f'Is {c[:_SHOWN]!r} meant to be {n!r}{_unit(n)}?' for c, n in meant.items()]
+    example = _example_map(columns)
     remedy = (
-        'Then name it so, with its values in that unit.' if meant else 'Rename or add the column.'
+        f"Say what the columns of a file are, such as --columns '{example}', or rename them; each "
+        'with its values in that unit.'
+        if example
+        else f'Add the column, or rename it; none of {" ".join(MAP_SIGNS)} may be in its name.'
     )
     raise RecordingError(
         f'{source} has no {kind} column; expected {" or ".join(names)}, got '
         f'{_listed(columns)}. {" ".join([*guesses, remedy])}'
     )
+
+
+def _example_map(columns: Sequence[str]) -> str:
+    """Write a map of what is missing, by what columns may be, else by whichever is left."""
+    meant = {c: name for c, name in meant_columns(columns).items() if not set(c) & set(MAP_SIGNS)}
+    free = [column for column, name in meant.items() if not name]
+    found = {name: column for column, name in meant.items() if name}
+    known = {channel_of(column) or column for column in columns} | found.keys()
+    for name, others in (('stamp_s', STAMPS), ('force_z', AXES), ('temperature_c', ())):
+        if known.isdisjoint((name, *others)):
+            if not free:
+                return ''
+            found[name] = free.pop(0)
+    entries = (f'{name.replace("stamp_s", "stamp")}={column}' for name, column in found.items())
+    return ','.join(islice(entries, _LISTED))
 
 
 def require_channels(source: str, columns: Sequence[str]) -> None:
@@ -123,7 +149,7 @@ def unknown_columns(source: str, columns: Sequence[str]) -> list[str]:
     if not meant:
         return []
     guesses = [f' Is {c[:_SHOWN]} meant to be {n}{_unit(n)}?' for c, n in meant.items() if n]
-    remedy = ' Then name it so, with its values in that unit.' if guesses else ''
+    remedy = ' Then name it so, or in --columns, with its values in that unit.' if guesses else ''
     sentence = f'{source} has columns that are not understood and not used: {_listed([*meant])}.'
     return [f'{sentence}{"".join(guesses[:_LISTED])}{remedy}']
 
@@ -139,9 +165,8 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
         if channel_of(column) or column in STAMPS or column.startswith((ORIGIN, COMPENSATED)):
             continue
         plain = re.sub(r'[\[(].*|\W', '', column.lower())
-        near = difflib.get_close_matches(plain[:_SHOWN], absent, 1, _LEAST_SIMILARITY)
-        name = _ALIASES.get(plain, near[0] if near else '')
-        if may_be_temperature((plain,)) or column.strip() == 'T':  # t is a time
+        name = _meant(plain, absent)
+        if may_be_temperature((plain,)) or _SHORT_TEMPERATURE.fullmatch(column.strip()):
             name = next(thermometers, '')
         elif name not in absent or plain.startswith('external_'):
             name = ''
@@ -149,6 +174,22 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
             absent.remove(name)
         meant[column] = name
     return meant
+
+
+def _meant(plain: str, absent: Sequence[str]) -> str:
+    """Find the missing channel that a column may be, or ''; a reference only if it says so."""
+    prefix = 'reference_' if _TRUE.search(plain) else ''
+    plain = _TRUE.sub('', plain).strip('_')[-_SHOWN:]
+    names = [n.removeprefix(prefix) for n in absent if n.startswith('reference_') == bool(prefix)]
+    # Such as /ft/wrench/force/x, whatever stands before.
+    ends = [name for name in names if plain.replace('_', '').endswith(name.replace('_', ''))]
+    ends += ['stamp_s'] * plain.endswith('timestamp')
+    # A second force_z is like force_y, but of another axis.
+    axis = plain.rstrip('0123456789')[-1:]
+    alike = [n for n in names if axis not in 'xyz' or n[-2:-1] != '_' or n.endswith(axis)]
+    near = difflib.get_close_matches(plain, alike, 1, _LEAST_SIMILARITY)
+    name = _ALIASES.get(plain) or next(iter((*ends, *near)), '')
+    return f'{prefix}{name}' if name else ''
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -49,6 +49,8 @@ from wrist_ft_comp.stored.documents import writing
 
 #: Rows in memory at once.
 ROWS = 10_000
+#: How a refusal says what else a stamp may be.
+_TIME_FORMS = 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")'
 #: Characters of the longest line that a recording may have.
 LONGEST_LINE = 1_000_000
 
@@ -105,7 +107,8 @@ class CsvRecording:
         #: The first line, verbatim.
         self.header = first.rstrip('\n')
         self.delimiter = delimiter_of(self.header)
-        (cells,) = self._rows([self.header.strip()])
+        header = csv.reader([self.header.strip()], delimiter=self.delimiter, skipinitialspace=True)
+        cells = next(header)
         #: As this package calls them; the file may call them otherwise.
         self.columns = tuple(names.names.get(cell.strip(), cell.strip()) for cell in cells)
         if absent := names.names.keys() - {cell.strip() for cell in cells}:
@@ -130,7 +133,7 @@ class CsvRecording:
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
             self._stamp: (
                 partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
-                'a decimal number' if unit_ns > 1 else 'a whole number of nanoseconds',
+                f'a {"decimal" if unit_ns > 1 else "whole"} number, or {_TIME_FORMS}',
             ),
             **dict.fromkeys(
                 self.channels.values(), (self._number, 'a number with a decimal point')
@@ -139,7 +142,8 @@ class CsvRecording:
         if names.stamp:
             self._expected[self._stamp] = names.stamp, 'a time as --time says'
         elif unit_ns > 1 and self._comma:
-            self._expected[self._stamp] = partial(_with_comma, unit_ns), 'a decimal number'
+            _, expected = self._expected[self._stamp]
+            self._expected[self._stamp] = partial(_with_comma, unit_ns), expected
         self.warnings += unknown_columns(path.name, self.columns)
 
     def _first_line(self) -> str:
@@ -351,7 +355,7 @@ def rewrite_csv(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
         file.write(f'{recording.delimiter.join((recording.header, COMPENSATED, *added))}\n')
         writer = csv.writer(file, delimiter=recording.delimiter, lineterminator='\n')
         for piece in recording.pieces(progress):
-            cells = dict(zip(columns, piece.cells, strict=True))
+            cells: dict[str, Sequence[str]] = dict(zip(columns, piece.cells, strict=True))
             cells.update(_corrected(piece, correct, recording))
             more = [[''] * len(piece.stamps_ns)]
             if external:

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.recordings.columns import channel_of, meant_columns, STAMPS
+from wrist_ft_comp.recordings.columns import channel_of, MAP_SIGNS, meant_columns, STAMPS
 from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS, Samples
 from wrist_ft_comp.stored.documents import beginning
 
@@ -51,8 +51,6 @@ _FORM = (
 _ISO = re.compile(r'(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?(Z|[+-]\d\d:?\d\d)?')
 #: Between which readings a day may begin in a unit, and hardly in °C.
 _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
-#: Signs of the map itself: a column with one of them in its name cannot stand in a map.
-_SIGNS = ',:*='
 #: Stamps from 2001 on, in seconds, have at least this size; in other units it is that much larger.
 _EPOCH_S = 1e9
 #: Forces that move by less than this over a whole recording, less than any sensor's noise, are in
@@ -193,12 +191,13 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
         cell = row[columns.index(column)] if len(row) == len(columns) else ''
         if name == 'stamp_s':
             time = time or _guessed_time(cell, word)
-        if name and not set(column) & set(_SIGNS):
+        if name and not set(column) & set(MAP_SIGNS):
             if name.startswith('temperature') and word not in units:
                 word = _guessed_temperature_unit(cell)
             unit_word = f':{word}' if word in units and name != 'stamp_s' else ''
             entries.append(f'{name.replace("stamp_s", "stamp")}={column}{unit_word}')
-    return ','.join(entries), time
+    # Without a time nothing is read: let the refusal name the log's own columns.
+    return (','.join(entries), time) if time or ours & set(STAMPS) else ('', '')
 
 
 def _guessed_time(cell: str, unit: str) -> str:

@@ -42,7 +42,6 @@ from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import (
     guessed_map,
     log_map,
-    LogMap,
     map_beside,
     with_guessed_force_unit,
 )
@@ -277,6 +276,8 @@ class RecordingSummary:
     topics: Topics | None = None
     #: None where no specific force was recorded.
     specific_force: ForceSummary | None = None
+    #: Whether the columns of ``topics`` are a guess, because nobody gave any.
+    guessed: bool = False
 
 
 def describe_recording(
@@ -301,15 +302,16 @@ def describe_recording(
 
 def _describe_csv(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
     """Describe a CSV file; a log that cannot be read as it is with a map that is guessed."""
-    names = map_beside(path, topics.columns, topics.time)
-    if names == LogMap() and (guess := guessed_map(*first_rows(path)))[0]:
-        columns, time = guess
-        columns = with_guessed_force_unit(columns, CsvRecording(path, log_map(*guess)).samples())
-        topics = replace(topics, columns=columns, time=time)
+    names, guessed = map_beside(path, topics.columns, topics.time), False
+    if not names.names and (guess := guessed_map(*first_rows(path)))[0]:
+        columns, time = guess[0], topics.time or guess[1]
+        text = CsvRecording(path, log_map(columns, time))
+        columns = with_guessed_force_unit(columns, text.samples())
+        topics, guessed = replace(topics, columns=columns, time=time), True
         names = log_map(columns, time)
     text = CsvRecording(path, names)
     summary = _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
-    return replace(summary, topics=topics)
+    return replace(summary, topics=topics, guessed=guessed)
 
 
 def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:

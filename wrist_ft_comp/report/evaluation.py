@@ -1,4 +1,4 @@
-"""What a model leaves of the drift in recordings: errors cell by cell, and their figures."""
+"""What a model leaves of the drift in recordings: errors in means over 10 s, and their figures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,13 +8,15 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.fit.axis_data import averaged_cells
 from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import AXES, FloatArray, Recording, Reference, require_recordings
 from wrist_ft_comp.stream.offline import simulate_drift, tare_at_start
 
 
 class TaredErrors(NamedTuple):
-    """Tared errors of every cell against the reference, (N, 6); NaN where there is nothing."""
+    """Tared errors against the reference, (n, 6); NaN where there is nothing."""
 
     before: FloatArray
     after: FloatArray
@@ -22,7 +24,7 @@ class TaredErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class AxisEvaluation:
-    """What is left of an axis, tared, raw and compensated: RMS and largest of thermal cells."""
+    """What is left of an axis, tared, raw and compensated: RMS and largest error."""
 
     rms_before: float
     rms_after: float
@@ -37,7 +39,12 @@ def evaluate(
     reference: Reference = 'unloaded',
     tare_s: float = 60.0,
 ) -> dict[str, AxisEvaluation]:
-    """Judge a model on recordings: ``tared_errors`` of each, put into figures by axis."""
+    """
+    Judge a model on recordings: ``tared_errors`` of each, put into figures by axis.
+
+    Errors are means over 10 s, or over a thermal cell where that is longer: the same that a
+    calibration states its figures of.
+    """
     require_recordings(recordings)
     return judge_errors(
         [tared_errors(model, recording, reference, tare_s) for recording in recordings]
@@ -48,7 +55,7 @@ def tared_errors(
     model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
 ) -> TaredErrors:
     """
-    Subtract the reference from raw and compensated means of cells, both tared.
+    Subtract the reference from raw and compensated wrenches, both tared, in means over 10 s.
 
     They are tared on the first seconds that hold wrenches. Without a recorded reference they are
     compared with zero; with payload, in cells without contact, with the weight that is found in
@@ -57,9 +64,13 @@ def tared_errors(
     Raises
     ------
     RecordingError
-        When the recording does not fit the model, or holds nothing to compare with.
+        When the recording does not fit the model, is shorter than the tare, or holds nothing to
+        compare with.
+    SettingsError
+        When the tare is not longer than 0 s.
 
     """
+    check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     simulated = simulate_drift(model, recording)
@@ -73,11 +84,21 @@ def tared_errors(
             f'{recording.name} holds no cell with both wrench and reference. Declare the '
             'reference unloaded or constant, or record it.'
         )
-    return TaredErrors(before, after)
+    cells = averaged_cells(recording.period_s)
+    return TaredErrors(mean_over(before, cells), mean_over(after, cells))
+
+
+def mean_over(values: FloatArray, cells: int) -> FloatArray:
+    """Average values by cell, (N, …), over stretches of cells, the last one may be shorter."""
+    starts = np.arange(0, len(values), cells)
+    filled = np.isfinite(values)
+    sums = np.add.reduceat(np.where(filled, values, 0.0), starts, axis=0)
+    counts = np.add.reduceat(filled, starts, axis=0, dtype=np.int64)
+    return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
 
 
 def judge_errors(recordings: Sequence[TaredErrors]) -> dict[str, AxisEvaluation]:
-    """Put errors into figures by axis, those that any recording has: all cells alike."""
+    """Put errors into figures by axis, those that any recording has: all errors alike."""
     before, after = (np.concatenate(parts) for parts in zip(*recordings, strict=True))
     judged = {}
     for column, axis in enumerate(AXES):

@@ -9,6 +9,7 @@ import numpy as np
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.fit.axis_data import averaged_cells
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.gains import COUNTS
@@ -20,7 +21,12 @@ from wrist_ft_comp.report.coverage import (
     what_to_record_next,
     what_was_not_learnt,
 )
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, TaredErrors
+from wrist_ft_comp.report.evaluation import (
+    AxisEvaluation,
+    judge_errors,
+    mean_over,
+    TaredErrors,
+)
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.signals import (
     AXES,
@@ -114,6 +120,15 @@ class EvaluatedRecording:
     errors: TaredErrors
     #: Of a chamber table, by title.
     figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
+
+    def averaged(self, values: FloatArray) -> FloatArray:
+        """Average values by cell, (N, …), over the time of every error, (n, …)."""
+        return mean_over(values, averaged_cells(self.recording.period_s))
+
+    @property
+    def temperature_c(self) -> FloatArray:
+        """Temperatures of the errors, (n, J)."""
+        return self.averaged(self.recording.temperature_c)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,11 +244,17 @@ def evaluation_view(
     return ReportView(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
-        f'compensated wrenches were both tared on the first {tare_s:g} s. Reference: '
-        f'{references}.',
+        f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
+        f'{averaged_s(stored):g} s. Reference: {references}.',
         axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
         warnings=tuple(dict.fromkeys(w for r in recordings for w in r.warnings)),
         tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
+
+
+def averaged_s(stored: StoredModel) -> float:
+    """Say how long the means last that a model is judged by, s."""
+    period_s = stored.model.period_ns / NANOSECONDS
+    return averaged_cells(period_s) * period_s
 
 
 def _axis_view(  # noqa: PLR0913, PLR0917 -- what an axis' view is made of
@@ -296,19 +317,23 @@ def _evaluated_series(
     evaluated: Sequence[EvaluatedRecording], column: int, leading: int
 ) -> ErrorSeries:
     """Lay the errors of an axis out over time and temperature, all recordings together."""
-    hours, temperature_c, part = one_after_the_other([judged.recording for judged in evaluated])
+    recordings = [judged.recording for judged in evaluated]
+    hours = np.concatenate([
+        start_h + judged.averaged(judged.recording.elapsed_s) / 3600
+        for start_h, judged in zip(_starts_h(recordings), evaluated, strict=True)
+    ])  # fmt: skip
+    temperature_c = np.concatenate([judged.temperature_c[:, leading] for judged in evaluated])
+    part = np.repeat(np.arange(len(evaluated)), [len(judged.errors.after) for judged in evaluated])
     before = np.concatenate([judged.errors.before[:, column] for judged in evaluated])
     after = np.concatenate([judged.errors.after[:, column] for judged in evaluated])
     rows = np.isfinite(before) & np.isfinite(after)
-    columns = hours, temperature_c[:, leading], before, after, part
+    columns = hours, temperature_c, before, after, part
     return ErrorSeries(*(values[rows] for values in columns))
 
 
 def _moved_k(evaluated: Sequence[EvaluatedRecording], column: int) -> float:
     """Say how far a thermometer moved, at most, where an axis was compared, K."""
-    compared = (
-        e.recording.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated
-    )
+    compared = (e.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated)
     return max(float(np.ptp(cells, axis=0).max()) for cells in compared if len(cells))
 
 

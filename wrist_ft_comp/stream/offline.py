@@ -129,7 +129,16 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
 def tare_at_start(
     recording: Recording, true: FloatArray, drift: Drift, tare_s: float
 ) -> FloatArray:
-    """Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,)."""
+    """
+    Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,).
+
+    It takes the first cell at least. RecordingError when the recording is shorter than the tare.
+    """
+    if tare_s > max(recording.duration_s, recording.period_s):
+        raise RecordingError(
+            f'{recording.name} lasts {recording.duration_s:.4g} s, which is shorter than the tare '
+            f'of {tare_s:g} s. Give a shorter --tare, or a longer recording.'
+        )
     offset = recording.wrench - drift.zero - (1.0 + drift.sensitivity) * true
     tare = np.zeros(len(AXES))
     for column, values in enumerate(offset.T):
