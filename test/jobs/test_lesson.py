@@ -50,18 +50,21 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0):  # noqa: PLR0913
+def write_day(  # noqa: PLR0913
+    directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0, still=False
+):
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
 
     With ``parked_s`` half a kilogram more hangs on it every other minute, and for that long.
+    Where it stands ``still``, nothing turns.
     """
     rng = np.random.default_rng(number)
     warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
     pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
     seconds = PERIOD_S * (np.arange(cells) + 0.5)
     parked = (seconds > 1000) & (seconds < 1000 + (parked_s or 0))
-    pose[parked] = (0.3, 0.2, -0.9)
+    pose[parked | still] = (0.3, 0.2, -0.9)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
     held = (parked_s is not None) * ((seconds // 60 % 2 == 1) | parked)[:, np.newaxis]
     push = -force * (1 + 0.5 * held)
@@ -71,9 +74,9 @@ def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, cre
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
     raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
     raw = drift + strained(FtSensorSettings(creep=creep), no_memory(), raw, PERIOD_S)[0]
-    rows = np.column_stack(
-        (86_400.0 * number + seconds, raw, warm + rng.normal(0, 0.01, cells), force)
-    )
+    warm += rng.normal(0, 0.01, cells)
+    force += still * rng.normal(0, 0.003, force.shape)
+    rows = np.column_stack((86_400.0 * number + seconds, raw, warm, force))
     path = directory / 'days' / f'day_{number:05d}.csv'
     path.parent.mkdir(exist_ok=True)
     lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
@@ -258,6 +261,17 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
         assert said in answer['incident']
         assert answer['paused'] == ''
         assert load_diary(tmp_path).days[0].kind == kind
+
+
+def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goes_on(tmp_path):
+    for number in (1, 2, 3):
+        write_day(tmp_path, number, parked_s=0)
+    assert _answer(job_of(tmp_path, 3))['learnt']
+    write_day(tmp_path, 4, 900, parked_s=0, still=True)
+    answer = _answer(job_of(tmp_path, 4))
+    assert load_diary(tmp_path).days[3].kind == CONTACTS
+    assert 'The robot stood still, and the scatter of ' in answer['incident']
+    assert answer['paused'] == ''
 
 
 def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):

@@ -111,7 +111,7 @@ def incident(
         or _turned_sensor(entry, compared)
         or _other_payloads(day, entry, compared)
         or _jump_of_zero(day, entry, drift)
-        or _noise(entry, compared)
+        or _noise(day, entry, compared)
         or _creep(entry, compared)
         or ('', '')
     )
@@ -291,8 +291,8 @@ def _is_confirmed(residual: FloatArray, step: Step, noise: FloatArray) -> bool:
     return bool(np.linalg.norm(change - jump) < _MOST_DIFFERENCE * np.linalg.norm(jump))
 
 
-def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find noise that is far above that of the days before."""
+def _noise(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+    """Find noise that is far above that of the days before, or a load that looks like noise."""
     noises = [past.noise for past in compared if past.kind in LEARNT_FROM and past.noise]
     if len(noises) < DAYS_TO_RESUME:
         return None
@@ -300,10 +300,13 @@ def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     axis = int(ratios.argmax())
     if ratios[axis] < _LEAST_NOISE_RATIO:
         return None
-    return NOISE, (
-        f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of '
-        'the days before, since the start of the day.'
-    )
+    scatter = f'{entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of the days before'
+    if not day.moved:  # parts that a gripper takes are told from drift by their weight alone
+        return CONTACTS, (
+            f'The robot stood still, and the scatter of {AXES[axis]} was {scatter}, as where a '
+            'gripper takes parts: drift cannot be told from their weight.'
+        )
+    return NOISE, f'The noise of {AXES[axis]} is {scatter}, since the start of the day.'
 
 
 def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
