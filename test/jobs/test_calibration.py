@@ -37,7 +37,9 @@ OTHER = CalibrationJob(
     skip_unusable=True,
     keep_copied_columns=True,
     report=Path('out/report.html'),
-    learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml'),
+    learning=Learning(
+        Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml',
+        {'day_2.csv': Path('models/old.yaml'), 'day_3.csv': None}, automatic=True),
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )  # fmt: skip
 

@@ -127,7 +127,7 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     diary = load_diary(sensor)
     assert [entry.name for entry in diary.days] == sources
     assert stored.path.name in diary.decisions[0].sentence
-    assert diary.decisions[0].kind == 'learnt'
+    assert diary.decisions[0].kind == 'offered'
 
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
@@ -261,6 +261,40 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
         assert said in answer['incident']
         assert answer['paused'] == ''
         assert load_diary(tmp_path).days[0].kind == kind
+
+
+def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
+    for number in range(1, 7):
+        write_day(tmp_path, number)
+    answer = _answer(job_of(tmp_path, 2))
+    offered = Path(answer['path'])
+    other = offered.with_name('other.yaml')
+    other.write_bytes(offered.read_bytes() + b'# another one')
+    first, second = (load_model(path).sha256[:12] for path in (offered, other))
+    adopted, back, gone = 'day_00003.csv', 'day_00005.csv', offered.with_name('gone.yaml')
+    decided = {'since': adopted, 'decision': 'adopted', 'ran': {adopted: None}}
+    assert _answer(job_of(tmp_path, 4, offered, **decided))['success']
+    decided = {'since': back, 'decision': 'other chosen', 'ran': {back: offered}}
+    assert _answer(job_of(tmp_path, 6, other, **decided))['success']
+    assert main(['show', str(tmp_path), '--json']) == 0
+    (said,) = json.loads(capsys.readouterr().out).values()
+    assert [day['live'] for day in said['days']] == ['', '', '', first, first, second]
+    assert [(event['name'], event['first']) for event in said['events']] == [
+        ('better model offered', 'day_00002.csv'), ('person chose model', adopted),
+        ('person chose model', back)]  # fmt: skip
+    diary_path(tmp_path).unlink()
+    assert _answer(job_of(tmp_path, 6, other, ran={back: gone}))['success']
+    day = load_diary(tmp_path).days[4]
+    assert (day.live, 'cannot be judged' in day.verdict) == ('gone.yaml', True)
+
+
+@pytest.mark.parametrize(
+    ('automatic', 'name'), [(True, 'new model learnt'), (False, 'better model offered')]
+)
+def test_only_a_model_that_goes_live_is_said_to_be_learnt(own_days, capsys, automatic, name):
+    assert _answer(job_of(own_days, 2, automatic=automatic))['learnt']
+    assert main(['show', str(own_days)]) == 0
+    assert f'{name}: model_2.yaml' in capsys.readouterr().out
 
 
 def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goes_on(tmp_path):

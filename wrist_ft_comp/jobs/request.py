@@ -1,6 +1,6 @@
 """A calibration job, and its form as a line of JSON between two processes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
@@ -26,6 +26,10 @@ class Learning:
     max_mb: float = 500.0
     #: Date and words of a person's last decision, for the diary.
     decision: str = ''
+    #: The model that ran on days where that was not the champion; None when none ran.
+    ran: Mapping[str, Path | None] = field(default_factory=dict)
+    #: Whether a better model goes live by itself, unless learning has stopped.
+    automatic: bool = False
 
 
 @dataclass(frozen=True)

@@ -119,8 +119,9 @@ class Decision(NamedTuple):
     day: str
     #: What was decided, and why.
     sentence: str
-    #: Whether a better model was learnt, or a person decided; 0.2.0 wrote only the sentence.
-    kind: Literal['learnt', 'person', ''] = ''
+    #: Whether a better model was learnt, which goes live or is only offered, or a person decided;
+    #: 0.2.0 wrote only the sentence.
+    kind: Literal['learnt', 'offered', 'person', ''] = ''
 
     def named(self) -> 'Decision':
         """Give the same with its kind."""

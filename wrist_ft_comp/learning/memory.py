@@ -1,6 +1,7 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from wrist_ft_comp.errors import StateFileError
@@ -43,6 +44,11 @@ class Memory:
     why: str = ''
     #: Whether the offered model goes live by itself. After a kill, that happens at the restart.
     automatic: bool = False
+    #: File of the live model; empty when none was.
+    path: str = ''
+    #: File of the model that ran on days that no job has judged, and that a person's decision
+    #: ended: by the time of the job another model is live. Empty when none ran.
+    ran: Mapping[str, str] = field(default_factory=dict)
 
 
 def memory_path(directory: Path) -> Path:

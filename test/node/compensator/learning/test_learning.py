@@ -25,7 +25,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
     assert two['learning'] == {
         'champion': str(models[0].path), 'since': '', 'keep_days': 7, 'max_mb': 400.0,
-        'decision': '',
+        'decision': '', 'ran': {}, 'automatic': False,
     }  # fmt: skip
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
@@ -67,12 +67,15 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     learning = node.asked()[-1]['learning']
     assert learning['since'] == 'day_00002.csv', 'the adoption ended the day'
     assert learning['decision'].endswith('was made live with ~/adopt: leaves half')
+    assert learning['ran'] == {'day_00002.csv': str(old.path)}
+    adopted = str(node.node.live.stored.path)
     assert node.rig.call('rollback').success
     assert node.node.live.sha256 == old.sha256
     node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
     node.a_day()
     learning = node.asked()[-1]['learning']
     assert learning['since'] == 'day_00004.csv', 'these do not bring it back'
+    assert learning['ran'] == {'day_00004.csv': adopted}
     assert 'a person chose old.yaml' in learning['decision']
     assert 'a person chose old.yaml' in node.rig.diagnosis('learning').values['last_change']
 
