@@ -181,7 +181,7 @@ class Learner(Part):
         newest = max(self.memory.judged, self.memory.since)
         recorder = self._jobs.recorder
         files = DayFiles(self._directory, recorder.channels, self._max_bytes, newest)
-        files.sensor = recorder.sensor
+        files.sensor, files.period_ns = recorder.sensor, lambda: recorder.period_ns
         self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)
