@@ -58,6 +58,15 @@ def job(tmp_path, *recordings, **more):
     return CalibrationJob(tuple(recordings), tmp_path / 'out/model.yaml', period_s=1.0, **more)
 
 
+def test_a_minute_in_which_the_rotation_is_not_known_crosses_to_the_process():
+    text = encode_job(CalibrationJob((), Path('out'), minute=Minute(((1.0, float('nan')),), 0.5)))
+    assert 'NaN' not in text
+    ((known, unknown),) = decode_job(text).minute.cells
+    assert (known, str(unknown)) == (1.0, 'nan')
+    with pytest.raises(ValueError, match='1e999 stands in it'):
+        decode_job(text.replace('1.0', '1e999', 1))
+
+
 def test_every_setting_of_the_example_differs_from_its_default():
     default = leaves(CalibrationJob((), Path(), learning=Learning(), minute=Minute((), 0.0)))
     alike = [name for name, value in leaves(OTHER).items() if default[name] == value]

@@ -341,10 +341,14 @@ def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tm
 def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
     save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
     sound = diary_path(own_days).read_text()
-    for hours in ('[' * 986 + ']' * 986, '9' * 400):
+    for hours, said in (
+        ('[' * 986 + ']' * 986, 'nested too deep'), ('9' * 400, '400 digits'), ('1e999', '1e999'),
+    ):  # fmt: skip
         diary_path(own_days).write_text(sound.replace('12345.0', hours))
         assert load_diary(own_days).days == ()
-        assert _answer(job_of(own_days, 1))['success']
+        answer = _answer(job_of(own_days, 1))
+        assert answer['success']
+        assert said in answer['incident']
 
 
 def test_the_lock_goes_with_its_process(tmp_path):

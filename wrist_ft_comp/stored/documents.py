@@ -23,7 +23,7 @@ Document = dict[str, Any]
 _SUFFIX = '.wrist_ft_comp.tmp'
 #: A temporary file that is older than this, s, was left by a killed process.
 _ABANDONED_S = 60.0
-#: Most letters that are quoted of the schema's checker.
+#: Most letters that are quoted of a number, or of the schema's checker.
 _QUOTED = 200
 #: Most levels of brackets; our files have fewer.
 _DEEPEST = 30
@@ -132,9 +132,9 @@ def _restored_items(origin: Any, arguments: tuple[Any, ...], value: Any) -> Any:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Read JSON that is no deeper and has no longer integers than files have; else ValueError."""
+    """Read JSON of finite numbers, no deeper and with no longer integers than files have."""
     try:
-        value = json.loads(text, parse_constant=_refuse, parse_int=_integer)
+        value = json.loads(text, parse_constant=_refuse, parse_int=_integer, parse_float=_finite)
     except RecursionError as error:
         raise ValueError('it is nested too deep') from error
     depth, level = 0, [value]
@@ -147,8 +147,16 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _refuse(name: str) -> None:
-    """Refuse NaN and infinities, which Python's JSON would take."""
+    """Refuse NaN and infinities, which Python's JSON would take; ValueError."""
     raise ValueError(f'{name} stands in it')
+
+
+def _finite(digits: str) -> float:
+    """Read a number that is not so large that Python would take it for infinity."""
+    value = float(digits)
+    if not np.isfinite(value):
+        _refuse(digits[:_QUOTED])
+    return value
 
 
 def _integer(digits: str) -> int:
