@@ -67,5 +67,6 @@ def load_memory(directory: Path) -> Memory | None:
 
 
 def save_memory(directory: Path, memory: Memory) -> None:
-    """Write a memory in one step."""
+    """Write a memory in one step; one that cannot be read is kept beside it, once."""
+    KIND.set_aside_unreadable(memory_path(directory))
     KIND.write_json(memory_path(directory), asdict(memory))

@@ -173,7 +173,10 @@ class Learner(Part):
         try:
             memory = load_memory(self._directory)
         except StateFileError as error:
-            broken = f'learning begins without its earlier decisions: {error}'
+            broken = (
+                f'learning begins without its earlier decisions: {error} learning.json.kept is '
+                'the first such file.'
+            )
             self._log.warning(broken)
         self.memory = memory or Memory()
         if memory is None or memory.champion == self._live.sha256:

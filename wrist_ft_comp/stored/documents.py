@@ -310,6 +310,23 @@ class Kind(Output):
         self.check(path, document)
         return {key: document[key] for key in document if key not in {'format', 'version'}}
 
+    def problem(self, path: Path) -> str:
+        """Say why a JSON file cannot be read; empty where it can, or where there is none."""
+        try:
+            self.load_json(path)
+        except (WristFtCompError, OSError) as error:
+            return str(error)
+        return ''
+
+    def set_aside_unreadable(self, path: Path) -> None:
+        """Keep a JSON file that cannot be read, such as that of a later version, beside it."""
+        try:
+            if path.is_file() and self.problem(path):
+                set_aside(path)
+        except OSError as error:
+            reason = self.unwritable.format(path=path, reason=error.strerror)
+            raise self.error(reason) from error
+
     def check(self, path: Path, document: Any) -> None:
         """Refuse other formats, other versions, and whatever breaks the schema."""
         if not isinstance(document, dict) or document.get('format') != self.says:

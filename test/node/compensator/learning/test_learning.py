@@ -149,9 +149,11 @@ def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models):
     node = learner(model_file=str(models[0].path))
     node.a_day()
     node.node.destroy_node()
-    memory_path(node.rig.directory).write_text('{"format": "wrist_ft_comp learning"}')
+    path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
+    path.write_text(broken)
     node = learner(model_file=str(models[0].path))
-    assert 'learning.json' in node.rig.diagnosis('learning').values['last_change']
+    assert 'learning.json.kept' in node.rig.diagnosis('learning').values['last_change']
+    assert path.with_name('learning.json.kept').read_text() == broken
     node.a_day()
     assert node.asked()[-1]['learning']['since'] == 'day_00002.csv'
 
