@@ -188,6 +188,8 @@ class Learner(Part):
         self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)
+        elif memory is None:
+            self._remember()  # or a restart with another model would not be noticed
 
     def apply_parameters(self, _parameters: Sequence[Any]) -> None:
         """Begin or rest when calibration.reference has changed."""

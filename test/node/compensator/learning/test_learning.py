@@ -100,7 +100,20 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert 'live: leaves half' in status.values['last_change']
     assert 'offered' not in status.values
     node.a_day()
-    assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
+    learning = node.asked()[-1]['learning']
+    assert (learning['since'], learning['ran']) == ('', {}), 'nobody decided'
+    assert learning['automatic']
+
+
+def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(learner, models):
+    old, new = models
+    node = learner(model_file=str(old.path))
+    node.hear(20)
+    node.node.destroy_node()
+    node = learner(model_file=str(new.path))
+    node.wait(lambda: node.node.learning.memory.champion == new.sha256, 'its notice')
+    node.a_day()
+    assert node.asked()[-1]['learning']['ran'] == {'day_00001.csv': str(old.path)}
 
 
 def test_a_kill_right_after_an_adoption_keeps_its_reason(learner, models):
