@@ -17,7 +17,7 @@ import yaml
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
-from wrist_ft_comp.learning.memory import Memory, save_memory
+from wrist_ft_comp.learning.memory import Memory, memory_path, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.days_picture import days_figure
@@ -303,6 +303,18 @@ def test_without_a_diary_the_files_are_listed(done, folder, content):
     text = done('show', folder)
     assert 'that learns, 1\n' in text
     assert 'day_00005' in text
+    (document,) = json.loads(done('show', folder, '--json')).values()
+    broken = content is not None
+    assert len(document['warnings']) == text.count('warning: ') == broken
+    assert all(f'{path} is not a diary' in warning for warning in document['warnings'])
+
+
+def test_a_damaged_memory_is_told(done, folder):
+    memory_path(folder).write_text('{')
+    sentence = f'{memory_path(folder)} is not a learning state: expected JSON'
+    assert f'warning: {sentence}' in done('show', folder)
+    (document,) = json.loads(done('show', folder, '--json')).values()
+    assert document['warnings'][0].startswith(sentence)
 
 
 def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, drift_csv):

@@ -37,7 +37,9 @@ OTHER = CalibrationJob(
     skip_unusable=True,
     keep_copied_columns=True,
     report=Path('out/report.html'),
-    learning=Learning(Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml'),
+    learning=Learning(
+        Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml',
+        {'day_2.csv': Path('models/old.yaml'), 'day_3.csv': None}, automatic=True),
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )  # fmt: skip
 
@@ -54,6 +56,15 @@ def leaves(value, name='job'):
 
 def job(tmp_path, *recordings, **more):
     return CalibrationJob(tuple(recordings), tmp_path / 'out/model.yaml', period_s=1.0, **more)
+
+
+def test_a_minute_in_which_the_rotation_is_not_known_crosses_to_the_process():
+    text = encode_job(CalibrationJob((), Path('out'), minute=Minute(((1.0, float('nan')),), 0.5)))
+    assert 'NaN' not in text
+    ((known, unknown),) = decode_job(text).minute.cells
+    assert (known, str(unknown)) == (1.0, 'nan')
+    with pytest.raises(ValueError, match='1e999 stands in it'):
+        decode_job(text.replace('1.0', '1e999', 1))
 
 
 def test_every_setting_of_the_example_differs_from_its_default():

@@ -50,30 +50,36 @@ def own_lock(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
 
 
-def write_day(directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0):  # noqa: PLR0913
+def write_day(  # noqa: PLR0913
+    directory, number, cells=CELLS, pressed_s=0, *,
+    parked_s=None, creep=0.0, still=False, tool_s=np.inf,
+):  # fmt: skip
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
 
     With ``parked_s`` half a kilogram more hangs on it every other minute, and for that long.
+    Where it stands ``still``, nothing turns. From ``tool_s`` on, the tool is heavier and longer.
     """
     rng = np.random.default_rng(number)
     warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
     pose = np.repeat(rng.normal(size=(cells // 3, 3)), 3, axis=0)
     seconds = PERIOD_S * (np.arange(cells) + 0.5)
     parked = (seconds > 1000) & (seconds < 1000 + (parked_s or 0))
-    pose[parked] = (0.3, 0.2, -0.9)
+    pose[parked | still] = (0.3, 0.2, -0.9)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
     held = (parked_s is not None) * ((seconds // 60 % 2 == 1) | parked)[:, np.newaxis]
-    push = -force * (1 + 0.5 * held)
-    raw = np.concatenate((push, np.cross((0.0, 0.0, 0.1) + 0.03 * held, push)), axis=1)
+    changed = (seconds > tool_s)[:, np.newaxis]
+    push = -force * (1 + 0.5 * held + 0.8 * changed)
+    center_m = (0.0, 0.0, 0.1) + 0.03 * held + 0.05 * changed
+    raw = np.concatenate((push, np.cross(center_m, push)), axis=1)
     drift = np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
     raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
     raw = drift + strained(FtSensorSettings(creep=creep), no_memory(), raw, PERIOD_S)[0]
-    rows = np.column_stack(
-        (86_400.0 * number + seconds, raw, warm + rng.normal(0, 0.01, cells), force)
-    )
+    warm += rng.normal(0, 0.01, cells)
+    force += still * rng.normal(0, 0.003, force.shape)
+    rows = np.column_stack((86_400.0 * number + seconds, raw, warm, force))
     path = directory / 'days' / f'day_{number:05d}.csv'
     path.parent.mkdir(exist_ok=True)
     lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
@@ -124,7 +130,7 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     diary = load_diary(sensor)
     assert [entry.name for entry in diary.days] == sources
     assert stored.path.name in diary.decisions[0].sentence
-    assert diary.decisions[0].kind == 'learnt'
+    assert diary.decisions[0].kind == 'offered'
 
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
@@ -260,6 +266,61 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
         assert load_diary(tmp_path).days[0].kind == kind
 
 
+def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
+    for number in range(1, 7):
+        write_day(tmp_path, number)
+    answer = _answer(job_of(tmp_path, 2))
+    offered = Path(answer['path'])
+    other = offered.with_name('other.yaml')
+    other.write_bytes(offered.read_bytes() + b'# another one')
+    first, second = (load_model(path).sha256[:12] for path in (offered, other))
+    adopted, back, gone = 'day_00003.csv', 'day_00005.csv', offered.with_name('gone.yaml')
+    decided = {'since': adopted, 'decision': 'adopted', 'ran': {adopted: None}}
+    assert _answer(job_of(tmp_path, 4, offered, **decided))['success']
+    decided = {'since': back, 'decision': 'other chosen', 'ran': {back: offered}}
+    assert _answer(job_of(tmp_path, 6, other, **decided))['success']
+    assert main(['show', str(tmp_path), '--json']) == 0
+    (said,) = json.loads(capsys.readouterr().out).values()
+    assert [day['live'] for day in said['days']] == ['', '', '', first, first, second]
+    assert [(event['name'], event['first']) for event in said['events']] == [
+        ('better model offered', 'day_00002.csv'), ('person chose model', adopted),
+        ('person chose model', back)]  # fmt: skip
+    diary_path(tmp_path).unlink()
+    assert _answer(job_of(tmp_path, 6, other, ran={back: gone}))['success']
+    day = load_diary(tmp_path).days[4]
+    assert (day.live, 'cannot be judged' in day.verdict) == ('gone.yaml', True)
+
+
+@pytest.mark.parametrize(
+    ('automatic', 'name'), [(True, 'new model learnt'), (False, 'better model offered')]
+)
+def test_only_a_model_that_goes_live_is_said_to_be_learnt(own_days, capsys, automatic, name):
+    assert _answer(job_of(own_days, 2, automatic=automatic))['learnt']
+    assert main(['show', str(own_days)]) == 0
+    assert f'{name}: model_2.yaml' in capsys.readouterr().out
+
+
+def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goes_on(tmp_path):
+    for number in (1, 2, 3):
+        write_day(tmp_path, number, parked_s=0)
+    assert _answer(job_of(tmp_path, 3))['learnt']
+    write_day(tmp_path, 4, 900, parked_s=0, still=True)
+    answer = _answer(job_of(tmp_path, 4))
+    assert load_diary(tmp_path).days[3].kind == CONTACTS
+    assert 'The robot stood still, and the scatter of ' in answer['incident']
+    assert answer['paused'] == ''
+
+
+@pytest.mark.parametrize('parked_s', [None, 0])
+def test_another_tool_is_named_on_the_day_on_which_it_was_mounted(tmp_path, parked_s):
+    kinds = {1: '', 2: 'tool', 3: ''}
+    for number, tool_s in ((1, np.inf), (2, 1800.0), (3, 0.0)):
+        write_day(tmp_path, number, 900, tool_s=tool_s, parked_s=parked_s)
+        answer = _answer(job_of(tmp_path, number))
+        assert load_diary(tmp_path).days[-1].kind == kinds[number], answer
+        assert answer['paused'] == ''
+
+
 def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):
     for number in (1, 2):
         write_day(tmp_path, number)
@@ -293,10 +354,14 @@ def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tm
 def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
     save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
     sound = diary_path(own_days).read_text()
-    for hours in ('[' * 986 + ']' * 986, '9' * 400):
+    for hours, said in (
+        ('[' * 986 + ']' * 986, 'nested too deep'), ('9' * 400, '400 digits'), ('1e999', '1e999'),
+    ):  # fmt: skip
         diary_path(own_days).write_text(sound.replace('12345.0', hours))
         assert load_diary(own_days).days == ()
-        assert _answer(job_of(own_days, 1))['success']
+        answer = _answer(job_of(own_days, 1))
+        assert answer['success']
+        assert said in answer['incident']
 
 
 def test_the_lock_goes_with_its_process(tmp_path):

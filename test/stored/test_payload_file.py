@@ -69,6 +69,7 @@ def test_a_file_without_sources_is_read(path):
         ),
         (lambda text: text.replace('0.9', '0'), 'payloads/day-1/scale/1'),
         (lambda text: text.replace('0.1,', 'NaN,'), 'expected JSON'),
+        (lambda text: text.replace('0.1,', '1e999,'), 'expected JSON, but 1e999 stands in it'),
     ],
 )
 def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, change, sentence):

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 import json
 from pathlib import Path
 import shlex
@@ -113,11 +112,15 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
     texts = []
     for folder in folders:
         diary, memory = survey(folder), Memory()
-        with suppress(StateFileError):  # the node has reported it, and starts a new one
+        warnings = [diary_problem(folder)]
+        try:
             memory = load_memory(folder) or memory
-        document[str(folder)] = days_json(diary, memory)
-        problem = diary_problem(folder)
-        texts.append(days_text(folder, diary, memory) + f'\nwarning: {problem}' * bool(problem))
+        except StateFileError as error:
+            warnings.append(str(error))
+        warnings = [*filter(None, warnings)]
+        document[str(folder)] = {**days_json(diary, memory), 'warnings': warnings}
+        lines = (f'warning: {warning}' for warning in warnings)
+        texts.append('\n'.join((days_text(folder, diary, memory), *lines)))
     if picture:
         from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
 

@@ -63,6 +63,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
     diary, champion = load_diary(directory), _champion(learning.champion)
+    ran = {name: _champion_of_past(path) for name, path in learning.ran.items()}
     lost = diary_problem(directory)
 
     def read(path: Path) -> Recording:
@@ -88,18 +89,16 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     entries = [entry for entry in diary.days if entry.name != newest]
     for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
         began, before = time.process_time(), [e for e in entries if e.name < name]
-        entry = describe_day(name, look, before, champion)
+        entry = describe_day(name, look, before, ran.get(name, champion))
         verdict = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
         entries.append(replace(entry, verdict=verdict, seconds=time.process_time() - began))
         entries.sort(key=attrgetter('name'))
     began = time.process_time()
+    champion = ran.get(newest, champion)
     lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
     entry = replace(lesson.entry, seconds=time.process_time() - began)
     entries.append(entry)
-    decisions = dict.fromkeys(diary.decisions)
-    if learning.since not in {'', *(d.day for d in decisions if d.kind == 'person')}:
-        words = learning.decision or 'A person decided about the model.'
-        decisions[Decision(learning.since, words, 'person')] = None
+    decisions = _decisions(diary, learning)
     paused = pause(entries, learning.since)
     answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
     troubles, better = [entry.incident], lesson.better
@@ -112,7 +111,8 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
             saved = _save(job, better, days, look, troubles, until_now)
             answer |= {**saved, 'learnt': True}
             sentence = f'{job.output.name} was learnt. {entry.verdict}'
-            decisions[Decision(newest, sentence, 'learnt')] = None
+            goes_live = learning.automatic and not paused
+            decisions.append(Decision(newest, sentence, 'learnt' if goes_live else 'offered'))
     diary = Diary(tuple(entries), tuple(decisions), paused)
     with _noted(troubles, 'The diary is lost'):
         save_diary(directory, diary)
@@ -120,6 +120,15 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         prune(directory, diary, learning.keep_days, learning.max_mb)
     trouble = ' '.join(filter(None, troubles))
     return {**answer, 'message': f'{trouble} {entry.verdict}'.strip(), 'incident': trouble}
+
+
+def _decisions(diary: Diary, learning: Learning) -> list[Decision]:
+    """List the decisions so far, with a person's last one."""
+    decisions = [*dict.fromkeys(diary.decisions)]
+    if learning.since not in {'', *(d.day for d in decisions if d.kind == 'person')}:
+        words = learning.decision or 'A person decided about the model.'
+        decisions.append(Decision(learning.since, words, 'person'))
+    return decisions
 
 
 @contextmanager
@@ -141,6 +150,14 @@ def _champion(path: Path | None) -> Champion:
     names = [source.name for source in sources if source.parent.name == 'days']
     newest = max(filter(day_number, names), default='')
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
+
+
+def _champion_of_past(path: Path | None) -> Champion:
+    """Load a model that was live; only its name is known where its file is gone."""
+    try:
+        return _champion(path)
+    except WristFtCompError:
+        return Champion(path.name if path else '')
 
 
 def _save(  # noqa: PLR0913, PLR0917 -- a model, where it goes, and what its report shows

@@ -1,13 +1,13 @@
 """A calibration job, and its form as a line of JSON between two processes."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 import json
 from pathlib import Path
 
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import Topics
-from wrist_ft_comp.stored.documents import restored
+from wrist_ft_comp.stored.documents import parse_json, plain, restored
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,10 @@ class Learning:
     max_mb: float = 500.0
     #: Date and words of a person's last decision, for the diary.
     decision: str = ''
+    #: The model that ran on days where that was not the champion; None when none ran.
+    ran: Mapping[str, Path | None] = field(default_factory=dict)
+    #: Whether a better model goes live by itself, unless learning has stopped.
+    automatic: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,10 @@ class CalibrationJob:
 
 def encode_job(job: CalibrationJob) -> str:
     """Write a job as JSON."""
-    return json.dumps(asdict(job), default=str)
+    return json.dumps(plain(job), default=str)
 
 
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
-    job: CalibrationJob = restored(CalibrationJob, json.loads(text))
+    job: CalibrationJob = restored(CalibrationJob, parse_json(text))
     return job

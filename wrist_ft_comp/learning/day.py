@@ -33,6 +33,8 @@ class Day:
     #: The same with the payload's weight as the reference, without contacts and steps.
     drift: Recording
     steps: list[Step]
+    #: Whether gravity moved enough in the sensor's frame to tell weight from drift.
+    moved: bool
     #: Share of the time in contact.
     contact: float
     #: Share of the changes between poses that no payload explains.
@@ -75,7 +77,7 @@ def _day(separation: Separation) -> Day:
     moved = contrast(separation.cells, fit.weights) >= CONTRAST
     unexplained = unexplained_contrast(separation.cells, fit) if moved else 0.0
     contact = float(np.mean(fit.weights[separation.cells.usable] < COUNTS))
-    return Day(recording, drift, steps, contact, unexplained, fit.noise, payloads, doubt)
+    return Day(recording, drift, steps, moved, contact, unexplained, fit.noise, payloads, doubt)
 
 
 def describe(day: Day) -> DayEntry:

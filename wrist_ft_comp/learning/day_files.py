@@ -18,6 +18,7 @@ from wrist_ft_comp.recordings.csv_file import (
 )
 from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.stored.documents import beginning, writing
+from wrist_ft_comp.stream.batch_grid import most_cells
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS
@@ -130,6 +131,10 @@ class DayFiles:
         self._max_bytes = max_bytes
         #: Gives the names of the sensor.
         self.sensor: Callable[[], SensorNames] = dict
+        #: Gives the length of a thermal cell, ns.
+        self.period_ns: Callable[[], int] = lambda: NANOSECONDS
+        # The first stamp may lie at the end of a cell, which adds one.
+        self._most_cells = most_cells(sum(name.startswith('temperature') for name in channels)) - 1
         names = [path.name for path in days(directory)]
         self._number = max(map(day_number, [newest_before, *names]))
         #: File of the day that goes on; None between days.
@@ -163,7 +168,8 @@ class DayFiles:
         writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
         if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
             return  # only late temperatures, from before a silence
-        over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS
+        longest_ns = min(DAY_NS, self._most_cells * self.period_ns())
+        over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= longest_ns
         if not writer or over:
             self.leave()
             writer = self._begin(stamp_ns)

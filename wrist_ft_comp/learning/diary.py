@@ -20,14 +20,7 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import (
-    Document,
-    Kind,
-    plain,
-    restored,
-    set_aside,
-    writing,
-)
+from wrist_ft_comp.stored.documents import Document, Kind, plain, restored, writing
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
@@ -119,8 +112,9 @@ class Decision(NamedTuple):
     day: str
     #: What was decided, and why.
     sentence: str
-    #: Whether a better model was learnt, or a person decided; 0.2.0 wrote only the sentence.
-    kind: Literal['learnt', 'person', ''] = ''
+    #: Whether a better model was learnt, which goes live or is only offered, or a person decided;
+    #: 0.2.0 wrote only the sentence.
+    kind: Literal['learnt', 'offered', 'person', ''] = ''
 
     def named(self) -> 'Decision':
         """Give the same with its kind."""
@@ -200,11 +194,7 @@ def load_diary(directory: Path) -> Diary:
 
 def diary_problem(directory: Path) -> str:
     """Say why a diary cannot be read; empty where it can, or where there is none."""
-    try:
-        KIND.load_json(diary_path(directory))
-    except (RecordingError, ModelFileError, OSError) as error:
-        return str(error)
-    return ''
+    return KIND.problem(diary_path(directory))
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
@@ -213,9 +203,7 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
-    with writing(diary_path(directory)):
-        if diary_problem(directory) and diary_path(directory).is_file():
-            set_aside(diary_path(directory))
+    KIND.set_aside_unreadable(diary_path(directory))
     document = {
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
         'decisions': [decision._asdict() for decision in diary.decisions[-_MOST_DECISIONS:]],

@@ -111,7 +111,7 @@ def incident(
         or _turned_sensor(entry, compared)
         or _other_payloads(day, entry, compared)
         or _jump_of_zero(day, entry, drift)
-        or _noise(entry, compared)
+        or _noise(day, entry, compared)
         or _creep(entry, compared)
         or ('', '')
     )
@@ -183,13 +183,14 @@ def _turned_sensor(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | 
 
 
 def _other_payloads(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find payloads that no day before had: another gain, where only masses differ; or a tool."""
+    """Find payloads that no day before had: another gain, where all masses differ; or a tool."""
     free = [past.payloads for past in compared if past.kind != CONTACTS]
     before, today = (
         [Payload(mass_kg, np.array(center_m)) for mass_kg, *center_m in figures]
         for figures in (chain(*free), entry.payloads)
     )
-    if not before or any(same_payload(one, other) for one in today for other in before):
+    new = [one for one in today if not any(same_payload(one, other) for other in before)]
+    if not before or (today and not new):
         return None
     if not today:  # one day without a payload may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
@@ -199,8 +200,9 @@ def _other_payloads(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> 
     )
     nearest = [before[n] for n in apart_m.argmin(axis=1)]
     ratios = [one.mass_kg / other.mass_kg for one, other in zip(today, nearest, strict=True)]
-    masses = ' and '.join(f'{payload.mass_kg:.2f}' for payload in today)
-    if apart_m.min(axis=1).max() < _SAME_CENTER_M and np.ptp(ratios) < _SAME_RATIO:
+    masses = ' and '.join(f'{payload.mass_kg:.2f}' for payload in new)
+    same_center = apart_m.min(axis=1).max() < _SAME_CENTER_M
+    if len(new) == len(today) and same_center and np.ptp(ratios) < _SAME_RATIO:
         return GAIN, (
             f'All payloads weigh {np.mean(ratios):.2f} times what they did before ({masses} kg): '
             'another gain, or a tool with the same centre of mass.'
@@ -291,8 +293,8 @@ def _is_confirmed(residual: FloatArray, step: Step, noise: FloatArray) -> bool:
     return bool(np.linalg.norm(change - jump) < _MOST_DIFFERENCE * np.linalg.norm(jump))
 
 
-def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find noise that is far above that of the days before."""
+def _noise(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
+    """Find noise that is far above that of the days before, or a load that looks like noise."""
     noises = [past.noise for past in compared if past.kind in LEARNT_FROM and past.noise]
     if len(noises) < DAYS_TO_RESUME:
         return None
@@ -300,10 +302,13 @@ def _noise(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     axis = int(ratios.argmax())
     if ratios[axis] < _LEAST_NOISE_RATIO:
         return None
-    return NOISE, (
-        f'The noise of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of '
-        'the days before, since the start of the day.'
-    )
+    scatter = f'{entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of the days before'
+    if not day.moved:  # parts that a gripper takes are told from drift by their weight alone
+        return CONTACTS, (
+            f'The robot stood still, and the scatter of {AXES[axis]} was {scatter}, as where a '
+            'gripper takes parts: drift cannot be told from their weight.'
+        )
+    return NOISE, f'The noise of {AXES[axis]} is {scatter}, since the start of the day.'
 
 
 def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:

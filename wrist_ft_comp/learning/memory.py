@@ -1,6 +1,7 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from wrist_ft_comp.errors import StateFileError
@@ -43,6 +44,11 @@ class Memory:
     why: str = ''
     #: Whether the offered model goes live by itself. After a kill, that happens at the restart.
     automatic: bool = False
+    #: File of the live model; empty when none was.
+    path: str = ''
+    #: File of the model that ran on days that no job has judged, and that a person's decision
+    #: ended: by the time of the job another model is live. Empty when none ran.
+    ran: Mapping[str, str] = field(default_factory=dict)
 
 
 def memory_path(directory: Path) -> Path:
@@ -61,5 +67,6 @@ def load_memory(directory: Path) -> Memory | None:
 
 
 def save_memory(directory: Path, memory: Memory) -> None:
-    """Write a memory in one step."""
+    """Write a memory in one step; one that cannot be read is kept beside it, once."""
+    KIND.set_aside_unreadable(memory_path(directory))
     KIND.write_json(memory_path(directory), asdict(memory))

@@ -58,8 +58,10 @@ class JobMaker:
         chosen = {**self.settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
         learning = Learning(
-            champion, memory.since, chosen['learning.keep_days'], kept_mb, memory.decision
-        )
+            champion, memory.since, chosen['learning.keep_days'], kept_mb, memory.decision,
+            {day: Path(path) if path else None for day, path in memory.ran.items()},
+            chosen['learning'] == 'auto',
+        )  # fmt: skip
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def identification(self, minute: Minute) -> CalibrationJob:

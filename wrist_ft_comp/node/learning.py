@@ -173,16 +173,23 @@ class Learner(Part):
         try:
             memory = load_memory(self._directory)
         except StateFileError as error:
-            broken = f'learning begins without its earlier decisions: {error}'
+            broken = (
+                f'learning begins without its earlier decisions: {error} learning.json.kept is '
+                'the first such file.'
+            )
             self._log.warning(broken)
-        self.memory = memory or Memory(champion=self._live.sha256)
+        self.memory = memory or Memory()
+        if memory is None or memory.champion == self._live.sha256:
+            self.memory = replace(self.memory, **self._champion())
         newest = max(self.memory.judged, self.memory.since)
         recorder = self._jobs.recorder
         files = DayFiles(self._directory, recorder.channels, self._max_bytes, newest)
-        files.sensor = recorder.sensor
+        files.sensor, files.period_ns = recorder.sensor, lambda: recorder.period_ns
         self.diary = DiaryKeeper(recorder, files, self._log)
         if broken:
             self._decide(broken)
+        elif memory is None:
+            self._remember()  # or a restart with another model would not be noticed
 
     def apply_parameters(self, _parameters: Sequence[Any]) -> None:
         """Begin or rest when calibration.reference has changed."""
@@ -228,7 +235,8 @@ class Learner(Part):
         if live.sha256 == memory.champion:
             return
         if live.stored is None and live.problem:
-            self._remember(champion=None, change=_dated(f'no model is live: {live.problem}'))
+            change = _dated(f'no model is live: {live.problem}')
+            self._remember(**self._champion(), change=change)
         elif live.sha256 != memory.sha256:
             chosen = live.stored.path.name if live.stored else 'no model'
             self._decide(f'a person chose {chosen}, with model_file, ~/calibrate or ~/rollback')
@@ -275,7 +283,8 @@ class Learner(Part):
             self._remember(**judged, incident=trouble)
             self._log.warning(trouble)
             return
-        self._remember(**judged, paused=outcome['paused'], incident=outcome['incident'])
+        happened = {'paused': outcome['paused'], 'incident': outcome['incident']}
+        self._remember(**judged, **happened, ran={})
         self._log.info(f'{self._judging}: {message}')
         if outcome['learnt']:
             self._take(Path(outcome['path']), outcome)
@@ -306,7 +315,7 @@ class Learner(Part):
     def _note_learnt(self) -> None:
         """Remember that the node itself made the learnt model live."""
         change = _dated(f'the node made {self.memory.offered} live: {self.memory.why}')
-        self._remember(champion=self._live.sha256, change=change, **_NO_OFFER)
+        self._remember(**self._champion(), change=change, **_NO_OFFER)
 
     def _note_adopted(self) -> None:
         """Remember that a person made the offered model live."""
@@ -318,11 +327,17 @@ class Learner(Part):
         if self.diary is None:
             return
         self.diary.end_day()
-        days = self.diary.files.ended()
-        newest = days[-1].name if days else self.memory.judged
+        memory, days = self.memory, [path.name for path in self.diary.files.ended()]
+        newest = days[-1] if days else memory.judged
+        ran = dict.fromkeys((day for day in days if day > memory.judged), memory.path)
         words = {'change': _dated(what), 'decision': _dated(what), 'paused': '', 'incident': ''}
-        judged = {'since': newest, 'judged': newest}
-        self._remember(champion=self._live.sha256, **words, **judged, **_NO_OFFER)
+        judged = {'since': newest, 'judged': newest, 'ran': {**ran, **memory.ran}}
+        self._remember(**self._champion(), **words, **judged, **_NO_OFFER)
+
+    def _champion(self) -> dict[str, Any]:
+        """Name the live model as a memory does."""
+        stored = self._live.stored
+        return {'champion': self._live.sha256, 'path': str(stored.path) if stored else ''}
 
     def _remember(self, **changes: Any) -> None:
         """Save changes of the memory; delete the file of a model that is not offered any more."""

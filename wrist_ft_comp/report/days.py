@@ -168,9 +168,12 @@ def _model_changes(diary: Diary) -> Iterator[Event]:
         n = numbers.get(decision.day, -1)
         if n < 0:
             continue
-        # A day that a person's decision ended was judged with the model after it.
-        before, after = lives[max(n - 1, 0)], lives[min(n + 1, last)]
-        if decision.kind == 'learnt':
+        before, after = lives[n], lives[min(n + 1, last)]
+        if before == after:  # 0.2.0 judged a day that a person ended with the model after it
+            before = lives[max(n - 1, 0)]
+        if decision.kind == 'offered':
+            name = OFFERED
+        elif decision.kind == 'learnt':
             explained |= {n}
             name = OFFERED if n < last and after == lives[n] else LEARNT
         else:

@@ -23,7 +23,7 @@ Document = dict[str, Any]
 _SUFFIX = '.wrist_ft_comp.tmp'
 #: A temporary file that is older than this, s, was left by a killed process.
 _ABANDONED_S = 60.0
-#: Most letters that are quoted of the schema's checker.
+#: Most letters that are quoted of a number, or of the schema's checker.
 _QUOTED = 200
 #: Most levels of brackets; our files have fewer.
 _DEEPEST = 30
@@ -132,9 +132,9 @@ def _restored_items(origin: Any, arguments: tuple[Any, ...], value: Any) -> Any:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Read JSON that is no deeper and has no longer integers than files have; else ValueError."""
+    """Read JSON of finite numbers, no deeper and with no longer integers than files have."""
     try:
-        value = json.loads(text, parse_constant=_refuse, parse_int=_integer)
+        value = json.loads(text, parse_constant=_refuse, parse_int=_integer, parse_float=_finite)
     except RecursionError as error:
         raise ValueError('it is nested too deep') from error
     depth, level = 0, [value]
@@ -147,8 +147,16 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def _refuse(name: str) -> None:
-    """Refuse NaN and infinities, which Python's JSON would take."""
+    """Refuse NaN and infinities, which Python's JSON would take; ValueError."""
     raise ValueError(f'{name} stands in it')
+
+
+def _finite(digits: str) -> float:
+    """Read a number that is not so large that Python would take it for infinity."""
+    value = float(digits)
+    if not np.isfinite(value):
+        _refuse(digits[:_QUOTED])
+    return value
 
 
 def _integer(digits: str) -> int:
@@ -301,6 +309,23 @@ class Kind(Output):
             ) from error
         self.check(path, document)
         return {key: document[key] for key in document if key not in {'format', 'version'}}
+
+    def problem(self, path: Path) -> str:
+        """Say why a JSON file cannot be read; empty where it can, or where there is none."""
+        try:
+            self.load_json(path)
+        except (WristFtCompError, OSError) as error:
+            return str(error)
+        return ''
+
+    def set_aside_unreadable(self, path: Path) -> None:
+        """Keep a JSON file that cannot be read, such as that of a later version, beside it."""
+        try:
+            if path.is_file() and self.problem(path):
+                set_aside(path)
+        except OSError as error:
+            reason = self.unwritable.format(path=path, reason=error.strerror)
+            raise self.error(reason) from error
 
     def check(self, path: Path, document: Any) -> None:
         """Refuse other formats, other versions, and whatever breaks the schema."""

@@ -41,6 +41,11 @@ _GRAVITY_DOUBT = 0.1
 _LEAST_GRAVITY = 0.5
 
 
+def most_cells(thermometers: int) -> int:
+    """Tell how many thermal cells a recording may span."""
+    return MAX_NUMBERS // (1 + thermometers)
+
+
 class GridBuilder:
     """Averages blocks of samples per cell while they are read; settings as in grid_samples."""
 
@@ -128,7 +133,7 @@ class GridBuilder:
                     f'{apart * period_s:.0f} s apart; both drivers must use one clock. Record '
                     'both at the same time.'
                 )
-        most = MAX_NUMBERS // (1 + len(thermometers))
+        most = most_cells(len(thermometers))
         if cells > most:
             raise RecordingError(
                 f'Stamps of {self._name} span {span_s:.6g} s; at most {most} thermal cells of '

@@ -29,6 +29,16 @@ def test_a_day_is_a_recording_of_24_h_with_five_digits(learner):
     np.testing.assert_allclose(recording.rotation_speed[1:], 0.01)
 
 
+def test_a_day_of_more_cells_than_a_recording_may_have_goes_on_in_another_file(
+    learner, monkeypatch
+):
+    monkeypatch.setattr('wrist_ft_comp.stream.batch_grid.MAX_NUMBERS', 100)
+    node = learner()
+    node.hear(121)
+    lengths = [len(read_recording(node.days / name, period_s=600.0)) for name in node.files()]
+    assert lengths == [49, 49, 22]
+
+
 @pytest.mark.parametrize(('hours', 'days'), [(1.9, 1), (2.2, 2), (-1.0, 2), (-20.0, 2)])
 def test_a_silence_of_2_h_and_stamps_that_run_back_end_a_day(learner, hours, days):
     node = learner()

@@ -25,7 +25,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
     assert two['learning'] == {
         'champion': str(models[0].path), 'since': '', 'keep_days': 7, 'max_mb': 400.0,
-        'decision': '',
+        'decision': '', 'ran': {}, 'automatic': False,
     }  # fmt: skip
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
@@ -67,12 +67,15 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     learning = node.asked()[-1]['learning']
     assert learning['since'] == 'day_00002.csv', 'the adoption ended the day'
     assert learning['decision'].endswith('was made live with ~/adopt: leaves half')
+    assert learning['ran'] == {'day_00002.csv': str(old.path)}
+    adopted = str(node.node.live.stored.path)
     assert node.rig.call('rollback').success
     assert node.node.live.sha256 == old.sha256
     node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
     node.a_day()
     learning = node.asked()[-1]['learning']
     assert learning['since'] == 'day_00004.csv', 'these do not bring it back'
+    assert learning['ran'] == {'day_00004.csv': adopted}
     assert 'a person chose old.yaml' in learning['decision']
     assert 'a person chose old.yaml' in node.rig.diagnosis('learning').values['last_change']
 
@@ -97,7 +100,20 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert 'live: leaves half' in status.values['last_change']
     assert 'offered' not in status.values
     node.a_day()
-    assert node.asked()[-1]['learning']['since'] == '', 'nobody decided'
+    learning = node.asked()[-1]['learning']
+    assert (learning['since'], learning['ran']) == ('', {}), 'nobody decided'
+    assert learning['automatic']
+
+
+def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(learner, models):
+    old, new = models
+    node = learner(model_file=str(old.path))
+    node.hear(20)
+    node.node.destroy_node()
+    node = learner(model_file=str(new.path))
+    node.wait(lambda: node.node.learning.memory.champion == new.sha256, 'its notice')
+    node.a_day()
+    assert node.asked()[-1]['learning']['ran'] == {'day_00001.csv': str(old.path)}
 
 
 def test_a_kill_right_after_an_adoption_keeps_its_reason(learner, models):
@@ -146,9 +162,11 @@ def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models):
     node = learner(model_file=str(models[0].path))
     node.a_day()
     node.node.destroy_node()
-    memory_path(node.rig.directory).write_text('{"format": "wrist_ft_comp learning"}')
+    path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
+    path.write_text(broken)
     node = learner(model_file=str(models[0].path))
-    assert 'learning.json' in node.rig.diagnosis('learning').values['last_change']
+    assert 'learning.json.kept' in node.rig.diagnosis('learning').values['last_change']
+    assert path.with_name('learning.json.kept').read_text() == broken
     node.a_day()
     assert node.asked()[-1]['learning']['since'] == 'day_00002.csv'
 
