@@ -39,9 +39,10 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.learning.day import Day, describe, look_at
-from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, worthiest
+from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary
 from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.lesson import Champion, take
+from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.report.days_picture import days_png
 from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
 from wrist_ft_comp.stream.offline import simulate_drift

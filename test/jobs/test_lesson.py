@@ -19,10 +19,10 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import lesson
 from wrist_ft_comp.jobs.calibration import _answer
+from wrist_ft_comp.jobs.lesson import alone
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
-    alone,
     CONTACTS,
     CREEP,
     DayEntry,

@@ -11,9 +11,9 @@ from wrist_ft_comp.learning.diary import (
     diary_path,
     load_diary,
     NONE,
-    prune,
     save_diary,
 )
+from wrist_ft_comp.learning.old_days import prune
 
 DAY = DayEntry(
     name='day_00001.csv',

@@ -9,8 +9,9 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.learning import lesson as lessons
 from wrist_ft_comp.learning.day import describe, left, look_at
-from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE, share_left, worthiest
+from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE, share_left
 from wrist_ft_comp.learning.lesson import Champion, compare, describe_day, take
+from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.learning.schedule import reason
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 from wrist_ft_comp.stream.offline import simulate_drift

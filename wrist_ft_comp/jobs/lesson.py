@@ -3,9 +3,12 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+import fcntl
 from functools import lru_cache
 from operator import attrgetter
+import os
 from pathlib import Path
+import tempfile
 import time
 from typing import Any
 
@@ -15,16 +18,15 @@ from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.day import Day, look_at
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import (
-    alone,
     Decision,
     Diary,
     diary_problem,
     load_diary,
-    prune,
     save_diary,
 )
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
+from wrist_ft_comp.learning.old_days import prune
 from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
@@ -129,6 +131,22 @@ def _decisions(diary: Diary, learning: Learning) -> list[Decision]:
         words = learning.decision or 'A person decided about the model.'
         decisions.append(Decision(learning.since, words, 'person'))
     return decisions
+
+
+@contextmanager
+def alone() -> Iterator[bool]:
+    """Hold the lock of learning; False where another process of this user holds it."""
+    # In the folder for temporary files, because the folders of two sensors may have nothing in
+    # common. The system releases it where the process is killed.
+    path = Path(tempfile.gettempdir()) / f'wrist_ft_comp_learning_{os.getuid()}.lock'
+    handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield True
+    except BlockingIOError:
+        yield False
+    finally:
+        os.close(handle)
 
 
 @contextmanager

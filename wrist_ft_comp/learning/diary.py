@@ -2,17 +2,13 @@
 The diary of a node that learns by itself, ``days/diary.json``: what is kept of every day.
 
 Only the learning job writes it, in one step. A broken or missing diary is made anew. It decides
-which days may be learnt from, and which recordings are kept.
+which days may be learnt from.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-import fcntl
-import os
 from pathlib import Path
-import tempfile
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -20,7 +16,7 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import Document, Kind, plain, restored, writing
+from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
@@ -32,8 +28,6 @@ KIND = Kind(
 _MOST_DAYS = 1000
 #: Newest decisions that are kept in it.
 _MOST_DECISIONS = 100
-#: Room for the diary itself, and for the rows between two measurements of the folder, MB.
-_SPARE_MB = 10.0
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
@@ -162,20 +156,6 @@ def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
     return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
 
 
-def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
-    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
-    chosen, newer = list(entries), max(most // 2, 1)
-    while len(chosen) > max(most, 1):
-        good = good_days(chosen)
-        count = Counter(cell for day in good for cell in day.known)
-        worth = [
-            sum(1 / count[cell] for cell in day.known) if day in good else -1.0
-            for day in chosen[:-newer]
-        ]
-        del chosen[int(np.argmin(worth))]
-    return chosen
-
-
 def diary_path(directory: Path) -> Path:
     """Path of the diary in a node's folder."""
     return directory / 'days' / 'diary.json'
@@ -210,41 +190,6 @@ def save_diary(directory: Path, diary: Diary) -> None:
         'paused': diary.paused,
     }
     KIND.write_json(diary_path(directory), document)
-
-
-def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
-    """
-    Remove recordings of judged days until both limits hold; give the names of the others.
-
-    RecordingError when one cannot be removed.
-    """
-    paths = {path.name: path for path in days(directory)}
-    kept = [entry for entry in diary.days if entry.name in paths]
-    room = 1e6 * (max_mb - _SPARE_MB)
-    while kept and (
-        len(kept) > keep_days or sum(size_of(paths[entry.name]) for entry in kept) > room
-    ):
-        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
-        (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
-        with writing(paths[name]):
-            paths.pop(name).unlink(missing_ok=True)
-    return list(paths)
-
-
-@contextmanager
-def alone() -> Iterator[bool]:
-    """Hold the lock of learning; False where another process of this user holds it."""
-    # In the folder for temporary files, because the folders of two sensors may have nothing in
-    # common. The system releases it where the process is killed.
-    path = Path(tempfile.gettempdir()) / f'wrist_ft_comp_learning_{os.getuid()}.lock'
-    handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield True
-    except BlockingIOError:
-        yield False
-    finally:
-        os.close(handle)
 
 
 def node_folders(path: Path) -> list[Path]:

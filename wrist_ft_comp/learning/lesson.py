@@ -28,9 +28,9 @@ from wrist_ft_comp.learning.diary import (
     NONE,
     THERMOMETER,
     UNREADABLE,
-    worthiest,
 )
 from wrist_ft_comp.learning.incidents import incident, pause
+from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.learning.schedule import ANOTHER_DAY, FEWEST_DAYS, MOST_DAYS, reason
 from wrist_ft_comp.signals import AXES, FloatArray
 from wrist_ft_comp.stream.offline import lies
