@@ -24,8 +24,10 @@ _HALF_WINDOW_BINS = 10
 _LEAST_FREE_SHARE = 0.2
 #: The median jumps where it moves by more than this many times its usual change per bin, ...
 _JUMP_RATIO = 6.0
-#: ... and than its change so many bins before and after: heat with a time constant of 100 s or
-#: more still moves it then. A contact makes a jump last for up to 3 bins.
+#: ... and by more than this many times its change ...
+_TAIL_RATIO = 12.0
+#: ... so many bins before and after: heat with a time constant of 100 s or more still moves it
+#: then. A contact makes a jump last for up to 3 bins. At a ratio of 6, a drift of 200 N lost 80 N.
 _TAIL_BINS = 3
 #: The usual change per bin is at least this share of a cell's noise, which a median leaves.
 _NOISE_OF_MEDIAN = 0.3
@@ -49,7 +51,7 @@ def slow_drift(recording: Recording, separated: Recording, noise: FloatArray) ->
     size = np.sqrt(np.mean((changes / usual) ** 2, axis=1))
     beside = np.pad(size, _TAIL_BINS, mode='edge')
     tail = np.maximum(beside[: -2 * _TAIL_BINS], beside[2 * _TAIL_BINS :])
-    changes[size > _JUMP_RATIO * np.maximum(tail, 1.0)] = 0.0
+    changes[size > np.maximum(_TAIL_RATIO * tail, _JUMP_RATIO)] = 0.0
     path = np.cumsum(np.concatenate((bins[:1], changes)), axis=0)
     middles = (np.arange(len(path)) + 0.5) * length
     drift = np.zeros_like(recording.wrench)
