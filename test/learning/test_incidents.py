@@ -74,6 +74,13 @@ def tared(day, step):
     return with_raw(day, raw - raw[step.cell - 3 : step.cell].mean(axis=0) - step.jump)
 
 
+def tared_in_motion(day, step):
+    """The robot goes from one pose to another while the driver tares."""
+    raw = day.recording.wrench.copy()
+    before, after = raw[step.cell - 1], raw[step.cell] - step.jump
+    return with_raw(day, raw - (0.4 * before + 0.6 * after) - step.jump)
+
+
 def tared_behind_a_press(day, step):
     raw = day.recording.wrench.copy()
     raw[step.cell - 30] = -0.9 * step.jump
@@ -101,7 +108,14 @@ def jumped_further(day, step):
 
 @pytest.mark.parametrize(
     'harmless',
-    [tared, tared_behind_a_press, pressed_for_a_while, pressed_from_then_on, jumped_further],
+    [
+        tared,
+        tared_in_motion,
+        tared_behind_a_press,
+        pressed_for_a_while,
+        pressed_from_then_on,
+        jumped_further,
+    ],
 )
 def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(separated, before, harmless):
     day = separated(9, jump=5.0)
@@ -115,6 +129,15 @@ def test_a_jump_beside_minutes_in_contact_is_named(separated, before):
     free = day.drift.wrench.copy()
     free[step.cell - 120 : step.cell] = np.nan
     day = replace(day, drift=replace(day.drift, wrench=free))
+    assert incident(day, describe(day), before)[0] == 'zero'
+
+
+@pytest.mark.parametrize('missed', [0.3, 0.5, 0.7])
+def test_a_jump_that_leaves_a_share_of_itself_is_no_tare(separated, before, missed):
+    day = separated(9, jump=5.0)
+    (step,) = day.steps
+    raw = day.recording.wrench
+    day = with_raw(day, raw - raw[step.cell - 1] - (1 - missed) * step.jump)
     assert incident(day, describe(day), before)[0] == 'zero'
 
 

@@ -99,6 +99,19 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert 'Nothing is learnt' in after.entry.verdict
 
 
+@pytest.mark.parametrize('half', [100, 140])
+def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated, half):
+    day = separated(9, cells=3700, contact=0.2).recording
+    cells, rng = np.arange(3700), np.random.default_rng(9)
+    pressed = (np.abs(cells - 2000) < half) * (1 + 0.05 * rng.normal(size=3700))
+    wrench = day.wrench + np.outer(pressed, [6.0, -4.0, -35.0, 1.0, 2.0, 0.3])
+    wrench[2000:] += [40.0, 32.0, 61.0, 1.0, -2.0, 0.5]
+    hit = look_at(replace(day, wrench=wrench))
+    lesson = take(NAMES[9], lambda _: hit, past(look, Champion(), 1, 2), Champion(), NAMES)
+    assert (lesson.better, lesson.entry.kind) == (None, 'zero')
+    assert ' by 40, 32, 61, ' in lesson.entry.incident
+
+
 def test_a_day_that_cannot_be_read_is_named(look):
     def broken(name):
         raise RecordingError(f'{name} is empty.')

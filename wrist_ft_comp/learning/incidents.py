@@ -46,12 +46,11 @@ _LEAST_JUMP_SIGMA = 50.0
 _NEAR_CELLS = 60
 #: Levels before and after a jump are compared at every tenth cell, which saves memory.
 _LEVEL_STEP = 10
-#: A jump is a tare of the driver where the reading after it is below this share of the jump ...
-_TARE_SHARE = 0.8
-#: ... in a cell within this distance of the jump.
-_TARE_CELLS = 4
-#: A contact may hide the tare. In cells farther away the reading has to be below this share.
-_HIDDEN_TARE_SHARE = 0.3
+#: A jump is a tare of the driver where it takes the raw reading of all axes to zero but for this
+#: share of itself, in a cell near it, because a contact may hide the tare. Of 50 simulated tares
+#: that were found, 49 missed zero by up to 0.05 and one in a contact by 0.24, 109 jumps of 20 and
+#: 80 N by 0.28 at least.
+_TARE_SHARE = 0.25
 #: Fewest cells free of contact on either side: what they do not confirm is a long press, or sudden
 #: heat.
 _FEWEST_FREE = 6
@@ -272,13 +271,14 @@ def _is_weight(day: Day, step: Step, present: list[bool]) -> bool:
 
 
 def _is_tare(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
-    """Whether a step brings the raw reading, (N, A), near zero, as a tare of the driver does."""
+    """Whether a step takes the raw reading, (N, A), to zero, as a tare of the driver does."""
     cells = np.arange(max(0, step.cell - _NEAR_CELLS), min(step.cell + _NEAR_CELLS, len(raw)))
-    after = raw[cells] + (cells < step.cell)[:, np.newaxis] * step.jump
-    beside = np.abs(cells - step.cell + 1) < _TARE_CELLS
-    share = np.where(beside, _TARE_SHARE, _HIDDEN_TARE_SHARE)
-    limit = np.linalg.norm(step.jump / noise) * share
-    return bool((np.linalg.norm(after / noise, axis=1) < limit).any())
+    after = (raw[cells] + (cells < step.cell)[:, np.newaxis] * step.jump) / noise
+    # A robot that moves is between two cells when it is tared: the nearest point between them.
+    change = np.diff(after, axis=0)
+    way = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
+    missed = np.linalg.norm(after[:-1] + np.clip(way, 0, 1)[:, np.newaxis] * change, axis=1)
+    return bool((missed < _TARE_SHARE * np.linalg.norm(step.jump / noise)).any())
 
 
 def _is_confirmed(residual: FloatArray, step: Step, noise: FloatArray) -> bool:
