@@ -289,7 +289,7 @@ class TestDoubts:
         slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
         turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
         constant = replace(AT_WORK, reference='constant')
-        assert 'follows gravity' in warned([turning, turning], constant)
+        assert 'follows gravity' in warned([turning], constant)
 
     @pytest.mark.parametrize(
         ('kept', 'numbers'),
