@@ -51,14 +51,13 @@ def own_lock(tmp_path, monkeypatch):
 
 
 def write_day(  # noqa: PLR0913
-    directory, number, cells=CELLS, pressed_s=0, *,
-    parked_s=None, creep=0.0, still=False, tool_s=np.inf,
-):  # fmt: skip
+    directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0, still=False
+):
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
 
     With ``parked_s`` half a kilogram more hangs on it every other minute, and for that long.
-    Where it stands ``still``, nothing turns. From ``tool_s`` on, the tool is heavier and longer.
+    Where it stands ``still``, nothing turns.
     """
     rng = np.random.default_rng(number)
     warm = 20 + rng.uniform(0, 4) + 10 * (1 - np.exp(-np.arange(cells) / rng.uniform(60, 200)))
@@ -68,10 +67,8 @@ def write_day(  # noqa: PLR0913
     pose[parked | still] = (0.3, 0.2, -0.9)
     force = 9.807 * pose / np.linalg.norm(pose, axis=1, keepdims=True)
     held = (parked_s is not None) * ((seconds // 60 % 2 == 1) | parked)[:, np.newaxis]
-    changed = (seconds > tool_s)[:, np.newaxis]
-    push = -force * (1 + 0.5 * held + 0.8 * changed)
-    center_m = (0.0, 0.0, 0.1) + 0.03 * held + 0.05 * changed
-    raw = np.concatenate((push, np.cross(center_m, push)), axis=1)
+    push = -force * (1 + 0.5 * held)
+    raw = np.concatenate((push, np.cross((0.0, 0.0, 0.1) + 0.03 * held, push)), axis=1)
     drift = np.array([1, -1, 0.5, 0.05, 0.03, -0.02]) * (0.4 * warm[:, None] + rng.normal(size=6))
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
@@ -309,16 +306,6 @@ def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goe
     assert load_diary(tmp_path).days[3].kind == CONTACTS
     assert 'The robot stood still, and the scatter of ' in answer['incident']
     assert answer['paused'] == ''
-
-
-@pytest.mark.parametrize('parked_s', [None, 0])
-def test_another_tool_is_named_on_the_day_on_which_it_was_mounted(tmp_path, parked_s):
-    kinds = {1: '', 2: 'tool', 3: ''}
-    for number, tool_s in ((1, np.inf), (2, 1800.0), (3, 0.0)):
-        write_day(tmp_path, number, 900, tool_s=tool_s, parked_s=parked_s)
-        answer = _answer(job_of(tmp_path, number))
-        assert load_diary(tmp_path).days[-1].kind == kinds[number], answer
-        assert answer['paused'] == ''
 
 
 def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):

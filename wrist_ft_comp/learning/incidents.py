@@ -182,14 +182,13 @@ def _turned_sensor(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | 
 
 
 def _other_payloads(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
-    """Find payloads that no day before had: another gain, where all masses differ; or a tool."""
+    """Find payloads that no day before had: another gain, where only masses differ; or a tool."""
     free = [past.payloads for past in compared if past.kind != CONTACTS]
     before, today = (
         [Payload(mass_kg, np.array(center_m)) for mass_kg, *center_m in figures]
         for figures in (chain(*free), entry.payloads)
     )
-    new = [one for one in today if not any(same_payload(one, other) for other in before)]
-    if not before or (today and not new):
+    if not before or any(same_payload(one, other) for one in today for other in before):
         return None
     if not today:  # one day without a payload may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
@@ -199,9 +198,8 @@ def _other_payloads(day: Day, entry: DayEntry, compared: Sequence[DayEntry]) -> 
     )
     nearest = [before[n] for n in apart_m.argmin(axis=1)]
     ratios = [one.mass_kg / other.mass_kg for one, other in zip(today, nearest, strict=True)]
-    masses = ' and '.join(f'{payload.mass_kg:.2f}' for payload in new)
-    same_center = apart_m.min(axis=1).max() < _SAME_CENTER_M
-    if len(new) == len(today) and same_center and np.ptp(ratios) < _SAME_RATIO:
+    masses = ' and '.join(f'{payload.mass_kg:.2f}' for payload in today)
+    if apart_m.min(axis=1).max() < _SAME_CENTER_M and np.ptp(ratios) < _SAME_RATIO:
         return GAIN, (
             f'All payloads weigh {np.mean(ratios):.2f} times what they did before ({masses} kg): '
             'another gain, or a tool with the same centre of mass.'
