@@ -128,3 +128,22 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
         assert day['max_after'] < fit['day_limit'] + 5 * 0.02  # cells of 1 s are noisier
         assert 0.5 < fit['largest_drift'] / day['max_before'] < 2.0
     assert fit['day_limit'] < 0.1 * fit['largest_drift']
+
+
+def test_a_single_warm_up_that_ends_at_rest_promises_nothing_and_one_that_cools_does(
+    done, make, tmp_path
+):
+    """Two thirds of the former hardly say anything about the first, where most of it happens."""
+    rng, time_s = np.random.default_rng(0), np.arange(7200)
+    warming = 20 * (1 - np.exp(-time_s / 1500))
+    cooling = np.where(time_s < 4800, warming, warming[4800] * np.exp(-(time_s - 4800) / 1500))
+    for rise_k, promised in ((warming, False), (cooling, True)):
+        columns = {
+            'stamp_s': time_s.tolist(),
+            'force_z': (3 + 0.4 * rise_k + rng.normal(0, 0.05, 7200)).tolist(),
+            'temperature_c': (21 + rise_k + rng.normal(0, 0.02, 7200)).tolist(),
+        }
+        argv = 'calibrate', make.csv(tmp_path / 'day.csv', columns), '-o', tmp_path / 'm.yaml'
+        said, fit = done(*argv), json.loads(done(*argv, '--json'))['axes']['force_z']
+        assert (fit['day_limit'] < fit['largest_drift']) == promised
+        assert ('force_z: nothing can be promised; record a day that cools' in said) != promised

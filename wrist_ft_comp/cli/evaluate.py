@@ -165,7 +165,7 @@ def _limit_text(stored: StoredModel) -> str:
     )
     text = f'Errors are means over {averaged_s(stored):g} s, as those of calibrate.'
     if limits:
-        text += f' Limits that it stated of the peaks after (95 of 100 days): {limits}.'
+        text += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
     return textwrap.fill(text, tables.WIDTH)
 
 

@@ -168,9 +168,14 @@ class Calibration:
     @property
     def acceptance(self) -> list[str]:
         """Say by axis what another day is accepted by; nothing of a chamber table."""
+
+        def limit(fit: AxisFit) -> str:
+            if fit.model is not None and fit.day_limit > fit.largest_drift:
+                return 'nothing can be promised; record a day that cools down, too'
+            return f'below {fit.day_limit:.2g} {fit.unit}'
+
         lines = [
-            f'  {axis}: below {fit.day_limit:.2g} {fit.unit}; '
-            f'uncompensated {fit.largest_drift:.2g} {fit.unit}'
+            f'  {axis}: {limit(fit)}; uncompensated {fit.largest_drift:.2g} {fit.unit}'
             for axis, fit in self.fits.items()
             if np.isfinite(fit.largest_drift)
         ]
