@@ -125,7 +125,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
 
 
 def _decisions(diary: Diary, learning: Learning) -> list[Decision]:
-    """List the decisions so far, with a person's last one."""
+    """List the decisions of the diary, and the last one of a person where it is not there yet."""
     decisions = [*dict.fromkeys(diary.decisions)]
     if learning.since not in {'', *(d.day for d in decisions if d.kind == 'person')}:
         words = learning.decision or 'A person decided about the model.'

@@ -24,10 +24,11 @@ _HALF_WINDOW_BINS = 10
 _LEAST_FREE_SHARE = 0.2
 #: The median jumps where it moves by more than this many times its usual change per bin, ...
 _JUMP_RATIO = 6.0
-#: ... and by more than this many times its change ...
+#: ... and by more than this many times its change _TAIL_BINS earlier and later. At a ratio of 6, a
+#: drift of 200 N lost 80 N.
 _TAIL_RATIO = 12.0
-#: ... so many bins before and after: heat with a time constant of 100 s or more still moves it
-#: then. A contact makes a jump last for up to 3 bins. At a ratio of 6, a drift of 200 N lost 80 N.
+#: Heat with a time constant of 100 s or more still moves the median after this many bins, and a
+#: jump that a contact prolongs has ended.
 _TAIL_BINS = 3
 #: The usual change per bin is at least this share of a cell's noise, which a median leaves.
 _NOISE_OF_MEDIAN = 0.3
