@@ -197,7 +197,7 @@ def levels(rng: np.random.Generator, steps: int, low: float, high: float) -> Flo
 
 
 def draw_day(
-    rng: np.random.Generator, body: Body, sources: Sources, seconds: int
+    rng: np.random.Generator, body: Body, sources: Sources, seconds: int, *, steady: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """
     Work for a day, after a night that the room has left in the body.
@@ -210,6 +210,9 @@ def draw_day(
         The world.
     seconds : int
         How long.
+    steady : bool
+        Whether the motor works alike all day, and nothing else changes: temperatures only rise,
+        and come to rest.
 
     Returns
     -------
@@ -242,4 +245,7 @@ def draw_day(
     drive[:, ROOM] += sources.room_steps_k * doors
     drive[:, MOTOR] = sources.motor_share * levels(rng, seconds, 600, 1800)
     drive[:, SUN] = clouds * np.sin(np.pi * np.clip(day / DAY_S * 2 + 0.2, 0, 1))
+    if steady:
+        drive[:] = drive[0]
+        drive[:, MOTOR] = sources.motor_share
     return slept, temperatures(body, drive, slept[-1])

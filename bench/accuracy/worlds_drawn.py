@@ -65,6 +65,8 @@ class Family:
     body: str = 'network'
     #: Some of the days get hot, some hardly do.
     unequal: bool = False
+    #: Days to learn from are warm-ups that come to rest.
+    steady: bool = False
 
 
 FAMILIES: dict[str, Family] = {
@@ -93,6 +95,10 @@ FAMILIES |= {
 FAMILIES |= {
     f'unequal_{count}': Family(f'three days unequally hot, {words}', count, 3, unequal=True)
     for count, words in list(_WORDS.items())[:2]
+}
+FAMILIES |= {
+    f'warm_up_{count}': Family(f'one warm-up of 3 h, {words}', count, 1, 3.0, steady=True)
+    for count, words in _WORDS.items()
 }
 
 
@@ -245,7 +251,7 @@ def family(name: str, seed: int, more: int = 0) -> World:
     for number in range(kind.days + more + 1):
         last = number == kind.days + more
         seconds = int(3600 * (2.5 if last else kind.hours))
-        night, day = draw_day(rng, body, sources, seconds)
+        night, day = draw_day(rng, body, sources, seconds, steady=kind.steady and not last)
         if kind.unequal and number < kind.days:
             heat = UNEQUAL[number] * rng.uniform(0.7, 1.0)
             base_c = float(day[0].mean())

@@ -84,11 +84,11 @@ class TestUncertainty:
         return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
 
     def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(self, calibrated):
-        """A range is 30 K here."""
+        """A third of the range is 10 K here."""
         celsius = np.array([10, 33.3, 40, 9, -20, 40.3, 100])
-        ranges = np.array([0, 0, 0, 1 / 30, 1, 0.01, 2])
+        thirds = np.array([0, 0, 0, 0.1, 3, 0.03, 6])
         deviations = calibrated.uncertainty(celsius[:, np.newaxis])
-        np.testing.assert_allclose(deviations[:, 0], 0.3 * np.sqrt(1 + ranges**2))
+        np.testing.assert_allclose(deviations[:, 0], 0.3 * np.sqrt(1 + thirds**2))
         np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
         np.testing.assert_array_equal(calibrated.uncertainty(celsius[4:5]), deviations[4])
 

@@ -91,6 +91,18 @@ class TestFolds:
         (folds,) = assign_folds([make_recording(stairs, {'force_x': raw})])
         np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
+    @pytest.mark.parametrize('tau_cells', [24, 60, 1000])
+    def test_a_warm_up_is_cut_half_by_time_and_half_by_kelvin(self, make_recording, tau_cells):
+        share = -np.expm1(-np.arange(720) / tau_cells)
+        recording = make_recording(20 + 15 * share, {'force_y': 1.0})
+        (folds,) = assign_folds([recording])
+        ends = np.flatnonzero(np.diff(folds)) + 1
+        passed = (ends / 720 + share[ends] / share[-1]) / 2
+        np.testing.assert_allclose(passed, [1 / 3, 2 / 3], atol=0.05)
+        recording.temperature_c[:] = 20.0
+        (still,) = assign_folds([recording])
+        np.testing.assert_array_equal(np.unique(still), [0, 1])
+
     def test_a_recording_that_is_held_out_loses_its_samples_only(self, make_axis_data):
         data = make_axis_data([LOAD] * 3, [LOAD] * 3)
         assert data.fold_numbers == [0, 1, 2]

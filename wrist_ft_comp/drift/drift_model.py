@@ -87,14 +87,14 @@ class DriftModel:
         Estimate how far the zero drift that is subtracted may be from the true one.
 
         It is a standard deviation, N and N m, shape (..., 6), from temperatures, °C, shape
-        (..., J); NaN for axes that were not calibrated. It grows by √(1 + d²) at d calibrated
-        ranges beyond the calibrated temperatures: nobody saw how the drift goes on there.
+        (..., J); NaN for axes that were not calibrated. It grows by √(1 + d²) at d thirds of the
+        calibrated range beyond it: nobody saw how the drift goes on there.
         """
         deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
         for name, deviation in self.deviation.items():
             axis = self.axes.get(name)
             beyond = 0.0 if axis is None else axis.beyond_range(temperature_c)
-            deviations[..., AXES.index(name)] = deviation * np.hypot(1.0, beyond)
+            deviations[..., AXES.index(name)] = deviation * np.hypot(1.0, 3 * beyond)
         return deviations
 
 

@@ -137,11 +137,9 @@ def _learn(
     found = identify(axis_data, settings.identification, progress)
     ratio = _LIMIT_OF_ONE if len(recordings) == 1 else _LIMIT_OF_SEVERAL
     fits = {
-        axis: replace(
-            fit, largest_drift=largest_drift(data), day_limit=ratio * fit.stated_rms
-        ) if data.tared else fit
+        axis: _with_limit(fit, data, ratio * fit.stated_rms) if data.tared else fit
         for axis, fit, data in zip(axes, found, axis_data, strict=True)
-    }  # fmt: skip
+    }
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
@@ -156,6 +154,13 @@ def _learn(
         start_s=_START_S, unit=recordings[0].unit,
         prediction=predicted)  # fmt: skip
     return fits, model
+
+
+def _with_limit(fit: AxisFit, data: AxisData, limit: float) -> AxisFit:
+    """Promise that another day stays below a limit, unless without a model it would, too."""
+    largest = largest_drift(data)
+    promised = fit.model is None or limit <= largest
+    return replace(fit, largest_drift=largest, day_limit=limit if promised else np.nan)
 
 
 def identify(

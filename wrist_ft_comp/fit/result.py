@@ -127,7 +127,7 @@ class AxisFit:
     #: Root mean square that another day is expected to keep; None is rms_after. It is larger where
     #: the averaged fits disagree, and where a day goes further than the recordings.
     expected_rms: float | None = None
-    #: Error that another day stays below on 95 of 100 days; NaN where it is not known.
+    #: Error that another day stays below on 95 of 100 days; NaN where nothing can be promised.
     day_limit: float = np.nan
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
     #: where nothing is tared, as for a chamber table.
@@ -170,8 +170,8 @@ class Calibration:
         """Say by axis what another day is accepted by; nothing of a chamber table."""
 
         def limit(fit: AxisFit) -> str:
-            if fit.model is not None and fit.day_limit > fit.largest_drift:
-                return 'nothing can be promised; record a day that cools down, too'
+            if np.isnan(fit.day_limit):
+                return 'nothing can be promised; record another day, too'
             return f'below {fit.day_limit:.2g} {fit.unit}'
 
         lines = [
