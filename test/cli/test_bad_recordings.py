@@ -391,11 +391,14 @@ def test_a_reading_of_a_thermometer_that_stands_alone_is_not_learnt_from(run, ma
     spiky, model = make.csv(tmp_path / 'spiky.csv', day), tmp_path / 'model.yaml'
     words = ['--method', 'pls', '-o', model]
     expected, found = (run('calibrate', path, *words) for path in (whole, spiky))
-    said = 'stands out alone in 2 of 400 cells, first at stamp 150 s with 85.0 °C; left out.'
-    assert f'Thermometer 1 of spiky.csv {said}' in found.out
+    said = 'stands out alone in 2 of 400 samples, first at stamp 150 s with 85.0 °C; left out.'
+    assert f'temperature_c of spiky.csv {said}' in found.out
     assert 'jumps faster than metal' not in found.out
     at = 'at 20.0 to 3'
     assert at in expected.out
     assert at in found.out
     figures = [outcome.out.split()[3] for outcome in (expected, found)]
     assert float(figures[1]) < 1.2 * float(figures[0])
+    judged = [run('evaluate', model, path, '--json').out for path in (whole, spiky)]
+    before, after = (json.loads(out)['axes']['force_z']['max_after'] for out in judged)
+    assert after == pytest.approx(before, abs=0.01)

@@ -97,7 +97,7 @@ def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags,
 def test_each_warning_comes_once(run, make, model, tmp_path):
     columns = make.drifting(seed=3)
     columns['force_z'][9] = 'nan'
-    columns['temperature_c'][50] = 95.0
+    columns['temperature_c'][50:52] = [95.0, 95.0]
     path = make.csv(tmp_path / 'run.csv', columns)
     outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv', '--tare', '30')
     lines = outcome.err.splitlines()

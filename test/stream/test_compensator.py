@@ -112,7 +112,7 @@ def fed_cell_by_cell(model, temperature_c):
     """The drift that a stream has after every cell of a second."""
     tracker, drifts = DriftTracker(1, SECOND, 10.0, 3600.0), []
     tracker.use(model)
-    for second, celsius in enumerate([*temperature_c.tolist(), 20.0]):
+    for second, celsius in enumerate([*temperature_c.tolist(), temperature_c[-1]]):
         if tracker.add(0, second * SECOND + SECOND // 2, celsius):
             drifts.append(tracker.drift.zero[2])
     return np.array(drifts)
@@ -123,7 +123,7 @@ def fed_cell_by_cell(model, temperature_c):
 def test_a_stream_starts_as_the_batch_after_any_cells(model, make_recording, cells, start_s):
     """Below, at and above the ten cells that a start averages."""
     model = replace(model, start_s=start_s)
-    temperature_c = 20 + np.random.default_rng(0).normal(0, 2, cells) + np.arange(cells) / 5
+    temperature_c = 20 + np.random.default_rng(0).normal(0, 0.5, cells) + np.arange(cells) / 5
     recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
     expected = simulate_drift(model, recording).zero[:, 2]
     np.testing.assert_allclose(fed_cell_by_cell(model, temperature_c), expected, atol=1e-12)

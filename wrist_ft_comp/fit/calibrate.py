@@ -62,7 +62,6 @@ def calibrate(
     """
     settings = settings or CalibrationSettings()
     data_checks.check_alike(recordings)
-    recordings, odd_temperatures = data_checks.drop_temperature_spikes(recordings)
     ranges = data_checks.check_temperatures(recordings, settings.min_temperature_span_k)
     axes = [
         axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
@@ -94,7 +93,6 @@ def calibrate(
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
         *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
-        *odd_temperatures,
         *spikes,
         *dropped,
         *data_checks.silent_stretches(recordings, settings.max_gap_s),

@@ -22,7 +22,7 @@ from wrist_ft_comp.signals import (
     require_recordings,
     stretches,
 )
-from wrist_ft_comp.stream.input_checks import JUMP_K, JUMP_K_S
+from wrist_ft_comp.stream.temperature_spikes import jumps
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
@@ -358,45 +358,6 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     return sentences
 
 
-def drop_temperature_spikes(
-    recordings: Sequence[Recording],
-) -> tuple[list[Recording], list[str]]:
-    """
-    Put temperatures that stand alone on a straight line between their neighbours, and say so.
-
-    A cell stands alone where metal can have gone neither to it nor from it, and can have gone from
-    the cell before to the cell after. Many of them are no spikes: that thermometer is loose.
-    """
-    sound, sentences = list(recordings), list[str]()
-    for number, recording in enumerate(recordings if find_plateaus(recordings) is None else ()):
-        temperature_c, measured = recording.temperature_c.copy(), recording.measured.copy()
-        for j, readings_c in enumerate(recording.temperature_c.T):
-            at = np.flatnonzero(measured[:, j])
-            apart = np.flatnonzero(_leaps(readings_c, at, recording.period_s))
-            alone = np.intersect1d(apart, apart - 1) + 1
-            alone = alone[~_leaps(readings_c, at, recording.period_s, 2)[alone - 1]]
-            if not 0 < len(alone) <= max(_MOST_SPIKES, _MOST_SPIKES_SHARE * len(at)):
-                continue
-            spikes, rest = at[alone], np.delete(at, alone)
-            temperature_c[spikes, j] = np.interp(spikes, rest, readings_c[rest])
-            measured[spikes, j] = False
-            sentences.append(
-                f'Thermometer {j + 1} of {recording.name} stands out alone in {len(spikes)} of '
-                f'{len(at)} cells, first at stamp {_stamp(recording, spikes[0])} with '
-                f'{readings_c[spikes[0]]:.1f} °C; left out.'
-            )
-        if not np.array_equal(measured, recording.measured):
-            sound[number] = replace(recording, temperature_c=temperature_c, measured=measured)
-    return sound, sentences
-
-
-def _leaps(readings_c: FloatArray, at: IntArray, period_s: float, apart: int = 1) -> BoolArray:
-    """Mark where metal cannot have gone from a measured cell to one some measured cells later."""
-    elapsed_s = (at[apart:] - at[:-apart]) * period_s
-    steps_k = np.abs(readings_c[at[apart:]] - readings_c[at[:-apart]])
-    return np.asarray(steps_k > JUMP_K + JUMP_K_S * elapsed_s)
-
-
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that step faster than metal can, as the running node does."""
     sentences = list[str]()
@@ -406,12 +367,12 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
         ):
             at = np.flatnonzero(measured)
             steps_k = np.diff(values_c[at])
-            jumps = np.flatnonzero(_leaps(values_c, at, recording.period_s))
-            if len(jumps):
+            jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
+            if len(jumped):
                 sentences.append(
                     f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumps[0]]:.1f} K at stamp {_stamp(recording, at[jumps[0] + 1])}, '
-                    f'the first of {len(jumps)}. Is it loose?'
+                    f'{steps_k[jumped[0]]:.1f} K at stamp {_stamp(recording, at[jumped[0] + 1])}, '
+                    f'the first of {len(jumped)}. Is it loose?'
                 )
     return sentences
 

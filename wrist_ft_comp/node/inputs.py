@@ -294,7 +294,12 @@ class TemperatureInput(Part):
         self.fields.poll()
         stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
         jumps, leaps = int(self._watch.jumps.sum()), stamps.leaps + grid.restarts
-        self._events.note(jump=jumps, stray=stamps.strays, leapt=leaps)
+        spikes = sum(self._spikes())
+        self._events.note(jump=jumps, spike=spikes, stray=stamps.strays, leapt=leaps)
+
+    def _spikes(self) -> list[int]:
+        """Count the readings of each thermometer that stood out alone."""
+        return [readings.dropped for readings in self._tracker.grid.spikes]
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
@@ -309,6 +314,7 @@ class TemperatureInput(Part):
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
             'rejected': str(grid.rejected),
             'stray_stamps': str(stamps.strays),
+            'spikes': str(sum(self._spikes())),
             'stamps_leapt': str(stamps.leaps),
             'stamps_restarted': str(grid.restarts),
             'unusable': str(self.unusable + self.fields.unreadable),
@@ -362,6 +368,9 @@ class TemperatureInput(Part):
                 f'thermometer {worst + 1} jumped by {self._watch.last_jump_k[worst]:.1f} K, '
                 'faster than metal can; is it loose? The correction follows at max_drift_rate'
             )
+        if 'spike' in recent:
+            worst = int(np.argmax(self._spikes())) + 1
+            yield f'a reading of thermometer {worst} stood out alone and is left out; is it loose?'
         if 'leapt' in recent:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         if 'stray' in recent:

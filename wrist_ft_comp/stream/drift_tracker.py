@@ -292,9 +292,9 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            counted = self.grid.rejected, self.grid.restarts
+            counted = self.grid.rejected, self.grid.restarts, self.grid.spikes
             self.grid = ThermalGrid(model.period_ns, self._thermometers, self._patience_s)
-            self.grid.rejected, self.grid.restarts = counted
+            self.grid.rejected, self.grid.restarts, self.grid.spikes = counted
             self._forget()
         self.model, self._state, self._awaited = model, None, None
         self._longest = sys.maxsize if model is None else longest_gap_cells(model)

@@ -6,6 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.temperature_spikes import jumps
 
 #: A reading is frozen after this many looks in a row with the same value.
 LOOKS = 50
@@ -15,10 +16,6 @@ _STAMP_LOOKS = 5
 _LEAP_NS = 60 * NANOSECONDS
 #: ... and by more than this many times the step before.
 _LEAP_STEPS = 10
-#: A thermometer in metal does not change by more than this from cell to cell, K ...
-JUMP_K = 2.0
-#: ... plus this for every second between them, K/s.
-JUMP_K_S = 0.2
 
 
 class SensorWatch:
@@ -98,9 +95,8 @@ class ThermometerWatch:
         apart, self._silent = self._silent + cells.count, np.array(cells.silent)
         if before is None:
             return
-        limit_k = JUMP_K + JUMP_K_S * apart * period_ns / NANOSECONDS
         step_k = cells.temperature_c - before
-        jumped = np.abs(step_k) > limit_k
+        jumped = jumps(step_k, apart * period_ns / NANOSECONDS)
         jumped[list(replaced)] = False
         self.jumps += jumped
         self.last_jump_k[jumped] = step_k[jumped]

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -16,6 +16,7 @@ from wrist_ft_comp.signals import (
     Samples,
     temperature_channel,
 )
+from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
 from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
 
 #: The stamp of a sample that came without one.
@@ -43,6 +44,8 @@ class Tally:
     last_ns: int = NO_TIME
     least: float = math.inf
     largest: float = -math.inf
+    #: Of a thermometer: readings that stand alone.
+    spikes: SpikeFilter = field(default_factory=SpikeFilter)
 
 
 class SampleChecks:
@@ -72,6 +75,9 @@ class SampleChecks:
         usable = in_order & plausible
         if not usable.all():
             stamps_ns, values = stamps_ns[usable], values[usable]
+        if _is_temperature(samples.channels) and values.shape[1] == 1 and len(values):
+            stamps_ns, column = tally.spikes.admit_all(stamps_ns, values[:, 0])
+            values = column[:, np.newaxis]
         if len(values):
             tally.first_ns = int(stamps_ns[0]) if tally.first_ns == NO_TIME else tally.first_ns
             tally.last_ns = int(stamps_ns[-1])
@@ -87,6 +93,14 @@ class SampleChecks:
             dropped = tally.not_finite + tally.out_of_order + tally.implausible
             if dropped:
                 yield self._describe_dropped(channels, tally, dropped, max_bad_share)
+            if tally.spikes.first:
+                stamp_ns, reading_c = tally.spikes.first
+                sentence = (
+                    f'{_title(channels)} of {self._name} stands out alone in '
+                    f'{tally.spikes.dropped} of {tally.samples} samples, first at stamp '
+                    f'{stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} °C; left out.'
+                )
+                yield sentence, False
             used, span_ns = tally.samples - dropped, tally.last_ns - tally.first_ns
             if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
                 sentence = (

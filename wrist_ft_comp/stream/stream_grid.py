@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,8 @@ class ThermalGrid:
         self.rejected = 0
         #: How often time ran back.
         self.restarts = 0
+        #: Of each thermometer.
+        self.spikes = [SpikeFilter() for _ in range(thermometers)]
         self._thermometers = thermometers
         self._patience = max(1, math.ceil(patience_s * 1e9 / period_ns))
         self._held: list[float] = [math.nan] * thermometers
@@ -87,6 +90,14 @@ class ThermalGrid:
             else:
                 self.go_on(cell, self._held, self._silent(self._next))
         self._last_stamp_ns[thermometer] = stamp_ns
+        samples = self.spikes[thermometer].admit(stamp_ns, temperature_c)
+        return [cells for sample in samples for cells in self._count(thermometer, *sample)]
+
+    def _count(
+        self, thermometer: int, stamp_ns: int, temperature_c: float
+    ) -> list[CompletedCells]:
+        """Add a sample to its cell; give the cells that it completed."""
+        cell = stamp_ns // self.period_ns
         if self._next is not None and cell < self._next:
             self.rejected += 1
             return []

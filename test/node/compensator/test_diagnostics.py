@@ -89,8 +89,8 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
         'thermometer 1 outside the calibrated range; drift is less certain there, and held '
         'further out; thermometer 1 jumped by 10.0 K'
     )
-    # Half a range beyond it: √1.25 times as much.
-    assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1118 N'
+    # Three halves of a third beyond it: √3.25 times as much.
+    assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1803 N'
 
 
 def test_names_of_any_length_do_not_fill_the_diagnostics(rig):

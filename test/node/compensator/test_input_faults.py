@@ -277,6 +277,15 @@ class TestTemperature:
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
         unharmed(node)
 
+    def test_a_reading_that_stands_out_alone_does_not_move_the_drift(self, warm, warns):
+        node = warm()
+        node.warm(START + 20 * SECOND, 85.0)
+        node.warm_up(30.0, 3, first=21)
+        assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
+        words = 'a reading of thermometer 1 stood out alone and is left out; is it loose?'
+        assert warns(node, 'temperature', words).values['spikes'] == '1'
+        unharmed(node)
+
     def test_a_temperature_whose_stamps_repeat_is_dropped_with_a_warning(self, warm, warns):
         node = warm()
         node.diagnosis('temperature')
