@@ -40,7 +40,7 @@ CHAMBER_METHODS = {
     'auto': IdentificationSettings(),
 }
 #: Learnt on rows from 1 up to one of these, judged on the rest.
-SPLITS = (6180, 4800, 5400, 6600, 7200)
+SPLITS = (6180, 4800, 5400, 5900, 6400, 6600, 7200)
 _COLUMNS = (*(f'imu.acc.{axis}' for axis in 'xyz'), *(f'imu.gyro.{axis}' for axis in 'xyz'))
 
 
