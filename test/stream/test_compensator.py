@@ -142,6 +142,14 @@ def test_one_noisy_temperature_at_the_start_is_forgotten(make_model):
     assert abs(careful) < 0.5
 
 
+def test_a_first_reading_of_nothing_is_not_taken_for_the_start(make_model):
+    """A lag of ten minutes would remember a tenth of the way from 0 to 20 °C for as long."""
+    temperature_c = np.full(60, 20.0)
+    temperature_c[0] = 0.0
+    slow = replace(make_model({'force_z': (1.0, 0.0, 600.0)}), start_s=10.0)
+    assert abs(fed_cell_by_cell(slow, temperature_c)[-1]) < 0.05
+
+
 def test_irregular_temperatures_make_no_step(model):
     """A ramp that is overtaken by the next cell goes on from where it stands."""
     compensator = Compensator(1, StreamSettings(), model)

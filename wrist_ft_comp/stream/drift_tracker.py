@@ -231,15 +231,15 @@ class DriftTracker:
         assert model is not None  # noqa: S101 -- without one nothing is doubted
         self._follow(self._open)
         begin, _ = starts(self.history.measured, self._longest)[-1]
-        rest_c = self.history.temperature_c[begin : begin + model.start_cells]
-        rested_c = rest_c.mean(axis=0)
+        start_c = self.history.temperature_c[begin : begin + model.start_cells]
+        rested_c = drift_model.rest_c(start_c)
         rewrite.apply(self.history.temperature_c, self.history.measured)
         before, offsets, self._offsets = self.drift, self._offsets, Offsets()
         silent = list(self._silent)
         silent[rewrite.thermometer] = 0
         self._silent = tuple(silent)
         self._run_history()
-        rests_c = rested_c, rest_c.mean(axis=0)
+        rests_c = rested_c, drift_model.rest_c(start_c)
         self._offsets = offsets.going_on(model, rests_c, before, self.drift)
         self.drift, self._offsets_s = before, 0.0
 

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, rest_c, run_from_rest
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.agreement import Agreement, Offsets
 
@@ -110,10 +110,10 @@ def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) 
             parts.append(newest(end))
             soaked = starts(heard[:end], longest)[-1][0]
             rest = slice(soaked, soaked + model.start_cells)
-            rested_c = believed_c[rest].mean(axis=0)
+            rested_c = rest_c(believed_c[rest])
             rewrite.apply(believed_c[:end], heard[:end])
             before, now = (Drift(*(v[-1] for v in drift)) for drift in (parts[-1], run(end)))
-            rests_c = rested_c, believed_c[rest].mean(axis=0)
+            rests_c = rested_c, rest_c(believed_c[rest])
             offsets = offsets.going_on(model, rests_c, before, now)
             begin = end
     parts.append(newest(len(measured)))
