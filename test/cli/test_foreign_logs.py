@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.recordings.columns import meant_columns
+from wrist_ft_comp.recordings.columns import meant_columns, recording_from_columns
 from wrist_ft_comp.recordings.excerpt import parse_part, Part
 from wrist_ft_comp.recordings.foreign_log import iso_nanoseconds, log_map
 from wrist_ft_comp.recordings.recordings import read_recording
@@ -160,6 +160,36 @@ def test_logs_of_many_forms_are_read_as_the_same_table(form, done, tmp_path):
     recording = read_recording(path, topics=Topics(columns=given, time=time))
     np.testing.assert_allclose(recording.wrench, wrench, atol=1e-6)
     np.testing.assert_allclose(recording.temperature_c[:, 0], celsius, atol=1e-6)
+
+
+def test_seconds_and_nanoseconds_in_two_columns_make_one_stamp(done, run, tmp_path):
+    """As ROS messages come where fields are written one by one; seconds alone repeat."""
+    t, wrench, celsius = day(1)
+    ns = (t * 0.3 * 1e9).astype(np.int64) + 1_700_000_000_123_456_789
+    names = ['stamp.sec', 'stamp.nanosec', 'wrench.force.z', 'temperature']
+    rows = [
+        [str(at // 10**9), str(at % 10**9), force, reading]
+        for at, force, reading in zip(ns.tolist(), wrench[:, 2], celsius, strict=True)
+    ]
+    path = write(tmp_path / 'log.csv', ','.join(f'header.{name}' for name in names), rows)
+    words = commands(done('show', path))[0]
+    given = words[words.index('--columns') + 1]
+    recording = read_recording(path, topics=Topics(columns=given))
+    table = {
+        'stamp_s': ns // 10**9, 'stamp_nanosec': ns % 10**9,
+        'force_z': wrench[:, 2], 'temperature_c': celsius,
+    }  # fmt: skip
+    whole = {'stamp_ns': ns, 'force_z': wrench[:, 2], 'temperature_c': celsius}
+    for expected in map(recording_from_columns, (table, whole)):
+        assert recording.first_cell == expected.first_cell == 1_700_000_000
+        np.testing.assert_allclose(recording.wrench, expected.wrench, atol=1e-6)
+        np.testing.assert_allclose(recording.temperature_c, expected.temperature_c, atol=1e-6)
+    given = given.replace('stamp=', 'stamp_ms=')
+    sentence = run('show', path, '--columns', given).sentence
+    assert 'nanoseconds beside stamps that are not in seconds' in sentence
+    path.write_text(path.read_text().replace(rows[7][1], '1e5'))
+    sentence = run('show', path).sentence
+    assert 'Line 9 of log.csv, column stamp_nanosec: expected a whole number of' in sentence
 
 
 def test_units_and_factors_are_what_they_say():

@@ -36,12 +36,15 @@ from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
 STAMPS = {'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS}
+#: Column of the nanoseconds beyond stamps of whole seconds, as ROS writes times.
+STAMP_NANOSEC = 'stamp_nanosec'
+_NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 #: Channels with one name; thermometers have a number and a unit.
 _CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
 _THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
 #: Names of columns by other loggers, in small letters, without signs and a unit in brackets.
 _ALIASES = {
-    **dict.fromkeys(('t', 'time', 'timestamp', 'date', 'datetime'), 'stamp_s'),
+    **dict.fromkeys(('t', 'time', 'timestamp', 'date', 'datetime', 'sec', 'secs'), 'stamp_s'),
     **{f'{short}{axis}': f'force_{axis}' for short in ('f', 'f_') for axis in 'xyz'},
     **{f'{short}{axis}': f'torque_{axis}' for short in ('t', 't_', 'm', 'm_') for axis in 'xyz'},
     **{
@@ -158,11 +161,12 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
     """Find the columns that are not understood, and which missing one they may be, or ''."""
     used = {channel_of(column) or column for column in columns}
     absent = [name for name in _CHANNELS if name not in used]
-    absent += [] if used & set(STAMPS) else ['stamp_s']
+    absent += [] if used & set(STAMPS) else ['stamp_s', STAMP_NANOSEC]
     thermometers = (name for j in range(100) if (name := temperature_channel(j)) not in used)
     meant: dict[str, str] = {}
     for column in columns:
-        if channel_of(column) or column in STAMPS or column.startswith((ORIGIN, COMPENSATED)):
+        known = column in {*STAMPS, STAMP_NANOSEC} or column.startswith((ORIGIN, COMPENSATED))
+        if known or channel_of(column):
             continue
         plain = re.sub(r'[\[(].*|\W', '', column.lower())
         name = _meant(plain, absent)
@@ -178,12 +182,14 @@ def meant_columns(columns: Sequence[str]) -> dict[str, str]:
 
 def _meant(plain: str, absent: Sequence[str]) -> str:
     """Find the missing channel that a column may be, or ''; a reference only if it says so."""
+    if _NANOSEC.fullmatch(plain):
+        return STAMP_NANOSEC
     prefix = 'reference_' if _TRUE.search(plain) else ''
     plain = _TRUE.sub('', plain).strip('_')[-_SHOWN:]
     names = [n.removeprefix(prefix) for n in absent if n.startswith('reference_') == bool(prefix)]
     # Such as /ft/wrench/force/x, whatever stands before.
     ends = [name for name in names if plain.replace('_', '').endswith(name.replace('_', ''))]
-    ends += ['stamp_s'] * plain.endswith('timestamp')
+    ends += ['stamp_s'] * plain.endswith(('timestamp', 'stampsec', 'stampsecs'))
     # A second force_z is like force_y, but of another axis.
     axis = plain.rstrip('0123456789')[-1:]
     alike = [n for n in names if axis not in 'xyz' or n[-2:-1] != '_' or n.endswith(axis)]
@@ -293,6 +299,8 @@ def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
         raise RecordingError(
             f'{stamp} of {name} must be one time per row; leave out rows without it.'
         )
+    if STAMP_NANOSEC in columns:
+        stamps = stamps + _numbers(table[STAMP_NANOSEC], STAMP_NANOSEC, name, stamps.shape)
     stamps = stamps.astype('datetime64[ns]') if is_date else stamps
     return stamps.astype(np.int64), {
         channel: in_channel_unit(column, _numbers(table[column], column, name, stamps.shape))

@@ -30,6 +30,7 @@ from wrist_ft_comp.recordings.columns import (
     ORIGIN,
     require_column,
     samples_of,
+    STAMP_NANOSEC,
     STAMPS,
     unknown_columns,
 )
@@ -139,6 +140,13 @@ class CsvRecording:
                 self.channels.values(), (self._number, 'a number with a decimal point')
             ),
         }
+        if STAMP_NANOSEC in self.columns:
+            if self._stamp != 'stamp_s' or names.stamp:
+                raise RecordingError(
+                    f'{path.name} has nanoseconds beside stamps that are not in seconds; leave '
+                    f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
+                )
+            self._expected[STAMP_NANOSEC] = int, 'a whole number of nanoseconds'
         if names.stamp:
             self._expected[self._stamp] = names.stamp, 'a time as --time says'
         elif unit_ns > 1 and self._comma:
@@ -235,6 +243,9 @@ class CsvRecording:
             convert, _ = self._expected[self._stamp]
             stamps = cells[self.columns.index(self._stamp)]
             stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
+            if STAMP_NANOSEC in self.columns:
+                more = cells[self.columns.index(STAMP_NANOSEC)]
+                stamps_ns += np.fromiter(map(int, more), np.int64, len(more))
             values, filled = {}, {}
             for channel, column in self.channels.items():
                 cut = cells[self.columns.index(column)]

@@ -19,7 +19,13 @@ import numpy as np
 import yaml
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.recordings.columns import channel_of, MAP_SIGNS, meant_columns, STAMPS
+from wrist_ft_comp.recordings.columns import (
+    channel_of,
+    MAP_SIGNS,
+    meant_columns,
+    STAMP_NANOSEC,
+    STAMPS,
+)
 from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS, Samples
 from wrist_ft_comp.stored.documents import beginning
 
@@ -82,13 +88,13 @@ def log_map(columns: str, time: str) -> LogMap:
             raise SettingsError(f'The columns {columns!r} cannot be read: {_FORM}; got {entry!r}.')
         ours, theirs = match['ours'], match['theirs'].strip()
         unit, factor = match['unit'] or '', _finite(match['factor'] or '1', entry)
-        if ours in {'stamp', *STAMPS}:
+        if ours in {'stamp', STAMP_NANOSEC, *STAMPS}:
             ours = _TIMES.get(time or 's', 'stamp_ns') if ours == 'stamp' else ours
         elif channel_of(ours) == '':
             raise SettingsError(
-                f'{ours} is no name of a column; names are stamp, force_x … torque_z, '
-                'temperature_c, temperature_2_c …, reference_force_x … and linear_acceleration_x '
-                f'…; got {entry!r}.'
+                f'{ours} is no name of a column; names are stamp, stamp_nanosec, force_x … '
+                'torque_z, temperature_c, temperature_2_c …, reference_force_x … and '
+                f'linear_acceleration_x …; got {entry!r}.'
             )
         elif ours.startswith('temperature'):
             ours = _in_unit(ours, unit, entry)
@@ -189,6 +195,8 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
         units = {*_FACTORS['N'], *_FACTORS['N m'], *_FACTORS['m/s²'], *_TEMPERATURE_UNITS}
         word = unit[1].replace(' ', '').strip('°') if unit else ''
         cell = row[columns.index(column)] if len(row) == len(columns) else ''
+        if name == STAMP_NANOSEC:
+            word = ''
         if name == 'stamp_s':
             time = time or _guessed_time(cell, word)
         if name and not set(column) & set(MAP_SIGNS):
