@@ -83,7 +83,11 @@ class TestGap:
             (-1e9, 0, 'ahead of the temperatures'),
             (1801, 0, 'is 1801 s old and this model remembers 1800 s'),
             (1e9, 0, 'this model remembers 1800 s'),
-            (10, 100, 'moved on by 10 s while 100 s passed since the thermal state was saved'),
+            (
+                10,
+                100,
+                's while 100 s passed since the thermal state was saved: their clock was set',
+            ),
         ],
     )
     def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
@@ -238,3 +242,16 @@ def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(model, l
     feed(again, 706, 710)
     assert not again.tracker.forgot
     assert again.compensation.zero[2] == pytest.approx(killed.compensation.zero[2], rel=0.02)
+
+
+def test_a_first_reading_of_nothing_after_a_restart_does_not_heat_the_gap(model):
+    """Of a thermometer that was off, too: on a line to 85 °C a minute's gap would be hot."""
+    killed = ran(model, 700)
+    again = restarted(model, killed)
+    again.add_temperature(0, START + 760 * SECOND, 85.0)
+    feed(again, 761, 764)
+    expected = restarted(model, killed)
+    feed(expected, 760, 764)
+    difference = again.compensation.zero - expected.compensation.zero
+    np.testing.assert_allclose(difference, 0.0, atol=0.05)
+    assert again.tracker.grid.spikes[0].dropped == 1

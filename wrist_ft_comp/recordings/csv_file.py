@@ -146,7 +146,8 @@ class CsvRecording:
                     f'{path.name} has nanoseconds beside stamps that are not in seconds; leave '
                     f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
                 )
-            self._expected[STAMP_NANOSEC] = int, 'a whole number of nanoseconds'
+            # A table with gaps writes whole numbers as 123.0.
+            self._expected[STAMP_NANOSEC] = partial(nanoseconds, unit_ns=1), 'nanoseconds'
         if names.stamp:
             self._expected[self._stamp] = names.stamp, 'a time as --time says'
         elif unit_ns > 1 and self._comma:
@@ -245,7 +246,8 @@ class CsvRecording:
             stamps_ns = np.fromiter(map(convert, stamps), np.int64, len(stamps))
             if STAMP_NANOSEC in self.columns:
                 more = cells[self.columns.index(STAMP_NANOSEC)]
-                stamps_ns += np.fromiter(map(int, more), np.int64, len(more))
+                convert, _ = self._expected[STAMP_NANOSEC]
+                stamps_ns += np.fromiter(map(convert, more), np.int64, len(more))
             values, filled = {}, {}
             for channel, column in self.channels.items():
                 cut = cells[self.columns.index(column)]

@@ -195,8 +195,6 @@ def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:
         units = {*_FACTORS['N'], *_FACTORS['N m'], *_FACTORS['m/s²'], *_TEMPERATURE_UNITS}
         word = unit[1].replace(' ', '').strip('°') if unit else ''
         cell = row[columns.index(column)] if len(row) == len(columns) else ''
-        if name == STAMP_NANOSEC:
-            word = ''
         if name == 'stamp_s':
             time = time or _guessed_time(cell, word)
         if name and not set(column) & set(MAP_SIGNS):

@@ -72,6 +72,8 @@ class ThermalGrid:
         self._held_from = [cell - 1 - cells for cells in silent]
         self._latest = [cell - 1] * self._thermometers
         self._last_stamp_ns = [cell * self.period_ns - 1] * self._thermometers
+        for spikes, value_c, at in zip(self.spikes, held_c, self._held_from, strict=True):
+            spikes.go_on((at + 1) * self.period_ns - 1, value_c)
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[CompletedCells]:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""

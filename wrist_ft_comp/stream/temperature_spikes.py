@@ -35,9 +35,14 @@ class SpikeFilter:
         #: How many stood alone, and the first of them.
         self.dropped = 0
         self.first: Reading | None = None
+        #: Samples that counted.
         self._count = 0
         self._last: Reading | None = None
         self._kept: Reading | None = None
+
+    def go_on(self, stamp_ns: int, temperature_c: float) -> None:
+        """Continue from a temperature that was believed before."""
+        self._last, self._kept, self._count = (stamp_ns, temperature_c), None, 2
 
     def admit(self, stamp_ns: int, temperature_c: float) -> list[Reading]:
         """Take a sample; give those that count now: none, this one, or one kept back, too."""
