@@ -13,8 +13,8 @@ week before.
 
 Seen on 20 years that nobody had tuned on, with a learner that changed its model only when it was
 sure: from day 4 on no year was worse than one warm-up. The present one, which takes the model of
-all days unless that leaves clearly more, has lived through two whole years (docs/accuracy.md).
-A year takes 8 to 11 min on two processors: days to come are drawn and looked at ahead.
+all days unless that leaves clearly more, has lived through six whole years (docs/accuracy.md).
+A year takes 5 to 11 min on two processors: days to come are drawn and looked at ahead.
 
 ``--incidents`` looks at the days only on which another tool is mounted, the zero jumps, a
 thermometer stops, or something pushes on the sensor nearly all day, and the two days before each,
