@@ -13,7 +13,7 @@ week before.
 
 Seen on 20 years that nobody had tuned on, with a learner that changed its model only when it was
 sure: from day 4 on no year was worse than one warm-up. The present one, which takes the model of
-all days unless that leaves clearly more, has lived through six whole years (docs/accuracy.md).
+all days unless that leaves clearly more, has lived through eight whole years (docs/accuracy.md).
 A year takes 5 to 11 min on two processors: days to come are drawn and looked at ahead.
 
 ``--incidents`` looks at the days only on which another tool is mounted, the zero jumps, a

@@ -158,6 +158,9 @@ def test_the_next_day_with_another_tool_is_ordinary(separated, before):
 
 NOTHING, SOME, MUCH, BACK = (0.0, 1e-3), (1e-3, 3e-4), (4e-3, 3e-4), (-1e-3, 3e-4)
 
+#: Sure, and no one's trouble.
+LITTLE = (3e-4, 4e-5)
+
 
 @pytest.mark.parametrize(
     ('past', 'today', 'said'),
@@ -167,6 +170,7 @@ NOTHING, SOME, MUCH, BACK = (0.0, 1e-3), (1e-3, 3e-4), (4e-3, 3e-4), (-1e-3, 3e-
         ((NOTHING,) * 3, (NOTHING, MUCH, NOTHING, NOTHING), 'time constant about 15 min'),
         ((BACK, SOME, BACK), (NOTHING, SOME, NOTHING, NOTHING), ''),
         ((MUCH,) * 3, (NOTHING, NOTHING, NOTHING, NOTHING), ''),
+        ((), (NOTHING, LITTLE, NOTHING, NOTHING), ''),
         ((), (NOTHING, SOME, NOTHING, MUCH), 'keeps 0.4 ± 0.03 % of the largest load'),
     ],
 )

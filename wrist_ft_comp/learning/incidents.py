@@ -87,6 +87,8 @@ _LEAST_CHANGE_K = 1.0
 _CREEP_SIGMA = 5.0
 #: ... and the day itself by this many.
 _CREEP_OF_DAY_SIGMA = 2.0
+#: Less of the load is no one's trouble: the best of data sheets promise 0.02 %.
+_LEAST_CREEP = 3e-4
 #: Creep is stated as a share of a load of this duration, s, as on data sheets.
 _CREEP_S = 1800.0
 #: Kind of the incident, and a sentence.
@@ -324,6 +326,8 @@ def _creep(entry: DayEntry, compared: Sequence[DayEntry]) -> Incident | None:
     constant_s = TIME_CONSTANTS_S[found]
     lasting = np.isinf(constant_s)
     percent = 100.0 if lasting else 100 * (1 - np.exp(-_CREEP_S / constant_s))
+    if abs(percent * mean[found]) < 100 * _LEAST_CREEP:
+        return None
     size = f'{percent * mean[found]:.2g} ± {percent * mean_error[found]:.1g} %'
     what = (
         f'keeps {size} of the largest load (hysteresis)'
