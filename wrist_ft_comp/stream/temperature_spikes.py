@@ -20,7 +20,7 @@ _JUMP_K_S = 0.2
 
 
 def jumps(steps_k: FloatArray, elapsed_s: FloatArray) -> BoolArray:
-    """Mark the steps, K, that metal cannot have made in so many seconds; any shape."""
+    """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
     return np.asarray(np.abs(steps_k) > _JUMP_K + _JUMP_K_S * elapsed_s)
 
 
