@@ -140,6 +140,18 @@ def _example_map(columns: Sequence[str]) -> str:
     return ','.join(islice(entries, _LISTED))
 
 
+def stamp_column(source: str, columns: Sequence[str], *, whole_times: bool = False) -> str:
+    """Find the column of stamps; RecordingError without one, or with nanoseconds of no seconds."""
+    require_column(source, columns, 'stamp', STAMPS)
+    stamp = next(column for column in STAMPS if column in columns)
+    if STAMP_NANOSEC in columns and (stamp != 'stamp_s' or whole_times):
+        raise RecordingError(
+            f'{source} has nanoseconds beside stamps that are not in seconds; leave '
+            f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
+        )
+    return stamp
+
+
 def require_channels(source: str, columns: Sequence[str]) -> None:
     """Refuse a table without a raw wrench or a temperature."""
     require_column(source, columns, 'raw wrench', AXES)
@@ -289,8 +301,7 @@ def compensate(
 def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
     """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
     columns = list(map(str, table.keys()))
-    require_column(name, columns, 'stamp', STAMPS)
-    stamp = next(column for column in STAMPS if column in columns)
+    stamp = stamp_column(name, columns)
     stamps = np.asarray(table[stamp])
     is_date = stamps.dtype.kind == 'M'
     if not is_date and (stamp != 'stamp_ns' or stamps.dtype.kind not in 'iu'):

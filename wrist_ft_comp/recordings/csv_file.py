@@ -30,6 +30,7 @@ from wrist_ft_comp.recordings.columns import (
     ORIGIN,
     require_column,
     samples_of,
+    stamp_column,
     STAMP_NANOSEC,
     STAMPS,
     unknown_columns,
@@ -124,8 +125,7 @@ class CsvRecording:
             )
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)
-        require_column(path.name, self.columns, 'stamp', STAMPS)
-        self._stamp = next(column for column in STAMPS if column in self.columns)
+        self._stamp = stamp_column(path.name, self.columns, whole_times=bool(names.stamp))
         unit_ns = STAMPS[self._stamp]
         self._factors, self._comma = names.factors, self.delimiter != ','
         #: Whether a number with a decimal comma was read.
@@ -141,11 +141,6 @@ class CsvRecording:
             ),
         }
         if STAMP_NANOSEC in self.columns:
-            if self._stamp != 'stamp_s' or names.stamp:
-                raise RecordingError(
-                    f'{path.name} has nanoseconds beside stamps that are not in seconds; leave '
-                    f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
-                )
             # A table with gaps writes whole numbers as 123.0.
             self._expected[STAMP_NANOSEC] = partial(nanoseconds, unit_ns=1), 'nanoseconds'
         if names.stamp:
