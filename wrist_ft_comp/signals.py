@@ -129,7 +129,6 @@ class Samples:
     values: FloatArray
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         expected = (len(self.stamps_ns), len(self.channels))
         if self.values.shape != expected:
             raise RecordingError(
@@ -178,7 +177,6 @@ class Recording:
     sensor: SensorNames = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check shapes and finiteness once, where the record is built."""
         if self.period_ns <= 0:
             raise RecordingError(
                 f'A thermal cell must last longer than 0 ns; got {self.period_ns}.'

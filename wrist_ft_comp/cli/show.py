@@ -166,7 +166,6 @@ def _rate(samples: int, span_s: float) -> str:
 
 
 def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
-    """Describe a recording for people."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']

@@ -36,7 +36,6 @@ class Orders:
     time_constants_s: tuple[float, ...] = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         for name, least in (('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)):
             check_range(name, getattr(self, name), least)
         if not self.time_constants_s:

@@ -56,7 +56,6 @@ class DriftModel:
     prediction: Prediction | None = None
 
     def __post_init__(self) -> None:
-        """Check the names and the numbers of thermometers."""
         if self.period_ns <= 0 or self.thermometers < 1:
             raise ModelFileError(
                 'A model needs a positive thermal period and at least one thermometer; got '

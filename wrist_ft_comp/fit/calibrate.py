@@ -220,7 +220,6 @@ def summarise(calibration: Calibration) -> str:
 
 
 def _axis_line(axis: str, fit: AxisFit) -> str:
-    """Describe one axis."""
     if fit.model is None:
         return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
     outputs = len(fit.model.dynamics.output_mean)

@@ -301,7 +301,6 @@ def drop_stuck_cells(
 
 
 def _present(values: FloatArray) -> FloatArray:
-    """Take the finite values."""
     return np.asarray(values[np.isfinite(values)])
 
 

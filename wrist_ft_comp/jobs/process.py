@@ -102,7 +102,6 @@ class JobProcess:
         self._close()
 
     def _close(self) -> None:
-        """Close the pipes."""
         for pipe in self._pipes:
             with suppress(BrokenPipeError):  # what was buffered for a process that died
                 pipe.close()

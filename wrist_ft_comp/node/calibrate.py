@@ -72,7 +72,6 @@ class JobMaker:
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
-        """Make a job."""
         output = self.store.new_model_path()
         settings = CalibrationSettings(
             reference=chosen['calibration.reference'],
@@ -144,7 +143,6 @@ class CalibrateService(LongService):
         yield Status(self.title, level, message, numbers)
 
     def _busy(self) -> str:
-        """Say that one runs."""
         return f'A calibration has been running for {self.running_s:.0f} s'
 
     def _work(self) -> Work:

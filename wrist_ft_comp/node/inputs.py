@@ -242,7 +242,6 @@ class TemperatureInput(Part):
     title = 'temperature'
 
     def __post_init__(self) -> None:
-        """Begin without a reading."""
         self._tracker, count = self._compensator.tracker, len(self._sources)
         #: When every thermometer reported last, by the steady clock.
         self._heard_s: list[float | None] = [None] * count

@@ -131,7 +131,6 @@ class LiveModel(Part):
         self._remember(self._history if again else [*self._history, given.path], given.sha256)
 
     def _announce(self, stored: StoredModel) -> None:
-        """Log what is live."""
         self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
 
     @property
@@ -175,7 +174,6 @@ class LiveModel(Part):
                 self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
-        """Check one of these parameters."""
         store = self._store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):

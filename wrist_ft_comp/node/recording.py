@@ -92,7 +92,6 @@ class Recorder(Part):
         self._listen()
 
     def _listen(self) -> None:
-        """Listen to wrenches while a recording runs."""
         if self._hub is not None:
             self._hub.listen(self, wanted=bool(self._running))
 
@@ -224,7 +223,6 @@ class RecordService(Part):
         return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
 
     def _forget(self) -> None:
-        """Unsubscribe from the reference."""
         self.current = None
         self._hub.destroy_subscription(self._reference)
 

@@ -113,7 +113,6 @@ class Gravity(Part):
                 self._subscribe(hub, topic)
 
     def _subscribe(self, hub: Hub, topic: str) -> None:
-        """Subscribe to a topic of transforms."""
         static = topic == '/tf_static'
         take = partial(self.on_tf, Layouts(), static=static)
         qos = messages.LATCHED if static else messages.FAST_SENSOR

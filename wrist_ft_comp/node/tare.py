@@ -45,7 +45,6 @@ class TareService(LongService):
     not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
     def _busy(self) -> str:
-        """Say that one runs."""
         return 'A tare is running'
 
     def services(self) -> Sequence[Service]:

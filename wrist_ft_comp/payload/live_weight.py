@@ -24,7 +24,6 @@ class LivePayload:
         )
 
     def __str__(self) -> str:
-        """Name it, with mass and centre of mass."""
         center = ', '.join(f'{coordinate:.4f}' for coordinate in self.payload.center_m)
         return f'{self.name}, {self.payload.mass_kg:.4f} kg at ({center}) m'
 

@@ -231,7 +231,6 @@ class Hub(Node):
         return SetParametersResult(successful=True)
 
     def _keep_house(self) -> None:
-        """Poll the parts."""
         self.tell('poll')
 
     def _judge(self, part: Part) -> list[Status]:

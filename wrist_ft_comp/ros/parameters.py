@@ -182,7 +182,6 @@ def _converted_where_possible(
 
 
 def _converted_if_possible(row: Parameter, given: RosParameter) -> RosParameter:
-    """Convert one parameter of a set request, if possible."""
     try:
         return ros_parameter(row, converted(row, given.value))
     except SettingsError:

@@ -356,5 +356,4 @@ class Kind(Output):
 
 @cache
 def _schema(name: str) -> Any:
-    """Load a schema."""
     return json.loads(resources.files(__package__).joinpath(name).read_text('utf-8'))

@@ -36,7 +36,6 @@ class StreamSettings:
     history_s: float = 6 * 3600.0
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
         check_range('max_drift_n', self.max_drift_n, 0.0)
         for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):

@@ -40,7 +40,6 @@ class History:
         self._end = 0
 
     def __len__(self) -> int:
-        """Count the cells."""
         return min(self._end, self.most)
 
     @property

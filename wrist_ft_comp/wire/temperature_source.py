@@ -252,14 +252,12 @@ def _named_beside(message: Any, path: Path) -> bool:
 
 
 def _has(value: Any, step: str | int) -> bool:
-    """Whether a value has an element or a field."""
     if isinstance(step, int):
         return _is_array(value) and step < len(value)
     return step in _fields_of(value)
 
 
 def _part(value: Any, step: str | int) -> Any:
-    """Take an element or a field."""
     return value[step] if isinstance(step, int) else getattr(value, step)
 
 

@@ -127,7 +127,6 @@ class GravityByTf:
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def _number(self, frame: str) -> int:
-        """Find a frame's number."""
         return self._numbers.setdefault(frame.strip('/'), len(self._numbers))
 
     def add(self, transforms: Transforms, *, static: bool) -> None:
