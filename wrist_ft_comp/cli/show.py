@@ -29,7 +29,8 @@ from wrist_ft_comp.recordings.recordings import (
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
-from wrist_ft_comp.stored.model_file import is_model, load_model
+from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 #: What a model is for, to whoever finds one.
@@ -81,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
     elif folders:
         document, lines = _days(folders, arguments.picture)
-    elif path.suffix in {'.yaml', '.yml'} or is_model(path):
+    elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
     elif path.name == PAYLOADS and path.exists():

@@ -1,4 +1,4 @@
-"""The node ``compensator``: the way of one wrench, and the list of parts around it."""
+"""The node ``compensator``: it corrects every wrench, and its parts do all else."""
 
 from collections.abc import Sequence
 from functools import partial

@@ -245,7 +245,7 @@ class Learner(Part):
             self._note_adopted()
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
-        """Start a job where the newest day is not judged, or once per day to make room."""
+        """Start a job where the newest day is not judged; where there is no room, once per day."""
         newest = days[-1].name if days else ''
         if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
             return

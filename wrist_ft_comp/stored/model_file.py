@@ -47,10 +47,6 @@ KIND = Kind(
     'changed.')  # fmt: skip
 
 
-#: Whether a file says that it is a model, of whatever version.
-is_model = KIND.is_own
-
-
 def load_model(path: Path | str) -> StoredModel:
     """
     Read a model file, which is checked against the schema.

@@ -173,10 +173,9 @@ class Compensator:
         """Forget both tares."""
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
-    def restore_tare(self, tare: FloatArray, external: FloatArray | None = None) -> None:
+    def restore_tare(self, tare: FloatArray, external: FloatArray) -> None:
         """Subtract tares, N and N m, that ``set_tare`` made with the same model before."""
-        self.tare = tare
-        self.external_tare = self.external_tare if external is None else external
+        self.tare, self.external_tare = tare, external
         self._keep_output = False
         self._refresh_correction()
 

@@ -64,10 +64,6 @@ class TemperatureSource:
     #: As it was written.
     entry: str = field(default='', compare=False)
 
-    def celsius(self, numbers: _Number) -> _Number:
-        """Convert a number, or an array of numbers, in this source's unit to °C."""
-        return to_celsius(numbers, self.unit)
-
     def in_unit(self, unit: str) -> str:
         """Write the entry that reads the same number in another unit."""
         return f'{self.topic}:{path_text(self.path or _PLAIN)}:{unit}'
@@ -85,7 +81,7 @@ class TemperatureSource:
             raise SettingsError(
                 f'The temperature {self.entry!r} is {float(value)}; expected a finite number.'
             )
-        return self.celsius(float(value))
+        return to_celsius(float(value), self.unit)
 
     def _refusal(
         self, message: Any, value: Any, path: Path, step: str | int | None = None
