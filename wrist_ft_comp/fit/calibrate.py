@@ -79,7 +79,7 @@ def calibrate(
     if settings.reference == 'payload':
         work = learn_at_work(recordings)
         _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
-        # With a model, drift can be told from payloads better: so once more.
+        # With a model, drift is separated from payloads better: so once more.
         work = learn_at_work(recordings, (work, model))
         fits, model = _learn(work.drift, axes, folds, settings, progress)
     else:

@@ -10,11 +10,11 @@ Force = tuple[float, float, float]
 
 
 class LivePayload:
-    """A payload, and how measured specific force is turned for it, by whom ``turned`` says."""
+    """A payload and the frame of its specific force; ``turned`` says where that was learnt."""
 
     def __init__(self, name: str, payload: Payload, frame: ForceFrame, turned: str = '') -> None:
         self.name, self.payload, self.frame = name, payload, frame
-        #: How specific force is turned for it, and who says so, for people.
+        #: The same in words for people.
         self.turn = f'specific force is {frame}, {turned}'
         still = payload.weight(frame.turn(np.zeros(3)))
         gains = payload.weight(frame.turn(np.eye(3))) - still

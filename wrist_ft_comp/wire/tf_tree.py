@@ -113,7 +113,7 @@ class _Link:
 
 
 class GravityByTf:
-    """Specific force in a frame that is turned in a known way against one with z upwards."""
+    """Specific force in a lower frame, by its rotation against an upper one whose z is up."""
 
     # Names of frames count without leading slashes; the lower one may be set only later.
 
