@@ -222,8 +222,7 @@ def summarise(calibration: Calibration) -> str:
 def _axis_line(axis: str, fit: AxisFit) -> str:
     if fit.model is None:
         return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
-    outputs = len(fit.model.dynamics.output_mean)
-    drifts = 'zero and sensitivity' if outputs == 2 else 'zero'
+    drifts = 'zero and sensitivity' if fit.model.outputs == 2 else 'zero'
     # A method that a person named is kept although it may do harm; it must not do so silently.
     harm = ': WORSE THAN NONE' if fit.harmful else ''
     return (

@@ -50,7 +50,7 @@ class Counts:
     not_finite: int = 0
     implausible: int = 0
     bad_references: int = 0
-    #: A number of the newest wrench that no sensor reads.
+    #: The number that no sensor reads, of the newest wrench that was dropped for one.
     strange: float = 0.0
 
     def drop(self, value: float) -> None:

@@ -32,7 +32,7 @@ class RecentForces:
     """
     The newest samples of specific force, as measured, m/s².
 
-    At a stamp the newest one up to it holds, or else the nearest, so that nothing waits.
+    At a stamp the newest sample up to it counts, or else the nearest: no wrench waits for one.
     """
 
     def __init__(self, timeout_s: float) -> None:

@@ -113,9 +113,11 @@ class _Link:
 
 
 class GravityByTf:
-    """Specific force in a lower frame, by its rotation against an upper one whose z is up."""
+    """
+    Specific force in a lower frame, by its rotation against an upper one whose z is up.
 
-    # Names of frames count without leading slashes; the lower one may be set only later.
+    Leading slashes of names do not count; the lower frame may be set later.
+    """
 
     def __init__(self, upper: str, lower: str = '') -> None:
         self.upper, self.lower = upper, lower
