@@ -2,7 +2,7 @@
 
 import re
 
-#: What a command says that Ctrl-C ended.
+#: What a command that Ctrl-C ended says.
 INTERRUPTED = 'interrupted; nothing was left half-written.'
 
 
@@ -21,7 +21,7 @@ class WristFtCompError(Exception):
 
 
 class UsageError(WristFtCompError):
-    """A command line cannot be meant so, whatever the files hold."""
+    """The words of a command line make no sense together, whatever the files hold."""
 
 
 class RecordingError(WristFtCompError):
@@ -37,7 +37,7 @@ class StateFileError(WristFtCompError):
 
 
 class OutputError(WristFtCompError):
-    """What is to be written would take the place of something else, or cannot be written."""
+    """A file would replace something that is not this package's, or cannot be written."""
 
 
 class SettingsError(WristFtCompError):

@@ -1,4 +1,4 @@
-"""What a number may be that a person chooses, and how one is written for people."""
+"""Limits of numbers that people choose, and numbers written for people."""
 
 import math
 
@@ -27,7 +27,7 @@ def check_range(
 
 
 def range_words(least: float, most: float = math.inf, *, above: bool = False) -> str:
-    """Write limits behind the word number; nothing where there are none."""
+    """Write limits as they follow the word "number"; an empty string where there are none."""
     if math.isfinite(least) and math.isfinite(most):
         return f'from {least:g} to {most:g}'
     if math.isfinite(least):

@@ -22,13 +22,13 @@ BoolArray = NDArray[np.bool_]
 #: What is known of the true wrench in a recording.
 Reference = Literal['unloaded', 'constant', 'payload', 'recorded']
 
-#: Told the share of the work that is done, 0 to 1.
+#: Reports progress: takes the share of the work that is done, 0 to 1.
 Progress = Callable[[float], None]
 #: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
 Correction = Callable[[IntArray, FloatArray], FloatArray]
 
-#: What a sensor is called: by fact one name, or one per thermometer in order; without what is
-#: unknown.
+#: The names of a sensor, by fact: one name, but of temperature_topics one per thermometer.
+#: A fact that is not known is left out.
 SensorNames = Mapping[str, Sequence[str]]
 SENSOR_FACTS = ('hardware_id', 'frame_id', 'wrench_topic', 'temperature_topics')
 
@@ -40,11 +40,11 @@ ROTATION_CHANNEL = 'rotation_speed'
 #: Norm of the specific force at rest, m/s².
 GRAVITY = 9.807
 NANOSECONDS = 1_000_000_000
-#: A wrist sensor's thermometer reads nothing outside this, °C; 0 K and kelvins are.
+#: A thermometer of a wrist reads between these, °C; 0 K and readings in kelvin lie outside.
 PLAUSIBLE_C = (-100.0, 200.0)
-#: No other channel reaches this, in whatever unit: what does is damaged, and would overflow sums.
+#: Every other channel stays below this in any unit; a larger number is damaged: sums overflow.
 LARGEST = 1e9
-#: Means of one reading differ by less than this share: their sums are rounded differently.
+#: Means of equal readings differ by less than this share, because sums are rounded.
 _ROUNDING = 1e-9
 #: Stamps of two drivers that lie farther apart come from two clocks, s.
 SAME_CLOCK_S = 3600.0
@@ -65,20 +65,20 @@ class Topics:
     #: which that of the wrench turns; nowhere where both are empty.
     imu: str = ''
     gravity_frame: str = ''
-    #: The frame_id of the specific force and of the wrench, where who asks knows the sensor.
+    #: The frame_id of the specific force and of the wrench; empty where the caller knows neither.
     force_frame: str = ''
     wrench_frame: str = ''
-    #: What the columns and stamps of somebody else's CSV log are, as ``foreign_log`` reads it.
+    #: What columns and stamps of another program's CSV log mean, as ``foreign_log`` reads them.
     columns: str = ''
     time: str = ''
-    #: Which part counts, as ``part`` reads it; all of it where these are empty.
+    #: Which part of a recording counts, as ``excerpt`` reads it; all of it where these are empty.
     begin: str = ''
     end: str = ''
     exclude: tuple[str, ...] = ()
 
     @property
     def force_source(self) -> str:
-        """What tells specific force: imu, tf, or nothing."""
+        """Where specific force comes from: imu, tf, or an empty string."""
         return 'imu' if self.imu else 'tf' if self.gravity_frame else ''
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ def is_plausible(value: float) -> bool:
 
 
 def differ(values: FloatArray, others: FloatArray | float) -> BoolArray:
-    """Mark means that are not of the same reading, or not numbers."""
+    """Mark means of different readings, and what is not a number."""
     return np.asarray(~(np.abs(values - others) <= _ROUNDING * np.abs(others)))
 
 
@@ -129,7 +129,6 @@ class Samples:
     values: FloatArray
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         expected = (len(self.stamps_ns), len(self.channels))
         if self.values.shape != expected:
             raise RecordingError(
@@ -178,7 +177,6 @@ class Recording:
     sensor: SensorNames = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check shapes and finiteness once, where the record is built."""
         if self.period_ns <= 0:
             raise RecordingError(
                 f'A thermal cell must last longer than 0 ns; got {self.period_ns}.'

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp.cli import demo
+from wrist_ft_comp.cli import demo, options
 from wrist_ft_comp.cli import demo_result as result
 from wrist_ft_comp.cli.demo import Plan
 from wrist_ft_comp.errors import RecordingError
@@ -55,7 +55,7 @@ def test_the_exit_code_is_0_where_drift_fell_enough(kept, code, run, tmp_path, m
     log = make_log()
     raw = log.raw - log.reference
     better = DemoLog(**{**vars(log), 'compensated': log.reference + kept * raw})
-    monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+    monkeypatch.setattr(options, 'find_spec', lambda _: object())
     monkeypatch.setattr(demo, 'play', lambda *_: None)
     monkeypatch.setattr(demo, 'load_demo_log', lambda _: better)
     outcome = run('demo', '--output', tmp_path / 'out')
@@ -70,7 +70,7 @@ def test_the_exit_code_is_0_where_drift_fell_enough(kept, code, run, tmp_path, m
 
 
 def test_without_rclpy_there_is_a_sentence(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, 'find_spec', lambda _: None)
+    monkeypatch.setattr(options, 'find_spec', lambda _: None)
     assert 'rclpy' in run('demo', '--output', tmp_path / 'out').sentence
     assert not (tmp_path / 'out').exists()
 
@@ -89,7 +89,7 @@ def children(monkeypatch):
             return process
 
         monkeypatch.setattr(demo.subprocess, 'Popen', start)
-        monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+        monkeypatch.setattr(options, 'find_spec', lambda _: object())
         return started
 
     return install

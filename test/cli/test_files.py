@@ -147,7 +147,7 @@ def test_neither_report_nor_picture_takes_another_s_place(run, day, own_model, f
 
 @pytest.mark.parametrize('place', ['picture', 'folder'])
 def test_the_demo_looks_before_it_starts_a_process(place, run, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo, 'find_spec', lambda _: object())
+    monkeypatch.setattr(options, 'find_spec', lambda _: object())
     monkeypatch.setattr(demo, 'play', pytest.fail)
     path = tmp_path / ('demo.png' if place == 'picture' else 'file')
     path.write_bytes(PNG)

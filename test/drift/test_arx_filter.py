@@ -114,10 +114,10 @@ def test_a_mean_relaxation_gives_the_means_of_bins(time_constant_s):
 
 @pytest.mark.parametrize('time_constant_s', [0.0, 5.0, 300.0, 7200.0])
 def test_a_relaxation_follows_a_step_as_the_continuous_one(time_constant_s):
-    lag = relaxation(time_constant_s, 2.0, gain=3.0)
+    lag = relaxation(time_constant_s, 2.0)
     step = np.concatenate(([0.0], np.ones(5000)))
     elapsed = 2.0 * np.arange(5001)  # end of each cell after the step
-    expected = 3.0 * (1 - np.exp(-elapsed / max(time_constant_s, 1e-9)))
+    expected = 1 - np.exp(-elapsed / max(time_constant_s, 1e-9))
     np.testing.assert_allclose(free_run(lag, step)[1:], expected[1:], atol=1e-10)
     assert lag.longest_lag == bool(time_constant_s), 'a gain has no memory'
 

@@ -194,7 +194,7 @@ def test_a_time_constant_that_the_recordings_hardly_show_is_named_or_refused(goo
 
 def lines(before, after, *, outputs=2, warnings=(), unit='N'):
     """Sum up a calibration of force z, by a model with a number of outputs."""
-    model = SimpleNamespace(dynamics=SimpleNamespace(output_mean=np.zeros(outputs)))
+    model = SimpleNamespace(outputs=outputs)
     chosen = 'static, degree 1'
     fit = AxisFit(model if outputs else None, chosen, (), before, after, unit=unit)
     ranges = np.array([[20, 35.5], [-5, 30]])

@@ -166,7 +166,9 @@ def answer(asked):
     """What the process answers to a job; it ends well, and says nothing besides."""
     command, pipe = [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration'], subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
-        out, err = process.communicate(encode_job(asked), timeout=120)
+        process.stdin.write(f'{encode_job(asked)}\n')
+        process.stdin.flush()  # it stays open: the process ends when it is closed
+        out, err = process.stdout.read(), process.stderr.read()
     assert (process.returncode, err) == (0, '')
     return json.loads(out)
 

@@ -369,9 +369,8 @@ def test_a_job_that_is_killed_leaves_files_that_load(sensor, answers, tmp_path):
             [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration'],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env={**os.environ, 'TMPDIR': str(tmp_path)}, text=True)  # fmt: skip
-        process.stdin.write(encode_job(job_of(sensor, 3)))
-        process.stdin.close()
-        process.stdin = None
+        process.stdin.write(f'{encode_job(job_of(sensor, 3))}\n')
+        process.stdin.flush()
         time.sleep(rng.uniform(0.2, 2.5))
         process.kill()
         process.communicate()

@@ -45,7 +45,8 @@ class FakeHub:
         self.log = SimpleNamespace(info=lambda _: None)
         chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
         self.source = Gravity(chosen)
-        self.source.start(self)
+        self.source.hub = self
+        self.source.start()
 
     def hardware_id(self):
         return self.frame
@@ -54,7 +55,10 @@ class FakeHub:
         assert verb == 'on_force'
         self.samples.append(values)
 
-    def subscribe_for(self, _part, _kind, topic, callback, _qos):
+    def guarded(self, _part, callback):
+        return callback
+
+    def subscribe(self, _kind, topic, callback, _qos):
         self.on[topic] = callback
 
     def subscribe_unserved(self, _kind, topic, _qos):

@@ -9,7 +9,7 @@ import pytest
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Samples, temperature_channel
-from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder, MAX_NUMBERS
+from wrist_ft_comp.stream.batch_grid import grid_samples, MAX_NUMBERS
 
 SECOND = 1_000_000_000
 #: Stamps as they are since 1970, so that rounding to floats would show.
@@ -138,11 +138,12 @@ def test_unusable_samples_are_dropped_and_counted(fault):
 
 
 def test_a_backward_stamp_is_seen_across_blocks():
-    builder = GridBuilder('a.csv', max_bad_share=0.5)
-    builder.add(samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)))
-    builder.add(samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)))
-    builder.add(wrenches(0))
-    recording = builder.build()
+    blocks = [
+        samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)),
+        samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)),
+        wrenches(0),
+    ]
+    recording = grid_samples(blocks, max_bad_share=0.5)
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
     assert '2 of 8 samples are not finite and 2 have a stamp that' in recording.warnings[0]
 
@@ -208,7 +209,7 @@ def test_one_stamp_of_another_century_is_refused_before_memory_is_taken():
 @pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30, math.nan, math.inf])
 def test_a_period_out_of_range_is_refused(period_s):
     with pytest.raises(RecordingError, match='thermal period must be above 0'):
-        GridBuilder('a.csv', period_s)
+        grid_samples([], period_s=period_s)
 
 
 def gridded(force, seconds=None):

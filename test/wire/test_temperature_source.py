@@ -15,6 +15,7 @@ from wrist_ft_comp.wire.temperature_source import (
     parse_sources,
     path_text,
     TemperatureSource,
+    to_celsius,
 )
 
 
@@ -84,9 +85,8 @@ def test_the_same_number_twice_is_refused():
     [('C', 21.5, 21.5), ('K', 273.15, 0.0), ('F', 212.0, 100.0), ('F', -40.0, -40.0)],
 )
 def test_numbers_are_converted_from_the_unit_that_was_named(unit, number, celsius):
-    source = TemperatureSource('/a', ('b',), unit)
-    assert source.celsius(number) == pytest.approx(celsius)
-    np.testing.assert_allclose(source.celsius(np.array([number, number])), celsius)
+    assert to_celsius(number, unit) == pytest.approx(celsius)
+    np.testing.assert_allclose(to_celsius(np.array([number, number]), unit), celsius)
 
 
 class Message:

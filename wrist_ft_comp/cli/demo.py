@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack, suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 import json
 import os
 from pathlib import Path
@@ -219,11 +218,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if find_spec('rclpy') is None:
-        raise RecordingError(
-            'The demonstration needs rclpy, which this Python does not have. Source a ROS 2 '
-            'installation, or install the package with its extra "ros".'
-        )
+    options.require_ros(RecordingError, 'The demonstration needs rclpy')
     picture = arguments.output / 'demo.png'
     PICTURE.check_target(picture)
     with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:

@@ -8,6 +8,7 @@ import textwrap
 
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
+from wrist_ft_comp.fit.axis_data import averaged_s
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
@@ -21,12 +22,7 @@ from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import (
-    averaged_s,
-    EvaluatedRecording,
-    evaluation_view,
-    model_sources,
-)
+from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
 from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, Reference
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -92,12 +88,15 @@ def run(arguments: argparse.Namespace) -> int:
                 'model': str(stored.path),
                 'sha256': stored.sha256,
                 'tare_s': arguments.tare,
-                'averaged_s': averaged_s(stored),
+                'averaged_s': averaged_s(stored.model),
                 'axes': errors,
                 'day_limits': dict(stored.model.day_limits),
                 'recordings': [_as_json(path, evaluated) for path, evaluated in by_path.items()],
                 'chamber_tables': {path: e.figures for path, e in by_path.items() if e.figures},
-                'verdicts': tables.verdicts_json(verdicts),
+                'verdicts': {
+                    axis: {'level': verdict.level, 'why': verdict.sentence}
+                    for axis, verdict in verdicts.items()
+                },
                 'warnings': view.warnings,
             }
         )
@@ -163,7 +162,7 @@ def _limit_text(stored: StoredModel) -> str:
     limits = ', '.join(
         f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in stored.model.day_limits.items()
     )
-    text = f'Errors are means over {averaged_s(stored):g} s, as those of calibrate.'
+    text = f'Errors are means over {averaged_s(stored.model):g} s, as those of calibrate.'
     if limits:
         text += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
     return textwrap.fill(text, tables.WIDTH)

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib.util import find_spec
 import sys
 import textwrap
 import time
@@ -60,11 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    if find_spec('rclpy') is None:
-        raise NodeError(
-            'A running node is reached by rclpy, which this Python does not have. Source a ROS 2 '
-            'installation, or install the package with its extra "ros".'
-        )
+    options.require_ros(NodeError, 'A running node is reached by rclpy')
     from wrist_ft_comp.node.operate import operating, Watch  # noqa: PLC0415 -- loads rclpy
 
     with operating() as operator:

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 import json
 import math
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any, get_args, NoReturn, TypeVar
 
 from tqdm import tqdm
 
-from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError
+from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.chamber_table import is_chamber_table
@@ -21,7 +22,7 @@ from wrist_ft_comp.recordings.foreign_log import log_map
 from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of, TABLE
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
-from wrist_ft_comp.stored.model_file import is_model
+from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.wire.temperature_source import parse_sources
 from wrist_ft_comp.wire.wrench_source import parse_wrench
 
@@ -181,7 +182,7 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
 
 def check_model(path: Path) -> None:
     """Refuse a recording in the place of a model, before work that takes minutes."""
-    if not path.exists() or is_model(path):
+    if not path.exists() or MODEL.is_own(path):
         return
     if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'} or is_chamber_table(path):
         raise ModelFileError(
@@ -194,13 +195,22 @@ def check_recordings(paths: Sequence[Path]) -> None:
     """Refuse a model in the place of a recording, and a recording that is named twice."""
     resolved = [path.resolve() for path in paths]
     for path in paths:
-        if is_model(path):
+        if MODEL.is_own(path):
             raise RecordingError(
                 f'{path} is a model file, where a recording was expected. Name a bag, a CSV file '
                 'or a chamber table; see what a file holds with wrist_ft_comp show.'
             )
         if resolved.count(path.resolve()) > 1:
             raise RecordingError(f'{path} is named twice; name each recording once.')
+
+
+def require_ros(refusal: type[WristFtCompError], why: str) -> None:
+    """Refuse to go on where Python finds no rclpy; ``why`` says what it is needed for."""
+    if find_spec('rclpy') is None:
+        raise refusal(
+            f'{why}, which this Python does not have. Source a ROS 2 installation, or install the '
+            'package with its extra "ros".'
+        )
 
 
 def add_reference(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,8 @@ from wrist_ft_comp.recordings.recordings import (
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
 from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
-from wrist_ft_comp.stored.model_file import is_model, load_model
+from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 #: What a model is for, to whoever finds one.
@@ -81,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
     elif folders:
         document, lines = _days(folders, arguments.picture)
-    elif path.suffix in {'.yaml', '.yml'} or is_model(path):
+    elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
     elif path.name == PAYLOADS and path.exists():
@@ -166,7 +167,6 @@ def _rate(samples: int, span_s: float) -> str:
 
 
 def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
-    """Describe a recording for people."""
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']

@@ -147,11 +147,6 @@ def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
     )
 
 
-def verdicts_json(verdicts: Mapping[str, Verdict]) -> dict[str, dict[str, str]]:
-    """Turn verdicts into plain values, by axis."""
-    return {axis: {'level': v.level, 'why': v.sentence} for axis, v in verdicts.items()}
-
-
 def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
     """Put the figures of several versions of a chamber table, by title, side by side."""
     rows = []

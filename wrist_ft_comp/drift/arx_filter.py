@@ -36,7 +36,6 @@ class Orders:
     time_constants_s: tuple[float, ...] = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         for name, least in (('latents', 1), ('outputs', 0), ('inputs', 1), ('first_lag', 0)):
             check_range(name, getattr(self, name), least)
         if not self.time_constants_s:
@@ -92,16 +91,16 @@ def static_gain(gain: float = 1.0) -> Arx:
     return Arx(a=np.zeros(0), b=np.array([gain]))
 
 
-def relaxation(time_constant_s: float, period_s: float, gain: float = 1.0) -> Arx:
+def relaxation(time_constant_s: float, period_s: float) -> Arx:
     """
     Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0.
 
     It is exact for an input that is constant over each cell of length h.
     """
     if time_constant_s == 0:
-        return static_gain(gain)
+        return static_gain()
     pole = np.exp(-period_s / time_constant_s)
-    return Arx(a=np.array([-pole]), b=np.array([gain * (1.0 - pole)]))
+    return Arx(a=np.array([-pole]), b=np.array([1.0 - pole]))
 
 
 def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:

@@ -39,7 +39,6 @@ class ArxPls:
     output_mean: FloatArray
 
     def __post_init__(self) -> None:
-        """Check once, where the record is built, that the parts fit together and can run."""
         inputs, latents, outputs = len(self.input_mean), len(self.latents), len(self.output_mean)
         for name, array, shape in (
             ('input_weight', self.input_weight, (inputs,)),

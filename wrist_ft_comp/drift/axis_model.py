@@ -35,7 +35,6 @@ class AxisModel:
     filters: tuple[Arx, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check once, where the record is built, that the parts fit together."""
         inputs = self.features.expand(self.features.reference_c).shape[0]
         if inputs != len(self.dynamics.input_mean):
             raise ModelFileError(

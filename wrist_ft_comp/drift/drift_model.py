@@ -25,7 +25,7 @@ from wrist_ft_comp.signals import (
 )
 
 Document = dict[str, Any]
-#: Metal changes by less while a start is averaged, K.
+#: While a start is averaged, the temperature of metal changes by less than this, K.
 _NEAR_K = 5.0
 #: Filter state of each modelled axis, by name: what the last cell left.
 DriftState = Mapping[str, FloatArray]
@@ -56,7 +56,6 @@ class DriftModel:
     prediction: Prediction | None = None
 
     def __post_init__(self) -> None:
-        """Check the names and the numbers of thermometers."""
         if self.period_ns <= 0 or self.thermometers < 1:
             raise ModelFileError(
                 'A model needs a positive thermal period and at least one thermometer; got '
@@ -190,7 +189,7 @@ def differences(sensors: Mapping[str, SensorNames]) -> str:
 
 
 def _alike(names: Sequence[str]) -> tuple[str, ...]:
-    """Write topics that mean the same in the same way."""
+    """Normalise names of topics, so that two spellings of one topic are equal."""
     plain = (name.strip('/').replace('[', '.').replace(']', '') for name in names)
     return tuple(name.removesuffix(':C').removesuffix(':temperature') for name in plain)
 

@@ -47,7 +47,6 @@ class Features:
     beyond: Beyond = 'clamped'
 
     def __post_init__(self) -> None:
-        """Check the ranges once, where the record is built."""
         if self.kind == 'powers' and self.degree < 1:
             raise SettingsError(
                 f'The degree of the features must be at least 1; got {self.degree}.'

@@ -47,7 +47,6 @@ class Prediction:
     silence_s: FloatArray
 
     def __post_init__(self) -> None:
-        """Check once, where the record is built, that the parts fit together."""
         count, thermometers = len(self.time_constants_s), len(self.constant_c)
         for name, shape in (
             ('gains', (thermometers, count, thermometers)),

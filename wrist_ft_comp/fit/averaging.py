@@ -48,7 +48,7 @@ from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.signals import BoolArray, FloatArray, Progress
 
 COMBINATION = 'combination'
-#: How steeply a correction is used less as it leaves more than no compensation.
+#: How steeply the share of a correction that is used falls as it leaves more of the drift.
 _GATE = 16.0
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
@@ -104,8 +104,8 @@ def _kinds(highest: int, thermometers: int) -> list[Kind]:
     return kinds
 
 
-class FoldErrors(NamedTuple):
-    """What none and all candidates, fitted to the other folds, leave of a fold of an axis."""
+class FoldForms(NamedTuple):
+    """What no compensation and C - 1 candidates, fitted to the other folds, leave of a fold."""
 
     recording: int
     fold: int
@@ -148,7 +148,7 @@ class Body:
         ]
         self.folds = np.unique(np.concatenate(self.bins.folds)).tolist()
 
-    def errors(self, fold: int, gains: Sequence[FloatArray]) -> Iterator[FoldErrors | None]:
+    def errors(self, fold: int, gains: Sequence[FloatArray]) -> Iterator[FoldForms | None]:
         """
         Compute what gains of the pool, (C, P + 1) of every axis, leave of a fold.
 
@@ -176,7 +176,7 @@ class Body:
             left = np.concatenate((x, *load, y), axis=1) @ of_axis.T
             tared = tare(left, self.bins.period_s)
             middle = (np.flatnonzero(rows) + 0.5) * self.bins.cells - 0.5
-            yield FoldErrors(
+            yield FoldForms(
                 i, fold, np.minimum(middle, len(axis.data.residual[i]) - 1), tared,
                 _cleaned_form(left, self.bins.period_s), _form(tared))  # fmt: skip
 
@@ -184,10 +184,10 @@ class Body:
         self, skip: int | None, starts: Mapping[Kind, FloatArray]
     ) -> tuple[list[FloatArray], dict[Kind, FloatArray]]:
         """
-        Fit none and all candidates to all folds but one: gains of the pool for every axis.
+        Fit all candidates to all folds but one: gains of the pool for every axis.
 
-        Gains have shape (C, P + 1), -1 for r - w. With them come the free ln τ by kind; their
-        searches begin at ``starts``, or else on the grid.
+        Gains have shape (C, P + 1), -1 for r - w; the first row is no compensation. With them come
+        the free ln τ by kind; their searches begin at ``starts``, or else on the grid.
         """
         moments = [axis.moments for axis in self.axes]
         normals = {}
@@ -241,7 +241,7 @@ def identify_together(
     """Learn the drift of all axes of a sensor from many fits, each as far as it holds unseen."""
     body = Body(axes, settings)
     gains, logs = body.fit(None, {})
-    errors: list[list[FoldErrors]] = [[] for _ in axes]
+    errors: list[list[FoldForms]] = [[] for _ in axes]
     held_out_logs = []
     for number, fold in enumerate(body.folds, 1):
         held_out, fold_logs = body.fit(fold, logs)
@@ -273,7 +273,7 @@ def _root_mean_squares(weights: FloatArray, forms: FloatArray) -> FloatArray:
 
 def _weigh(errors: Sequence[FloatArray]) -> list[FloatArray]:
     """
-    Weigh none and all candidates by their held-out forms, (folds, C, C), of every axis: (C,).
+    Weigh no compensation and all candidates by their forms, (folds, C, C), of every axis: (C,).
 
     The evidence is in part that of all axes, as their body is one. The mean of a logarithm over
     folds and axes is a geometric mean of errors: no day and no axis outvotes the others.
@@ -313,11 +313,11 @@ def _if_worthwhile(weights: FloatArray, tared: FloatArray) -> FloatArray:
 
 
 def _gate(gained: FloatArray) -> FloatArray:
-    """Share of a correction that is used: half where it leaves what none leaves, all far below."""
+    """Share of a correction that is used: half where it gains nothing, all where it gains much."""
     return np.asarray(1 / (1 + np.exp(np.clip(_GATE * gained, -500, 500))))
 
 
-def _held_out(errors: Sequence[FoldErrors], weights: FloatArray, period_s: float) -> HeldOut:
+def _held_out(errors: Sequence[FoldForms], weights: FloatArray, period_s: float) -> HeldOut:
     """Keep an axis' errors on every fold, without compensation and of the average."""
     parts = [
         np.stack(

@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.signals import (
     AXES,
     FloatArray,
     IntArray,
+    NANOSECONDS,
     noise_level,
     Recording,
     Reference,
@@ -183,6 +185,12 @@ def _passed(temperature_c: FloatArray) -> FloatArray:
 def averaged_cells(period_s: float) -> int:
     """Count the thermal cells of the means that limits are stated of, and days are judged by."""
     return max(1, round(FITTED_BIN_S / period_s))
+
+
+def averaged_s(model: DriftModel) -> float:
+    """Compute how long these means last, s."""
+    period_s = model.period_ns / NANOSECONDS
+    return averaged_cells(period_s) * period_s
 
 
 def _bin_cells(longest: int, period_s: float) -> tuple[int, int]:

@@ -79,7 +79,7 @@ def calibrate(
     if settings.reference == 'payload':
         work = learn_at_work(recordings)
         _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
-        # With a model, drift can be told from payloads better: so once more.
+        # With a model, drift is separated from payloads better: so once more.
         work = learn_at_work(recordings, (work, model))
         fits, model = _learn(work.drift, axes, folds, settings, progress)
     else:
@@ -220,11 +220,9 @@ def summarise(calibration: Calibration) -> str:
 
 
 def _axis_line(axis: str, fit: AxisFit) -> str:
-    """Describe one axis."""
     if fit.model is None:
         return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
-    outputs = len(fit.model.dynamics.output_mean)
-    drifts = 'zero and sensitivity' if outputs == 2 else 'zero'
+    drifts = 'zero and sensitivity' if fit.model.outputs == 2 else 'zero'
     # A method that a person named is kept although it may do harm; it must not do so silently.
     harm = ': WORSE THAN NONE' if fit.harmful else ''
     return (

@@ -75,7 +75,7 @@ class RidgeBank:
 
 
 class Mixtures(NamedTuple):
-    """Columns, C, of time constants that the grid has not: each mixed from four of the pool's."""
+    """C columns of time constants between those of the grid, each mixed from four of the pool."""
 
     #: Which of the pool's, and their weights, shape (C, 4).
     places: IntArray

@@ -26,8 +26,8 @@ from wrist_ft_comp.stream.temperature_spikes import jumps
 
 #: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
 MIN_SAMPLES = 30
-#: Readings are equal where they differ by less than this many times their noise: fewer digits make
-#: them differ by less, and of another day only every fourth is so near ...
+#: Two recordings are the same day where readings differ by less than this many times their noise,
+#: as they do where one of them has fewer digits; of another day a quarter of them does so ...
 _EQUAL_NOISE = 0.5
 #: ... in more than this share of the cells: rounded stamps move a few samples to the next cell.
 _EQUAL_SHARE = 0.9
@@ -49,10 +49,10 @@ _MOST_SPIKES = 3
 _MOST_SPIKES_SHARE = 1e-3
 #: Jumps within this share of a recording are a bump, which can be left out.
 _BUMP_SHARE = 0.1
-#: Cells before and after jumps whose medians say whether the level is another one.
+#: Whether the level changed is judged by the medians of this many cells before and after jumps ...
 _LEVEL_CELLS = 10
-#: It is where they differ by more than this share of the largest jump.
-_STAYS_SHARE = 0.5
+#: ... which then differ by more than this share of the largest jump.
+_OTHER_LEVEL_SHARE = 0.5
 #: A channel is lively where this share of its neighbouring cells differ …
 _LIVELY_SHARE = 0.9
 #: … and then stuck where it keeps a value for this many cells.
@@ -204,16 +204,16 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
     begin_s, end_s = (float(cell) * recording.period_s for cell in cells[[0, -1]])
     margin_s = 10 * recording.period_s
     before, after = raw[at[at < cells[0]][-_LEVEL_CELLS:]], raw[at[at >= cells[-1]][:_LEVEL_CELLS]]
-    stays = abs(np.median(after) - np.median(before)) > _STAYS_SHARE * steps.max()
-    short = end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s
-    bump = ''
-    if stays:
-        bump = (
+    level_changed = abs(np.median(after) - np.median(before)) > _OTHER_LEVEL_SHARE * steps.max()
+    is_bump = end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s
+    remedy = ''
+    if level_changed:
+        remedy = (
             f' Or take one side of it: --until {max(begin_s - margin_s, 0):.0f}, or --from '
             f'{end_s + margin_s:.0f}.'
         )
-    elif short:
-        bump = (
+    elif is_bump:
+        remedy = (
             f' Or leave that part out: --exclude {max(begin_s - margin_s, 0):.0f}..'
             f'{end_s + margin_s:.0f}.'
         )
@@ -221,7 +221,7 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
         f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
         f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
         f'{declared} ({len(cells)} jumps, at stamp {stamps}). Record again without contact or '
-        f'payload change, or record the load as reference.{bump}'
+        f'payload change, or record the load as reference.{remedy}'
         + ' Or declare it payload, because specific force was recorded.'
         * (recording.specific_force is not None)
     )
@@ -301,7 +301,6 @@ def drop_stuck_cells(
 
 
 def _present(values: FloatArray) -> FloatArray:
-    """Take the finite values."""
     return np.asarray(values[np.isfinite(values)])
 
 

@@ -31,7 +31,6 @@ from wrist_ft_comp.drift.arx_filter import (
 )
 from wrist_ft_comp.drift.arx_pls import ArxPls, from_gains
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, stretches
 
@@ -85,8 +84,6 @@ def fix_signs(weights: FloatArray) -> FloatArray:
 
 def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """Fit PLS by NIPALS (eq. 3 to 10) to x, (N, F), and y, (N, M), until either is exhausted."""
-    if latents < 1:
-        raise SettingsError(f'PLS needs at least 1 latent; got {latents}.')
     e, f = x.copy(), y.copy()  # E_r and F_r of eq. 3 and 5
     x_limit, y_limit = (_EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
     components: list[tuple[FloatArray, ...]] = []
@@ -132,8 +129,6 @@ def _dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """Fit principal component regression, the paper's starting point, as ``fit_pls``."""
-    if latents < 1:
-        raise SettingsError(f'PCR needs at least 1 latent; got {latents}.')
     _, singular, directions = np.linalg.svd(x, full_matrices=False)
     rank = int(np.count_nonzero(singular**2 > _EXHAUSTED * np.sum(singular**2)))
     kept = directions[: min(latents, rank) if np.any(y) else 0]

@@ -7,11 +7,11 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.fit.axis_data import averaged_cells
+from wrist_ft_comp.fit.axis_data import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
-from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS, SensorNames
+from wrist_ft_comp.signals import FloatArray, IntArray, SensorNames
 
 Output = Literal['zero', 'sensitivity']
 OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
@@ -183,6 +183,5 @@ class Calibration:
             return []
         low_c, high_c = max(self.temperature_range_c.tolist(), key=lambda ends: ends[1] - ends[0])
         tared = f'On another day, tared, between {low_c:.0f} and {high_c:.0f} °C'
-        period_s = self.model.period_ns / NANOSECONDS
-        means = f'means over {averaged_cells(period_s) * period_s:g} s'
+        means = f'means over {averaged_s(self.model):g} s'
         return [f'{tared}, {means} (95 of 100 days):', *lines]

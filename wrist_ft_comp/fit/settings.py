@@ -33,7 +33,6 @@ class IdentificationSettings:
     orders: Orders = field(default_factory=Orders)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.method not in METHODS:
             raise SettingsError(
                 f'Unknown method {self.method!r}; expected one of {", ".join(METHODS)}.'
@@ -72,7 +71,6 @@ class CalibrationSettings:
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if self.reference not in get_args(Reference):
             raise SettingsError(
                 f'Unknown reference {self.reference!r}; expected one of '

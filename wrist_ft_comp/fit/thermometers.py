@@ -1,8 +1,10 @@
-"""How well thermometers know each other: ridge regressions, and their errors held out."""
+"""How each thermometer is predicted from the others: ridge regressions and held-out errors."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.prediction import (
     AVERAGED_BINS,
@@ -56,7 +58,8 @@ def predict_each_other(
     where the recordings have fewer than 60 bins.
     """
     cells = bin_cells(recordings[0].period_ns)
-    binned = [_means(recording, cells) for recording in recordings]
+    binned: list[FloatArray] = [_in_bins(r.temperature_c, cells).mean(axis=1) for r in recordings]
+    heard_bins = [np.asarray(_in_bins(r.measured, cells).any(axis=1)) for r in recordings]
     thermometers = recordings[0].thermometers
     if thermometers < 2 or sum(map(len, binned)) < _FEWEST_BINS:
         return None
@@ -80,8 +83,8 @@ def predict_each_other(
         shown = len(recordings) >= _FEWEST_RECORDINGS
         learnt.limit_k[j], learnt.jump_k[j] = (limit_k, jump_k) if shown else [NO_LIMIT_K] * 2
         moved_k = max(
-            _moved_while_still(bins_c[:, j], of_bins_k, _heard(recording, cells)[:, j])
-            for recording, bins_c, of_bins_k in zip(recordings, binned, errors_k, strict=True)
+            _moved_while_still(bins_c[:, j], of_bins_k, heard[:, j])
+            for bins_c, of_bins_k, heard in zip(binned, errors_k, heard_bins, strict=True)
         )
         learnt.still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k, changed_k)
         silence_s = max(longest_silence(r.measured[:, j]) * r.period_s for r in recordings)
@@ -89,18 +92,9 @@ def predict_each_other(
     return learnt
 
 
-def _means(recording: Recording, cells: int) -> FloatArray:
-    """Average temperatures over whole bins, shape (n, J)."""
-    whole = len(recording) // cells * cells
-    binned_c = recording.temperature_c[:whole].reshape(-1, cells, recording.thermometers)
-    return np.asarray(binned_c.mean(axis=1))
-
-
-def _heard(recording: Recording, cells: int) -> BoolArray:
-    """Find the bins in which thermometers were heard, shape (n, J)."""
-    whole = len(recording) // cells * cells
-    binned = recording.measured[:whole].reshape(-1, cells, recording.thermometers)
-    return np.asarray(binned.any(axis=1))
+def _in_bins(values: NDArray[Any], cells: int) -> NDArray[Any]:
+    """Cut values by cell, (N, J), into whole bins, (n, cells, J)."""
+    return values[: len(values) // cells * cells].reshape(-1, cells, values.shape[1])
 
 
 def relaxed(prediction: Prediction, values_c: FloatArray, bin_s: float) -> FloatArray:

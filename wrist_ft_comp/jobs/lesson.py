@@ -171,7 +171,7 @@ def _champion(path: Path | None) -> Champion:
 
 
 def _champion_of_past(path: Path | None) -> Champion:
-    """Load a model that was live; only its name is known where its file is gone."""
+    """Load a model that was live; only its name is known where its file was deleted."""
     try:
         return _champion(path)
     except WristFtCompError:

@@ -1,9 +1,8 @@
 """
 A process of its own for a job: ``JobProcess`` starts and watches it, ``serve`` runs in it.
 
-The job is read from standard input, and the outcome is written to standard output, one JSON object
-each. With ``--until-closed`` the job is one line, and the process ends when standard input is
-closed, as it is when the process that started it is killed.
+The job is a line of JSON on standard input, the outcome is JSON on standard output. The process
+ends when standard input is closed, as it is when the process that started it is killed.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +18,6 @@ from typing import Any
 from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job
 
-#: Argument of the process: end when standard input is closed.
-UNTIL_CLOSED = '--until-closed'
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0
 #: Nice value of a job for which somebody waits.
@@ -102,7 +99,6 @@ class JobProcess:
         self._close()
 
     def _close(self) -> None:
-        """Close the pipes."""
         for pipe in self._pipes:
             with suppress(BrokenPipeError):  # what was buffered for a process that died
                 pipe.close()
@@ -111,11 +107,8 @@ class JobProcess:
 def serve(answer: Callable[[CalibrationJob], dict[str, Any]]) -> int:
     """Run one job from standard input, at low priority, and write its outcome; gives 0."""
     os.nice(_LOW_PRIORITY)
-    if UNTIL_CLOSED in sys.argv:
-        text = sys.stdin.readline()
-        threading.Thread(target=_end_when_closed, daemon=True).start()
-    else:
-        text = sys.stdin.read()
+    text = sys.stdin.readline()
+    threading.Thread(target=_end_when_closed, daemon=True).start()
     json.dump(answer(decode_job(text)), sys.stdout)
     return 0
 

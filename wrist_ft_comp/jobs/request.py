@@ -19,8 +19,8 @@ class Learning:
     #: Name of the newest day before a person's last decision: this day and older ones are no
     #: evidence for a change any more. Empty when nobody decided.
     since: str = ''
-    #: How many recordings of days are kept. Of all but the newest, those go first whose
-    #: temperatures other days know, too.
+    #: How many recordings of days are kept. The newer half of them stays; of the others, those
+    #: whose temperatures other days have seen as well are deleted first.
     keep_days: int = 30
     #: How large they may be together, MB.
     max_mb: float = 500.0

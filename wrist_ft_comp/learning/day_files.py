@@ -177,7 +177,6 @@ class DayFiles:
         self._last_ns, self._rows = stamp_ns, self._rows + 1
 
     def _begin(self, stamp_ns: int) -> DayWriter:
-        """Begin a day."""
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         self._number += 1

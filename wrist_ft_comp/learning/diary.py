@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
 from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
@@ -58,7 +58,7 @@ FORGETTING = (GAIN, MOUNTING)
 
 @dataclass(frozen=True)
 class DayEntry:
-    """What is kept of a day at work, also when its recording is gone."""
+    """What is kept of a day at work, also after its recording was deleted."""
 
     #: Name of its file.
     name: str
@@ -118,7 +118,7 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True)
 class Diary:
-    """All days, oldest first, also those whose recordings are gone."""
+    """All days, oldest first, also those whose recordings were deleted."""
 
     days: tuple[DayEntry, ...] = ()
     decisions: tuple[Decision, ...] = ()
@@ -163,7 +163,7 @@ def diary_path(directory: Path) -> Path:
 
 def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where none can be read."""
-    with suppress(RecordingError, ModelFileError, OSError):
+    with suppress(RecordingError, OSError):
         if document := KIND.load_json(diary_path(directory)):
             diary: Diary = restored(Diary, document)
             numbered = tuple(day for day in diary.days if day_number(day.name))

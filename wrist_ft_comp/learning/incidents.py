@@ -276,8 +276,8 @@ def _is_tare(raw: FloatArray, step: Step, noise: FloatArray) -> bool:
     after = (raw[cells] + (cells < step.cell)[:, np.newaxis] * step.jump) / noise
     # A robot that moves is between two cells when it is tared: the nearest point between them.
     change = np.diff(after, axis=0)
-    way = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
-    missed = np.linalg.norm(after[:-1] + np.clip(way, 0, 1)[:, np.newaxis] * change, axis=1)
+    share = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
+    missed = np.linalg.norm(after[:-1] + np.clip(share, 0, 1)[:, np.newaxis] * change, axis=1)
     return bool((missed < _TARE_SHARE * np.linalg.norm(step.jump / noise)).any())
 
 

@@ -75,7 +75,7 @@ def describe_day(
 ) -> DayEntry:
     """Make a day's entry: what it saw, its incident, and what the live model left."""
     drift: FloatArray | float = 0.0
-    lying: list[str] = []
+    distrusted: list[str] = []
     try:
         day = look(name)
         drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
@@ -83,15 +83,15 @@ def describe_day(
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
-                drift, lying = simulated.zero, lies(champion.model, day.drift)
+                drift, distrusted = simulated.zero, lies(champion.model, day.drift)
                 entry = replace(
                     entry,
                     left={**entry.left, champion.key: left(simulated, day)},
                     creep=shares(day, simulated),
                 )
         kind, sentence = incident(day, entry, before, drift)
-        if lying and not kind:
-            kind, sentence = THERMOMETER, f'On this day {"; ".join(lying)}.'
+        if distrusted and not kind:
+            kind, sentence = THERMOMETER, f'On this day {"; ".join(distrusted)}.'
         if not kind and (jumps := jumping_thermometers([day.recording])):
             kind, sentence = THERMOMETER, ' '.join(jumps)
     except WristFtCompError as error:
@@ -136,8 +136,8 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     except WristFtCompError as error:
         return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     taken = ratio < (_CLEARLY_WORSE if champion.key and not chosen else 1)
-    less = round(ratio, 2) < 1  # as it is printed
-    why_so = 'It is better' if less else 'It is about as good, and knows more days'
+    is_better = round(ratio, 2) < 1  # as it is printed
+    why_so = 'It is better' if is_better else 'It is about as good, and knows more days'
     verdict = (
         f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
         f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '

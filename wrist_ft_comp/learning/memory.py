@@ -46,8 +46,8 @@ class Memory:
     automatic: bool = False
     #: File of the live model; empty when none was.
     path: str = ''
-    #: File of the model that ran on days that no job has judged, and that a person's decision
-    #: ended: by the time of the job another model is live. Empty when none ran.
+    #: By day: the file of the model that ran on it, empty when none did. These are days that a
+    #: person's decision ended and no job has judged: when the job comes, another model is live.
     ran: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs.process import JobProcess, UNTIL_CLOSED
+from wrist_ft_comp.jobs.process import JobProcess
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
 from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.node.recording import Recorder, RecordService
@@ -22,7 +22,7 @@ from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
 
 #: The process that runs a job.
-COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.calibration', UNTIL_CLOSED)
+COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.calibration')
 
 
 def start_job(job: CalibrationJob) -> JobProcess:
@@ -72,7 +72,6 @@ class JobMaker:
     def _make(
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
-        """Make a job."""
         output = self.store.new_model_path()
         settings = CalibrationSettings(
             reference=chosen['calibration.reference'],
@@ -144,7 +143,6 @@ class CalibrateService(LongService):
         yield Status(self.title, level, message, numbers)
 
     def _busy(self) -> str:
-        """Say that one runs."""
         return f'A calibration has been running for {self.running_s:.0f} s'
 
     def _work(self) -> Work:

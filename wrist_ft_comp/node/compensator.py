@@ -1,4 +1,4 @@
-"""The node ``compensator``: the way of one wrench, and the list of parts around it."""
+"""The node ``compensator``: it corrects every wrench, and its parts do all else."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -113,7 +113,6 @@ class CompensatorNode(Hub):
         tell_unknown(self, later, log)
 
     def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
-        """Parse temperature_topics."""
         if not entries:
             raise SettingsError(
                 'temperature_topics must name at least one topic; got none. The first is the '
@@ -179,7 +178,6 @@ class CompensatorNode(Hub):
         return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
 
     def _settings(self) -> dict[str, Any]:
-        """Read the present parameters."""
         simulated_time = bool(self.get_parameter('use_sim_time').value)
         return {**values(self, PARAMETERS), 'use_sim_time': simulated_time}
 
@@ -219,7 +217,6 @@ class CompensatorNode(Hub):
 
 
 def _stream_settings(chosen: dict[str, Any]) -> StreamSettings:
-    """Translate the stream's parameters."""
     return StreamSettings(
         thermal_period_s=chosen['thermal_period'],
         temperature_timeout_s=chosen['temperature_timeout'],

@@ -24,6 +24,7 @@ class Correction(Part):
     """
 
     title = 'correction'
+    hub: Hub
 
     def __init__(
         self, compensator: Compensator, rate_hz: float, newest: Callable[[], Newest | None],
@@ -33,12 +34,13 @@ class Correction(Part):
         self._newest, self._frame = newest, frame
         self._publisher: Any = None
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Offer the topic."""
-        self._publisher = hub.advertise(WrenchStamped, '~/correction')
+        self._publisher = self.hub.advertise(WrenchStamped, '~/correction')
         # A steady clock: a controller waits for it where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        hub.create_timer(1 / self._rate_hz, hub.guarded(self, self.publish), clock=steady)
+        publish = self.hub.guarded(self, self.publish)
+        self.hub.create_timer(1 / self._rate_hz, publish, clock=steady)
 
     def publish(self) -> None:
         """

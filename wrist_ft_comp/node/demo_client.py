@@ -59,13 +59,11 @@ class DemoClient(Operator):
             self.node.create_subscription(Temperature, topic, heard, SLOW_SENSOR, raw=True)
 
     def _on_wrench(self, topic: str, data: bytes) -> None:
-        """Keep one wrench."""
         stamp_ns, wrench = locate(data, WRENCH_DOUBLES).decode(data)
         self.wrenches[topic][stamp_ns] = wrench
         self.latest_ns = max(self.latest_ns, stamp_ns)
 
     def _on_temperature(self, number: int, data: bytes) -> None:
-        """Keep one temperature."""
         stamp_ns, (value, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
         self.temperatures.append((stamp_ns, number, value))
 

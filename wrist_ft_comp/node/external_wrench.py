@@ -112,7 +112,7 @@ class ExternalWrench(Part):
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
-    #: Averages the minute in which a payload is being identified; what it has been given.
+    #: Averages the minute in which a payload is being identified; and how many wrenches it took.
     collector: MotionCollector | None = None
     collected: int = 0
     #: How much of that minute has passed, 0 to 1; None when no payload is being identified.
@@ -121,7 +121,7 @@ class ExternalWrench(Part):
     last_identification: str = ''
     #: Why the payload that parameters name is not taken off yet: TF may take its time.
     waiting: str = ''
-    _hub: Hub = field(init=False)
+    hub: Hub = field(init=False)
     #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
     _last: LivePayload | None = None
@@ -133,21 +133,20 @@ class ExternalWrench(Part):
 
     title = 'payload'
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Offer the topic wrench_external."""
-        self._hub = hub
-        output = hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
+        output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
 
     def on_model(self) -> None:
-        """Choose the payload as soon as the first model is chosen."""
+        """Choose the payload as soon as the first model is live."""
         if self._chosen is None:
             self._settle()
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
         self.collector = collector
-        self._hub.listen(self, wanted=self.wanted)
+        self.hub.listen(self, wanted=self.wanted)
 
     @property
     def wanted(self) -> bool:
@@ -158,7 +157,7 @@ class ExternalWrench(Part):
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
         forces = self.gravity.forces
         if stamp_ns - forces.newest_ns > _FRESH_NS:
-            self._hub.do(self.gravity, self.gravity.poll)
+            self.hub.do(self.gravity, self.gravity.poll)
         force = forces.at(stamp_ns)
         if force is None:
             self.missed += 1
@@ -231,8 +230,10 @@ class ExternalWrench(Part):
         apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
         if apart_deg <= _CONTRADICTION_DEG:
             return ''
-        who = '/tf_static' if self._shelf.source == 'imu' else 'TF'
-        return f'{who} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
+        source = '/tf_static' if self._shelf.source == 'imu' else 'TF'
+        return (
+            f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
+        )
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""

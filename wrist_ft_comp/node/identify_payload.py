@@ -35,7 +35,6 @@ class IdentifyService(LongService):
     done = 'identified: '
 
     def _busy(self) -> str:
-        """Say that one is being identified."""
         passed_s = DURATION_S * (self._external.identified_share or 0.0)
         return f'A payload is being identified for {passed_s:.0f} of {DURATION_S:g} s'
 

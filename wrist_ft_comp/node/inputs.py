@@ -1,7 +1,7 @@
 """The parts that take raw wrenches and temperatures in, and judge them."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 import time
 from typing import TypeAlias
@@ -50,7 +50,7 @@ class Counts:
     not_finite: int = 0
     implausible: int = 0
     bad_references: int = 0
-    #: A number of the newest wrench that no sensor reads.
+    #: The number that no sensor reads, of the newest wrench that was dropped for one.
     strange: float = 0.0
 
     def drop(self, value: float) -> None:
@@ -96,6 +96,7 @@ class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
     title = 'input'
+    hub: Hub
 
     def __init__(
         self,
@@ -118,9 +119,9 @@ class WrenchInput(Part):
         self._looked_at = 0
         self._growth, self._events = Growth(), _Events()
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Learn what the topic is called."""
-        self._hub, self._topic = hub, hub.resolve_topic_name(self._name)
+        self._topic = self.hub.resolve_topic_name(self._name)
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
@@ -146,7 +147,7 @@ class WrenchInput(Part):
         if self._inside is not None:
             self._inside.look()
         self.poll()
-        counts, publishers = self._counts, self._hub.count_publishers(self._topic)
+        counts, publishers = self._counts, self.hub.count_publishers(self._topic)
         strange = counts.not_finite + counts.implausible
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, unusable=counts.malformed + strange, strange=strange
@@ -183,12 +184,12 @@ class WrenchInput(Part):
         """Say that no wrenches come, and guess why."""
         if self._inside is not None and self._inside.problem:
             return f'no raw wrenches arrive: {self._inside.problem}'
-        if policy := self._hub.incompatible.get(self._name):
+        if policy := self.hub.incompatible.get(self._name):
             return (
                 f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
             )
         plain = self._inside is None and self.newest() is None
-        if plain and (problem := no_wrench(self._hub, self._topic)):
+        if plain and (problem := no_wrench(self.hub, self._topic)):
             return f'no raw wrenches arrive: {problem}'
         if publishers:
             return (
@@ -231,6 +232,7 @@ class TemperatureInput(Part):
     _gravity: Gravity
     _live: LiveModel
     _state_keeper: StateKeeper
+    hub: Hub = field(init=False)
     #: Usable temperatures of all thermometers, and those that no sensor reads.
     usable: int = 0
     unusable: int = 0
@@ -242,7 +244,6 @@ class TemperatureInput(Part):
     title = 'temperature'
 
     def __post_init__(self) -> None:
-        """Begin without a reading."""
         self._tracker, count = self._compensator.tracker, len(self._sources)
         #: When every thermometer reported last, by the steady clock.
         self._heard_s: list[float | None] = [None] * count
@@ -251,11 +252,11 @@ class TemperatureInput(Part):
         self._watch = ThermometerWatch(count)
         self._growth, self._events = Growth(), _Events()
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Subscribe to every thermometer."""
-        self._hub = hub
         named = zip(self._topics, self._sources, strict=True)
-        self.fields = FieldInputs(hub, named, self._take, hub.guarded(self, self.on_temperature))
+        take_bytes = self.hub.guarded(self, self.on_temperature)
+        self.fields = FieldInputs(self.hub, named, self._take, take_bytes)
 
     def on_temperature(self, thermometer: int, data: bytes) -> None:
         """Take one sensor_msgs/Temperature."""
@@ -272,16 +273,16 @@ class TemperatureInput(Part):
             self.unusable += 1
             self._last_unusable = thermometer, temperature_c
             return
-        at_ns, newest = stamp_ns or self._hub.now_ns(), self._wrenches.newest()
+        at_ns, newest = stamp_ns or self.hub.now_ns(), self._wrenches.newest()
         # Specific force that came before this would else be too late for the recording's cell.
-        self._hub.do(self._gravity, self._gravity.poll)
+        self.hub.do(self._gravity, self._gravity.poll)
         wrench = newest and newest[:2]
         cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
         self.usable += 1
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
         self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
-            self._hub.tell('on_cells', cells, at_ns)
+            self.hub.tell('on_cells', cells, at_ns)
 
     def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
         """Watch for thermometers that jump."""
@@ -354,7 +355,7 @@ class TemperatureInput(Part):
                     'must use one clock'
                 )
         yield from self._outside()
-        for j, publishers in enumerate(map(self._hub.count_publishers, self._topics), start=1):
+        for j, publishers in enumerate(map(self.hub.count_publishers, self._topics), start=1):
             if publishers > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         yield from self._recent_events()
@@ -388,7 +389,7 @@ class TemperatureInput(Part):
         drift = 'drift is held' if self._compensator.compensating else 'drift waits for it'
         never, silent = [], []
         for j, at_s in enumerate(self._heard_s):
-            policy = self._hub.incompatible.get(self._sources[j].topic, '')
+            policy = self.hub.incompatible.get(self._sources[j].topic, '')
             if j in problems:
                 yield f'thermometer {j + 1}: {problems[j]}; {drift}'
             elif at_s is None and policy:

@@ -80,7 +80,6 @@ class DiaryKeeper:
             self.end_day()
 
     def _begin(self) -> None:
-        """Record from now on."""
         self._recording = self._recorder.begin(self.files, self._fail, self._follow_period)
 
     def _follow_period(self) -> None:
@@ -246,7 +245,7 @@ class Learner(Part):
             self._note_adopted()
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
-        """Start a job where the newest day is not judged, or once per day to make room."""
+        """Start a job where the newest day is not judged; where there is no room, once per day."""
         newest = days[-1].name if days else ''
         if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
             return
@@ -261,7 +260,6 @@ class Learner(Part):
             self._wait(f'Learning cannot be started: {error}.')
 
     def _wait(self, why: str) -> None:
-        """Try again later."""
         self._wait_until = time.monotonic() + _JOB_RETRY_S
         if why != self.waiting:
             self.waiting = why
@@ -398,7 +396,6 @@ class Learner(Part):
         return self.waiting or 'the day is being recorded; no better model is offered'
 
     def _numbers(self) -> dict[str, str]:
-        """Collect the numbers behind the status."""
         memory = self.memory
         numbers = {
             'mode': self.mode,

@@ -9,7 +9,6 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import Part, Service
 from wrist_ft_comp.signals import SensorNames
@@ -52,7 +51,7 @@ class LiveModel(Part):
         """Offer ~/rollback."""
         return (Service(Trigger, '~/rollback', self.roll_back),)
 
-    def start(self, _hub: Hub) -> None:
+    def start(self) -> None:
         """Choose the first model."""
         model_file = self._model_file
         self._store.sweep()
@@ -131,7 +130,6 @@ class LiveModel(Part):
         self._remember(self._history if again else [*self._history, given.path], given.sha256)
 
     def _announce(self, stored: StoredModel) -> None:
-        """Log what is live."""
         self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
 
     @property
@@ -175,7 +173,6 @@ class LiveModel(Part):
                 self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
-        """Check one of these parameters."""
         store = self._store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):
@@ -217,7 +214,7 @@ class LiveModel(Part):
         try:
             self._make_live(None if before is None else self.load(before))
         except WristFtCompError as error:
-            # Taken off the list, or it would bar the way to those before it.
+            # Taken off the list, or those before it could never be reached.
             self._remember([*earlier, live])
             raise SettingsError(
                 f'{error} The running model stays; call again for the model before that one.'

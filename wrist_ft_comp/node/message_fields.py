@@ -42,7 +42,6 @@ class PlainTopic:
         self._subscription: Any = self._subscribe()
 
     def _subscribe(self) -> Any:
-        """Subscribe to the topic."""
         return self._node.subscribe(Temperature, self._name, self._take, messages.SLOW_SENSOR)
 
     def look(self) -> None:
@@ -88,7 +87,6 @@ class AnyTopic:
             self._subscription, self._type = None, ''
 
     def _subscribe(self, name: str) -> None:
-        """Subscribe to messages of a type."""
         try:
             self._subscription = self._open(load_type(self._topic, name), name)
         except WristFtCompError as error:
@@ -229,7 +227,6 @@ class FieldInputs:
                     self._read(j, source, message)
 
     def _read(self, thermometer: int, source: TemperatureSource, message: Any) -> None:
-        """Take one temperature out of a message."""
         try:
             celsius = source.read(message)
         except SettingsError as error:

@@ -136,7 +136,6 @@ class Watch:
         operator.node.create_subscription(DiagnosticArray, '/diagnostics', self._take, OUTPUT)
 
     def _take(self, array: Any) -> None:
-        """Keep the statuses of the node."""
         ours = [status for status in array.status if status.name.startswith(self._begin)]
         for status in ours:
             name = status.name.removeprefix(self._begin)

@@ -19,15 +19,15 @@ class Output(Part):
     """Publishes the zero drift once per thermal cell; ``frame`` gives the sensor's frame."""
 
     title = 'output'
+    hub: Hub
 
     def __init__(self, compensator: Compensator, counts: Counts, frame: Callable[[], str]) -> None:
         self._compensator, self._counts, self._frame = compensator, counts, frame
         self._growth = Growth()
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Offer the topic."""
-        self._hub = hub
-        self.drift = hub.advertise(WrenchStamped, '~/drift')
+        self.drift = self.hub.advertise(WrenchStamped, '~/drift')
 
     def on_cells(self, _cells: Sequence[CompletedCells], stamp_ns: int) -> None:
         """Publish what is subtracted at the end of cells."""
@@ -52,7 +52,7 @@ class Output(Part):
             level, why = ERROR, f'drift of {large} is at its limit'
         elif fast:
             why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
-        elif stream.compensating and (policy := self._hub.incompatible.get('wrench')):
+        elif stream.compensating and (policy := self.hub.incompatible.get('wrench')):
             why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
         elif stream.compensating:
             level, why = OK, 'compensated'

@@ -72,6 +72,7 @@ class Recorder(Part):
     """Feeds the recordings that run; while there is none, it does not listen to wrenches."""
 
     title = 'recorder'
+    hub: Hub
 
     def __init__(
         self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
@@ -84,17 +85,10 @@ class Recorder(Part):
         self._compensator = compensator
         self._with_force = with_force
         self._running: list[OwnRecording] = []
-        self._hub: Hub | None = None
-
-    def start(self, hub: Hub) -> None:
-        """Listen to wrenches as soon as a recording runs."""
-        self._hub = hub
-        self._listen()
 
     def _listen(self) -> None:
         """Listen to wrenches while a recording runs."""
-        if self._hub is not None:
-            self._hub.listen(self, wanted=bool(self._running))
+        self.hub.listen(self, wanted=bool(self._running))
 
     @property
     def period_ns(self) -> int:
@@ -164,7 +158,7 @@ class RecordService(Part):
     _store: ModelStore
     _counts: Counts
     _log: NodeLog
-    _hub: Hub = field(init=False)
+    hub: Hub = field(init=False)
     _reference: Any = None
     #: The recording that runs, and its file, or that of the last one.
     current: OwnRecording | None = None
@@ -177,10 +171,6 @@ class RecordService(Part):
     def services(self) -> Sequence[Service]:
         """Offer ~/record."""
         return (Service(SetBool, '~/record', self.on_request),)
-
-    def start(self, hub: Hub) -> None:
-        """Keep the hub, which subscribes."""
-        self._hub = hub
 
     def on_request(self, request: Any, _reply: Any) -> str:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
@@ -196,8 +186,9 @@ class RecordService(Part):
             )
         # Only while recording: a reference at a kilohertz costs as much as the wrench itself. And
         # first of all: an override of its quality of service that cannot be had is refused here.
-        reference = self._hub.subscribe_for(
-            self, WrenchStamped, 'wrench_reference', self.on_reference, messages.FAST_SENSOR
+        take = self.hub.guarded(self, self.on_reference)
+        reference = self.hub.subscribe(
+            WrenchStamped, 'wrench_reference', take, messages.FAST_SENSOR
         )
         try:
             with writing(self._store.directory):
@@ -206,7 +197,7 @@ class RecordService(Part):
                 columns = *self._recorder.channels, origin
                 writer = csv_file.CsvRecordingWriter(path, columns)
         except RecordingError as error:
-            self._hub.destroy_subscription(reference)
+            self.hub.destroy_subscription(reference)
             raise RecordingError(f'{error} {REMEDY}.') from error
         self._reference, self.path, self.failure = reference, path, ''
         self.current = self._recorder.begin(writer, self._fail, self._follow_period)
@@ -224,9 +215,8 @@ class RecordService(Part):
         return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
 
     def _forget(self) -> None:
-        """Unsubscribe from the reference."""
         self.current = None
-        self._hub.destroy_subscription(self._reference)
+        self.hub.destroy_subscription(self._reference)
 
     def on_reference(self, data: bytes) -> None:
         """Take one reference wrench."""
@@ -238,7 +228,7 @@ class RecordService(Part):
         if not math.hypot(*reference) < LARGEST:  # false for NaN
             self._counts.bad_references += 1
         elif self.current is not None:
-            at_ns = stamp_ns or self._hub.now_ns()
+            at_ns = stamp_ns or self.hub.now_ns()
             self.current.averager.add_reference(at_ns, reference)
 
     def _fail(self, error: RecordingError) -> None:

@@ -252,7 +252,6 @@ class SimulatedSensor(Node):
         publisher.publish(message)
 
     def _send_temperatures(self, elapsed_ns: int, temperature_c: list[float]) -> None:
-        """Send the readings of both thermometers, °C."""
         outputs = zip(self._to_temperatures, self._readings, temperature_c, strict=True)
         for publisher, message, value in outputs:
             self._stamp(message, elapsed_ns)

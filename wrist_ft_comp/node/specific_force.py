@@ -32,7 +32,7 @@ class RecentForces:
     """
     The newest samples of specific force, as measured, m/s².
 
-    At a stamp the newest one up to it holds, or else the nearest, so that nothing waits.
+    At a stamp the newest sample up to it counts, or else the nearest: no wrench waits for one.
     """
 
     def __init__(self, timeout_s: float) -> None:
@@ -75,6 +75,7 @@ class Gravity(Part):
     """
 
     title = 'gravity'
+    hub: Hub
 
     def __init__(self, chosen: dict[str, Any]) -> None:
         self._source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
@@ -85,24 +86,22 @@ class Gravity(Part):
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
         self._unreadable_before = 0
-        self._hub: Hub | None = None
         #: Links gravity.frame and the wrench's frame; with an IMU, the frames of IMU and wrench.
         self._tree = GravityByTf(self._upper, '')
-        self._told_ns: int | None = None
+        self._handed_out_ns: int | None = None
         self._tf_messages = 0
         self._imu: Any = None
-        #: The newest message of the IMU.
+        #: The newest message of the IMU; empty before the first.
         self._newest = b''
 
-    def start(self, hub: Hub) -> None:
+    def start(self) -> None:
         """Subscribe; SettingsError when what is asked for cannot be had."""
-        self._hub = hub
         if self._source == 'imu':
-            self._imu = hub.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
+            self._imu = self.hub.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
             try:
-                self._subscribe(hub, '/tf_static')
+                self._subscribe('/tf_static')
             except SettingsError as error:  # a learnt payload brings the rotation
-                hub.log.info(f'TF is not asked how the IMU is mounted: {error}')
+                self.hub.log.info(f'TF is not asked how the IMU is mounted: {error}')
         elif self._by_tf:
             if not self._upper:
                 raise SettingsError(
@@ -110,14 +109,13 @@ class Gravity(Part):
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
             for topic in ('/tf', '/tf_static'):
-                self._subscribe(hub, topic)
+                self._subscribe(topic)
 
-    def _subscribe(self, hub: Hub, topic: str) -> None:
-        """Subscribe to a topic of transforms."""
+    def _subscribe(self, topic: str) -> None:
         static = topic == '/tf_static'
         take = partial(self.on_tf, Layouts(), static=static)
         qos = messages.LATCHED if static else messages.FAST_SENSOR
-        hub.subscribe_for(self, load_type(topic, TF), topic, take, qos)
+        self.hub.subscribe(load_type(topic, TF), topic, self.hub.guarded(self, take), qos)
 
     def poll(self) -> None:
         """Take the messages that an IMU has sent."""
@@ -142,7 +140,7 @@ class Gravity(Part):
 
         With TF, that of specific force is the frame whose z is up.
         """
-        wrench = '' if self._hub is None else self._hub.hardware_id()
+        wrench = self.hub.hardware_id()
         if self._by_tf:
             return FrameIds(self._upper, wrench)
         newest = self._newest
@@ -170,7 +168,7 @@ class Gravity(Part):
         x, y, z = numbers[ACCELERATION]
         speed = math.hypot(*numbers[ROTATION])
         if math.isfinite(x + y + z):
-            self._tell(stamp_ns, (x, y, z), speed if speed > 0 else None)
+            self._hand_out(stamp_ns, (x, y, z), speed if speed > 0 else None)
         else:
             self.unreadable += 1
 
@@ -190,37 +188,35 @@ class Gravity(Part):
         if self._tf_messages % _TIDY_MESSAGES == 0:
             self._tree.forget()
         if self._by_tf and needed:
-            self._tell_by_tf()
+            self._hand_out_by_tf()
 
-    def _tell_by_tf(self) -> None:
+    def _hand_out_by_tf(self) -> None:
         """Hand out specific force at the newest stamp of all transforms, if it is a new one."""
-        at_ns, told_ns = self._tree.settled_ns(), self._told_ns
+        at_ns, last_ns = self._tree.settled_ns(), self._handed_out_ns
         # Stamps that ran back are those of a simulation that was restarted.
-        if at_ns is None or (told_ns is not None and 0 <= at_ns - told_ns < _STEP_NS):
+        if at_ns is None or (last_ns is not None and 0 <= at_ns - last_ns < _STEP_NS):
             return
-        self._told_ns = at_ns
+        self._handed_out_ns = at_ns
         force, speed = self._tree.read(np.array([at_ns]))
         if math.isfinite(force[0, 0]):
             x, y, z = force[0].tolist()
-            self._tell(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+            self._hand_out(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
 
-    def _tell(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+    def _hand_out(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
-        if self._hub is not None:
-            self._hub.tell('on_force', stamp_ns or self._hub.now_ns(), force, speed)
+        self.hub.tell('on_force', stamp_ns or self.hub.now_ns(), force, speed)
 
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
-        hub = self._hub
         for topic in ('imu', '/tf', '/tf_static'):
-            if hub is not None and (policy := hub.incompatible.get(topic)):
+            if policy := self.hub.incompatible.get(topic):
                 return f'{topic} is not heard: a publisher offers less {policy} than is asked for'
-        if self._imu is not None and hub is not None:
+        if self._imu is not None:
             topic = self._imu.topic_name
-            if other := wrong_type(hub, topic, IMU):
+            if other := wrong_type(self.hub, topic, IMU):
                 return other
-            if (publishers := hub.count_publishers(topic)) > 1:
+            if (publishers := self.hub.count_publishers(topic)) > 1:
                 return f'{topic} has {publishers} publishers; their readings are mixed'
         if self.unreadable == unreadable:
             return ''
@@ -230,4 +226,6 @@ class Gravity(Part):
     def problem(self) -> str:
         """Say why TF gives no specific force; empty where it does, or is not used."""
         self._tree.lower = lower = self.frames().wrench_frame
-        return self._tree.missing() if self._by_tf and self._told_ns is None and lower else ''
+        return (
+            self._tree.missing() if self._by_tf and self._handed_out_ns is None and lower else ''
+        )

@@ -51,7 +51,7 @@ class StateKeeper(Part):
         """Continue from the saved state when the first model is live, and begin to save."""
         if self._due is None:
             self._due = time.monotonic() + self._settings['save_period']
-            self._told = self._compensator.tracker.origin
+            self._logged_origin = self._compensator.tracker.origin
             self._restore()
             self._saved, self._saved_end_ns = self._key(), self._end_ns()
 
@@ -107,7 +107,7 @@ class StateKeeper(Part):
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
-        self._tell_origin()
+        self._log_origin()
         if self.writer.problem != self._complained:
             self._complained = self.writer.problem
             if self.writer.problem:
@@ -118,21 +118,21 @@ class StateKeeper(Part):
         if due or self._key() != self._saved:
             self.save()
 
-    def _tell_origin(self) -> None:
+    def _log_origin(self) -> None:
         """Log how the drift started, once that is known."""
         tracker = self._compensator.tracker
-        if tracker.origin == self._told:
+        if tracker.origin == self._logged_origin:
             return
-        self._told = tracker.origin
+        self._logged_origin = tracker.origin
         if self._loaded is not None:
-            self.outcome = self._told
+            self.outcome = self._logged_origin
             if not tracker.awaiting_gap:
                 self._loaded = None
         # One call site each: rclpy insists that a call site keeps its severity.
         if tracker.forgot:
-            self._log.warning(self._told)
+            self._log.warning(self._logged_origin)
         else:
-            self._log.info(self._told)
+            self._log.info(self._logged_origin)
 
     def save(self) -> None:
         """Have the present state saved; returns at once."""

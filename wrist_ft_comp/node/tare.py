@@ -39,22 +39,17 @@ class TareService(LongService):
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
-    _hub: Hub = field(init=False)
+    hub: Hub = field(init=False)
 
     name, title = '~/tare', 'tare'
     not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
     def _busy(self) -> str:
-        """Say that one runs."""
         return 'A tare is running'
 
     def services(self) -> Sequence[Service]:
         """Offer ~/tare and ~/reset_tare."""
         return (*super().services(), Service(Trigger, '~/reset_tare', self.reset))
-
-    def start(self, hub: Hub) -> None:
-        """Keep the hub, which hands out wrenches."""
-        self._hub = hub
 
     def reset(self, *_: Any) -> str:
         """Forget the tare."""
@@ -77,13 +72,13 @@ class TareService(LongService):
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._collector, self._weights = collector, []
-        self._hub.listen(self, wanted=True)
+        self.hub.listen(self, wanted=True)
         try:
             while self._collector is not None and time.monotonic() <= deadline:
                 yield
         finally:
             self._collector = None
-            self._hub.listen(self, wanted=False)
+            self.hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
         weight = self._weight(payload)
         tare = self._compensator.set_tare(mean, stamp_ns, weight)

@@ -10,11 +10,11 @@ Force = tuple[float, float, float]
 
 
 class LivePayload:
-    """A payload, and how measured specific force is turned for it, by whom ``turned`` says."""
+    """A payload and the frame of its specific force; ``turned`` says where that was learnt."""
 
     def __init__(self, name: str, payload: Payload, frame: ForceFrame, turned: str = '') -> None:
         self.name, self.payload, self.frame = name, payload, frame
-        #: How specific force is turned for it, and who says so, for people.
+        #: The same in words for people.
         self.turn = f'specific force is {frame}, {turned}'
         still = payload.weight(frame.turn(np.zeros(3)))
         gains = payload.weight(frame.turn(np.eye(3))) - still
@@ -24,7 +24,6 @@ class LivePayload:
         )
 
     def __str__(self) -> str:
-        """Name it, with mass and centre of mass."""
         center = ', '.join(f'{coordinate:.4f}' for coordinate in self.payload.center_m)
         return f'{self.name}, {self.payload.mass_kg:.4f} kg at ({center}) m'
 

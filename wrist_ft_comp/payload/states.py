@@ -252,6 +252,5 @@ def _misfit(cells: Cells, fit: Fit) -> float:
 
 
 def _two_are_alike(gains: FloatArray) -> bool:
-    """Whether two of the states weigh the same."""
     pairs = [(np.linalg.norm(a - b), np.linalg.norm(a)) for a, b in combinations(gains, 2)]
     return any(apart < max(_SAME_GAINS_SHARE * whole, LIGHTEST_KG) for apart, whole in pairs)

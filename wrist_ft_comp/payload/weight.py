@@ -38,7 +38,6 @@ class Payload:
     share: float = np.nan
 
     def __post_init__(self) -> None:
-        """Check shapes and ranges."""
         if np.shape(self.center_m) != (3,) or np.shape(self.center_error_m) != (3,):
             raise SettingsError(
                 f'A centre of mass is three numbers in m; got {np.shape(self.center_m)}.'
@@ -99,7 +98,6 @@ class ForceFrame:
         return not (turned or biased or np.abs(self.scale - 1).max() > _LEAST_SCALE_ERROR)
 
     def __str__(self) -> str:
-        """Describe the rotation."""
         r = self.rotation
         roll, yaw = np.arctan2((r[2, 1], r[1, 0]), (r[2, 2], r[0, 0]))
         angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])

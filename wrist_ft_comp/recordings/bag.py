@@ -39,7 +39,7 @@ class Connection:
     native: Any
 
 
-#: What has a connection's number as ``id``, time of arrival at the recorder in ns, bytes.
+#: A connection (by its ``id``), the time of arrival at the recorder, ns, and the bytes.
 Message = tuple[Any, int, bytes]
 
 

@@ -48,6 +48,7 @@ from wrist_ft_comp.wire.temperature_source import (
     path_text,
     temperatures_in,
     TemperatureSource,
+    to_celsius,
 )
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
@@ -135,7 +136,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
         for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
-            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
+            yield Samples((channel,), stamps_ns, to_celsius(column[:, np.newaxis], source.unit))
     _refuse_unstamped(bag, [stream.connection for stream in unstamped])
 
 

@@ -69,7 +69,6 @@ class ChamberTable:
     left_out: tuple[tuple[float, str], ...] = ()
 
     def __post_init__(self) -> None:
-        """Check shapes, finiteness and that there is a span to divide by."""
         expected = (len(self.load), len(self.temperatures_c))
         if self.output.shape != expected or 0 in expected:
             raise RecordingError(

@@ -227,7 +227,6 @@ class CsvRecording:
         return ('\n' if _is_comment(line) else line for line in lines)
 
     def _rows(self, lines: Iterable[str]) -> Any:
-        """Cut lines into cells."""
         return csv.reader(lines, delimiter=self.delimiter, skipinitialspace=self.delimiter == ' ')
 
     def _converted(self, rows: list[list[str]]) -> CsvPiece:
@@ -299,17 +298,14 @@ class CsvRecording:
 
 
 def _is_blank(row: Sequence[str]) -> bool:
-    """Whether a line is empty."""
     return len(row) < 2 and not ''.join(row).strip()
 
 
 def _is_comment(line: str) -> bool:
-    """Tell whether a line is a comment."""
     return line.startswith(('#', '%', '//'))
 
 
 def _with_comma(unit_ns: int, text: str) -> int:
-    """Convert a stamp that may have a decimal comma."""
     return nanoseconds(text.replace(',', '.'), unit_ns)
 
 
@@ -419,7 +415,6 @@ class CsvRecordingWriter:
         self._write(self._cells(stamp_ns, filled))
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
-        """Lay out a row."""
         return (int(stamp_ns), *('' if isnan(value) else float(value) for value in values))
 
     def sync(self) -> None:

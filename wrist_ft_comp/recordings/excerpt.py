@@ -38,10 +38,8 @@ class Part:
                 first_ns = int(block.stamps_ns[timed][0])
             since_s = np.where(timed, block.stamps_ns - (first_ns or 0), 0) / NANOSECONDS
             counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
-            lasts_s, left = (
-                max(lasts_s, float(since_s.max(initial=0.0))),
-                left or bool(counts.any()),
-            )
+            lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
+            left = left or bool(counts.any())
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
         if first_ns is not None and not left:
             raise SettingsError(

@@ -122,7 +122,6 @@ def _in_unit(ours: str, unit: str, entry: str) -> str:
 
 
 def _factor(ours: str, unit: str, entry: str) -> float:
-    """Give the factor of a unit of a channel that is no temperature."""
     units = _FACTORS[axis_unit(ours.removeprefix('reference_'))]
     if unit and unit not in units:
         raise SettingsError(f'{ours} may be in {", ".join(units)}; got {entry!r}.')

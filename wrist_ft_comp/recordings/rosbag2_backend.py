@@ -48,7 +48,6 @@ def _compression(chosen: Path) -> str:
 
 
 def _reader(chosen: Path, compression: str) -> Any:
-    """Open a reader."""
     kind = rosbag2_py.SequentialCompressionReader if compression else rosbag2_py.SequentialReader
     reader = kind()
     reader.open(rosbag2_py.StorageOptions(uri=str(chosen)), rosbag2_py.ConverterOptions('', ''))

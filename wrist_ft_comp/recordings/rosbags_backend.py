@@ -48,12 +48,10 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
 
 
 def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
-    """Describe connections as this package does."""
     return tuple(Connection(c.id, c.topic, c.msgtype, c.msgcount, c) for c in found)
 
 
 def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Iterator[Message]:
-    """Read the messages of some connections."""
     return iter(messages([connection.native for connection in wanted]))
 
 

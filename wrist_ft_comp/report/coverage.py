@@ -98,7 +98,6 @@ def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
 
 
 def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, float]]:
-    """Range of the reference wrench, by axis."""
     reference = np.concatenate([recording.reference for recording in recordings])
     loads = {}
     for axis, column in zip(AXES, reference.T, strict=True):
@@ -158,7 +157,6 @@ def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, floa
 
 
 def _temperatures(coverage: Coverage) -> Iterator[str]:
-    """Name the temperatures that are missing."""
     low, high = coverage.range_c[coverage.leading]
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     unseen = unseen_temperatures(coverage)

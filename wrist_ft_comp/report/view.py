@@ -9,7 +9,7 @@ import numpy as np
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.fit.axis_data import averaged_cells
+from wrist_ft_comp.fit.axis_data import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.gains import COUNTS
@@ -245,16 +245,10 @@ def evaluation_view(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
-        f'{averaged_s(stored):g} s. Reference: {references}.',
+        f'{averaged_s(stored.model):g} s. Reference: {references}.',
         axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
         warnings=tuple(dict.fromkeys(w for r in recordings for w in r.warnings)),
         tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
-
-
-def averaged_s(stored: StoredModel) -> float:
-    """Say how long the means last that a model is judged by, s."""
-    period_s = stored.model.period_ns / NANOSECONDS
-    return averaged_cells(period_s) * period_s
 
 
 def _axis_view(  # noqa: PLR0913, PLR0917 -- what an axis' view is made of
@@ -293,7 +287,7 @@ def drifts_removed(model: AxisModel | None) -> str:
     """Say which drifts an axis' model removes."""
     if model is None:
         return 'none'
-    return 'zero and gain' if len(model.dynamics.output_mean) == 2 else 'zero'
+    return 'zero and gain' if model.outputs == 2 else 'zero'
 
 
 def one_after_the_other(

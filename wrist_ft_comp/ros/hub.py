@@ -82,9 +82,11 @@ class Hub(Node):
             verb: [part for part in parts if getattr(type(part), verb) is not getattr(Part, verb)]
             for verb in _VERBS
         }
+        for part in parts:
+            part.hub = self
         try:
             for part in parts:
-                self.call(part, part.start, self)
+                self.call(part, part.start)
         except WristFtCompError:
             self._end_parts()  # such as a folder that is locked
             raise
@@ -139,12 +141,6 @@ class Hub(Node):
     def guarded(self, part: Part, callback: Callable[..., Any]) -> Callable[..., Any]:
         """Make a callback of a part fit for an executor, which ends at whatever is thrown."""
         return partial(self.do, part, callback)
-
-    def subscribe_for(
-        self, part: Part, kind: Any, topic: str, callback: Callable[..., Any], qos: Any
-    ) -> Any:
-        """Subscribe a part to serialized messages."""
-        return self.subscribe(kind, topic, self.guarded(part, callback), qos)
 
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
@@ -231,7 +227,6 @@ class Hub(Node):
         return SetParametersResult(successful=True)
 
     def _keep_house(self) -> None:
-        """Poll the parts."""
         self.tell('poll')
 
     def _judge(self, part: Part) -> list[Status]:

@@ -1,6 +1,7 @@
 """Tables of parameters: their rows, how a node declares them, and the rows of all nodes."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -173,23 +174,16 @@ def _converted_where_possible(
     rows: dict[str, Parameter], given: Sequence[RosParameter]
 ) -> list[RosParameter]:
     """Convert the parameters of a set request, as far as possible."""
-    return [
-        _converted_if_possible(rows[parameter.name], parameter)
-        if parameter.name in rows
-        else parameter
-        for parameter in given
-    ]
-
-
-def _converted_if_possible(row: Parameter, given: RosParameter) -> RosParameter:
-    """Convert one parameter of a set request, if possible."""
-    try:
-        return ros_parameter(row, converted(row, given.value))
-    except SettingsError:
-        if row.ros_type == _Type.DOUBLE and type(given.value) is int:
-            # So that the refusal is about the range: the type would do.
-            return ros_parameter(row, float(given.value))
-        return given
+    wanted = list(given)
+    for place, parameter in enumerate(given):
+        row, value = rows.get(parameter.name), parameter.value
+        if row is None:
+            continue
+        with suppress(SettingsError):
+            # An integer for a double has the right type: a refusal is about its range.
+            whole = row.ros_type == _Type.DOUBLE and type(value) is int
+            wanted[place] = ros_parameter(row, float(value) if whole else converted(row, value))
+    return wanted
 
 
 def _validated(rows: dict[str, Parameter], wanted: Sequence[RosParameter]) -> SetParametersResult:

@@ -99,6 +99,8 @@ class Part:
     needs of the node. The order of parts decides only the order of their diagnostics.
     """
 
+    #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
+    hub: Any
     #: Its name in the log and the diagnostics.
     title = ''
     #: Why the hub does not call it any more; empty while all is well.
@@ -108,7 +110,7 @@ class Part:
         """List the services that it offers."""
         return ()
 
-    def start(self, hub: Any) -> None:
+    def start(self) -> None:
         """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
 
     def on_model(self) -> None:

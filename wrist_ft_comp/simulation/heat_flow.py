@@ -2,7 +2,7 @@
 Heat conduction along a simulated wrist: the constants, and the matrices that follow from them.
 
 Heat flows from a joint's motor through the flange and the sensor's body to the tool, and
-everywhere along that way into the room::
+from each of them into the room::
 
     motor ─ contact ─ cell 1 ─ cell 2 ─ … ─ cell n ─ contact ─ tool
       │                 │        │            │                  │     (convection to the room)

@@ -59,7 +59,7 @@ class Work:
     #: Orientation at the beginning, rotation in the sensor's frame, rad, and path in the world's.
     poses: Rotation
     turns: FloatArray
-    ways_m: FloatArray
+    paths_m: FloatArray
     #: Wrench against things at rest, N and N m, (L, 6).
     pressed: FloatArray
 
@@ -97,7 +97,7 @@ def draw_work(
     return Work(
         payloads=_draw_payloads(settings, tools or rng),
         begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
-        poses=poses, turns=turns, ways_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
+        poses=poses, turns=turns, paths_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
         held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,
         pressed=touched * np.concatenate((force, np.cross(point, force)), axis=1))  # fmt: skip
 
@@ -120,7 +120,7 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
     turn = work.turns[leg]
     pose = work.poses[leg] * Rotation.from_rotvec(done * turn)
     omega, alpha = turn * rate / moves_s, turn * bend / moves_s**2
-    pushed = work.ways_m[leg] * bend / moves_s**2 + [0.0, 0.0, GRAVITY]
+    pushed = work.paths_m[leg] * bend / moves_s**2 + [0.0, 0.0, GRAVITY]
     force = pose.inv().apply(pushed)
     weights = [
         payload.weight(force + lever(omega, alpha, payload.center_m)) for payload in work.payloads

@@ -29,7 +29,7 @@ _QUOTED = 200
 _DEEPEST = 30
 #: Bytes at the beginning of a file that show its kind.
 _BEGINNING = 4096
-#: Endings of names that promise a content; a new file of another content gets none of them.
+#: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 
 
@@ -198,17 +198,17 @@ class Output:
 
     #: Such as ``model file``.
     name: str
-    #: Regular expression that is found in the beginning of every such file, and of no other; empty
-    #: where none is ever replaced.
+    #: Regular expression that matches in the beginning of every such file, and of no other; empty
+    #: where an existing file is never replaced.
     says: str
-    #: How the name of a new one may end, of the endings that promise something: ``.html .htm``.
+    #: Endings that its name may have, among those that promise a content: ``.html .htm``.
     endings: str
     #: What is raised.
     error: type[WristFtCompError] = OutputError
     #: What is said where the disk refuses one, with {path} and {reason}.
     unwritable: str = '{path} cannot be written: {reason}. Name another path, or make room.'
-    #: Whether what is no such file is moved aside, once, as ``NAME.kept``: a node's own, which may
-    #: be broken beyond recognition, must not stop it.
+    #: Whether another file in its place is renamed to ``NAME.kept``, once: a node goes on where
+    #: its own file is damaged beyond recognition.
     keeps: bool = False
 
     def is_own(self, path: Path) -> bool:
@@ -356,5 +356,4 @@ class Kind(Output):
 
 @cache
 def _schema(name: str) -> Any:
-    """Load a schema."""
     return json.loads(resources.files(__package__).joinpath(name).read_text('utf-8'))

@@ -47,10 +47,6 @@ KIND = Kind(
     'changed.')  # fmt: skip
 
 
-#: Whether a file says that it is a model, of whatever version.
-is_model = KIND.is_own
-
-
 def load_model(path: Path | str) -> StoredModel:
     """
     Read a model file, which is checked against the schema.
@@ -101,7 +97,6 @@ def _parse(content: bytes) -> Any:
 
 
 def _build_model(document: Document) -> DriftModel:
-    """Build what runs."""
     thermometers = len(document['thermometers'])
     others = (
         entry['unit']
@@ -147,7 +142,6 @@ def _expected_rms(entry: Document) -> float:
 
 
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:
-    """Build one axis from a checked document."""
     features, dynamics = entry['features'], entry['dynamics']
     filtered = (thermometers * max(len(entry['filters']), 1),)
     blocks = [block.name for block in fields(ArxPls) if block.name != 'latents']
@@ -168,7 +162,6 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
 
 
 def _build_arx(entry: Document) -> Arx:
-    """Build one filter or latent."""
     return Arx(_array('a', entry['a']), _array('b', entry['b']), entry['first_lag'])
 
 
@@ -255,7 +248,6 @@ class _Dumper(_DUMPER):  # type: ignore[misc]
 
 
 def _represent_list(dumper: _Dumper, data: list[Any]) -> Any:
-    """Write lists of plain values on one line."""
     flat = not any(isinstance(item, (list, dict, str)) for item in data)
     return dumper.represent_sequence('tag:yaml.org,2002:seq', data, flow_style=flat)
 

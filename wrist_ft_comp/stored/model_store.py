@@ -23,7 +23,7 @@ from weakref import finalize
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored.documents import Output, parse_json, remove_leftovers
 
-#: Most models that were live and can be gone back to.
+#: Most earlier models that a rollback can return to.
 MAX_HISTORY = 20
 #: Most of the node's own recordings that a calibration uses.
 MAX_RECORDINGS = 10

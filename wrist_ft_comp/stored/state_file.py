@@ -131,7 +131,6 @@ class StateWriter:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        """Write until the end."""
         while (state := self._take()) is not None:
             before = time.monotonic()
             try:

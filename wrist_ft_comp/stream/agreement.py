@@ -1,11 +1,10 @@
 """
 Thermometers that die or freeze: replaced by what the others predict of them.
 
-Bins of a minute are judged. One that is silent or stands still while its prediction moves shows by
-itself. It is replaced by its prediction from the bin on in which that began, so that model and
-filters stay those of all thermometers. Of those that contradict each other, as where one came
-loose or two were exchanged, nobody can say surely which one lies, so that the contradiction is
-only said.
+Bins of a minute are judged. A thermometer that is silent, or stands still while its prediction
+moves, is surely wrong. Its prediction replaces it from the bin in which that began, and the model
+goes on with all of its thermometers. Where thermometers contradict each other, because one came
+loose or two were exchanged, it is not sure which of them is wrong: this is only reported.
 """
 
 from collections.abc import Iterable
@@ -18,7 +17,7 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, start, step
 from wrist_ft_comp.drift.prediction import AVERAGED_BINS, bin_cells, EARLIER_BINS
 from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, IntArray, NANOSECONDS
 
-#: Bins that are kept, and so the longest time that a lie is followed back.
+#: Bins that are kept: a thermometer is replaced for at most this long back.
 _MOST_BINS = 360
 #: A thermometer that has agreed for this many bins is believed again.
 _AGREED_BINS = 30
@@ -30,13 +29,13 @@ _APPROACH_S = 300.0
 _APPROACHED_K = 1e-3
 #: Bins in a row without another mean before a thermometer counts as standing still.
 _STILL_BINS = 3
-#: A limit of errors grows by this many times itself where a thermometer is a calibrated range
-#: beyond the calibrated range: predictions are extrapolated there.
+#: Outside the calibrated range predictions are extrapolated. A limit of errors grows by this many
+#: times itself for every calibrated range that a thermometer is beyond it.
 _GROWTH_BEYOND = 3.0
 
 
 class Rewrite(NamedTuple):
-    """What a thermometer has to be believed to have read in the newest n cells, °C, (n,)."""
+    """What replaces the readings of a thermometer in the newest n cells, °C, (n,)."""
 
     thermometer: int
     predicted_c: FloatArray
@@ -58,7 +57,7 @@ class _Bins(NamedTuple):
 
 
 class Agreement:
-    """Owns what is believed of J thermometers; nothing is doubted without predictions."""
+    """Judges J thermometers by their predictions; without predictions it believes all."""
 
     def __init__(self, model: DriftModel | None, thermometers: int) -> None:
         able = model is not None and model.axes
@@ -70,7 +69,7 @@ class Agreement:
         self._bin_s = self.cells * period_ns / NANOSECONDS
         #: Why thermometers, counted from 0, are replaced by their predictions.
         self.replaced: dict[int, str] = {}
-        #: What contradicts, where nobody can say who lies; empty where nothing does.
+        #: Which thermometers contradict each other; empty where none do.
         self.doubt = ''
         self._thermometers, self._judging = thermometers, True
         #: For how many bins each that is replaced has agreed.
@@ -130,7 +129,7 @@ class Agreement:
         self._judging = True
 
     def _believe(self, readings_c: FloatArray) -> FloatArray:
-        """Replace what lies by the straight line through its last two predictions."""
+        """Replace thermometers by the straight line through their last two predictions."""
         cells = np.arange(len(readings_c))[:, np.newaxis]
         believed_c = readings_c + 0.0
         if self._approach_k.any():
@@ -205,7 +204,7 @@ class Agreement:
         return _mean(error_k[-AVERAGED_BINS:]), _mean(error_k[before])
 
     def _judge(self, heard: BoolArray) -> Rewrite | None:
-        """Find who lies, or is to be believed again."""
+        """Find thermometers that are wrong, and those that are to be believed again."""
         prediction = self._prediction
         assert prediction is not None and self._axis is not None  # noqa: S101, PT018 -- ``able``
         error_k, before_k = self._errors()
@@ -274,7 +273,7 @@ class Agreement:
 
     @property
     def findings(self) -> list[str]:
-        """Say who lies and why, in sentences."""
+        """Say which thermometers are replaced and why, in half sentences."""
         return [f'thermometer {j + 1} {why}' for j, why in sorted(self.replaced.items())]
 
     @property
@@ -297,7 +296,7 @@ class Offsets:
 
     #: The difference that the sensor's first rest makes; tares were taken with it.
     kept: FloatArray = field(default_factory=lambda: np.zeros((2, len(AXES))))
-    #: What the lie had moved since then; it is let go slowly.
+    #: What the wrong readings had moved the drift by since then; it is let go slowly.
     released: FloatArray = field(default_factory=lambda: np.zeros((2, len(AXES))))
 
     def on(self, drift: Drift, seconds: FloatArray | float) -> Drift:

@@ -52,9 +52,9 @@ class GridBuilder:
     def __init__(
         self,
         name: str,
-        period_s: float = 1.0,
-        max_bad_share: float = 0.01,
-        temperatures: Sequence[TemperatureSource] = (),
+        period_s: float,
+        max_bad_share: float,
+        temperatures: Sequence[TemperatureSource],
     ) -> None:
         self._name, self._is_table = name, not temperatures
         # NaN is outside every range.

@@ -68,7 +68,6 @@ class CellAverager:
             self._add(SPEED, stamp_ns, (speed * speed,))
 
     def _add(self, channel: int, stamp_ns: int, values: Sequence[float]) -> None:
-        """Add to the sums of a cell."""
         cell = stamp_ns // self._period_ns
         self._latest[channel] = cell
         if cell not in self._cells:
@@ -125,7 +124,6 @@ class CellAverager:
 
 
 def _no_sums() -> list[list[float]]:
-    """Begin a cell."""
     return [[0.0] * (1 + width) for width in _WIDTHS]
 
 

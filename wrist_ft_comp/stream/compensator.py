@@ -36,7 +36,6 @@ class StreamSettings:
     history_s: float = 6 * 3600.0
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
         check_range('max_drift_n', self.max_drift_n, 0.0)
         for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
@@ -174,10 +173,9 @@ class Compensator:
         """Forget both tares."""
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
-    def restore_tare(self, tare: FloatArray, external: FloatArray | None = None) -> None:
+    def restore_tare(self, tare: FloatArray, external: FloatArray) -> None:
         """Subtract tares, N and N m, that ``set_tare`` made with the same model before."""
-        self.tare = tare
-        self.external_tare = self.external_tare if external is None else external
+        self.tare, self.external_tare = tare, external
         self._keep_output = False
         self._refresh_correction()
 

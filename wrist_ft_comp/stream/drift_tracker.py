@@ -40,7 +40,6 @@ class History:
         self._end = 0
 
     def __len__(self) -> int:
-        """Count the cells."""
         return min(self._end, self.most)
 
     @property
@@ -86,13 +85,13 @@ class DriftTracker:
         self.end_ns = 0
         #: What the model says now, arrays of shape (6,).
         self.drift = no_drift()
-        #: How the drift came to be where it is, a sentence; changes when it starts or goes on.
+        #: Where the drift comes from, a sentence; it changes when the drift starts or goes on.
         self.origin = _NOT_YET
-        #: Whether a thermal state was of no use after a gap.
+        #: Whether a thermal state could not be used after a gap.
         self.forgot = False
         self.timestamp_filter = TimestampFilter(thermometers)
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
-        #: Who is believed, and what was kept when somebody no longer was.
+        #: Judges the thermometers; and the offsets since one was replaced, with their age, s.
         self.agreement = Agreement(None, thermometers)
         self._offsets, self._offsets_s = Offsets(), 0.0
         #: Of the last completed cell as it was read, °C, shape (J,).
@@ -226,7 +225,7 @@ class DriftTracker:
             self._run_open = max(self._run_open - too_old, 0)
 
     def _rewrite(self, rewrite: Rewrite) -> None:
-        """Run through the history again without a lie; the drift goes on from where it is."""
+        """Run through the corrected history again; the drift goes on from where it is."""
         model = self.model
         assert model is not None  # noqa: S101 -- without one nothing is doubted
         self._follow(self._open)
@@ -336,7 +335,7 @@ class DriftTracker:
         )  # fmt: skip
 
     def _distrust(self) -> Distrust | None:
-        """Give who is not believed, and the offsets; None where all ever were."""
+        """Give what a restart needs of replaced thermometers; None where none ever was."""
         offsets, replaced = self._offsets.after(self._offsets_s), self.agreement.replaced
         if not (replaced or offsets.kept.any() or offsets.released.any()):
             return None

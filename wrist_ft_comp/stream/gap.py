@@ -86,7 +86,7 @@ def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) 
     """
     Run a model freely over N cells on straight lines, (N, J), and over gaps: drift (N, 6).
 
-    A thermometer that is found to lie is replaced where the stream would have found it.
+    A wrong thermometer is replaced from where the stream would have found it.
     """
     agreement = Agreement(model, temperature_c.shape[1])
     if not agreement.able:

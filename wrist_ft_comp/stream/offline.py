@@ -59,14 +59,14 @@ def simulate_drift(
 
 
 def lies(model: DriftModel, recording: Recording) -> list[str]:
-    """Say which thermometers ``simulate_drift`` did not believe, and why, in half sentences."""
+    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
     bins = _agreements(model, recording)
     return list(dict.fromkeys(finding for agreement in bins for finding in agreement.findings))
 
 
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
     """
-    Give what a node would have said of the thermometers, and for which share of the time.
+    Give what a node would have reported of the thermometers, and for which share of the time.
 
     Which of them contradict changes from bin to bin; the sentence that held longest is given.
     """

@@ -37,7 +37,7 @@ class OpenCells:
 
 @dataclass(frozen=True, eq=False)
 class Distrust:
-    """Which thermometers are not believed, and what keeps the drift from stepping."""
+    """Which thermometers are replaced, and what keeps the drift from stepping."""
 
     #: Why, by the number of the thermometer, counted from 1.
     replaced: Mapping[str, str]

@@ -66,7 +66,6 @@ class TimestampFilter:
         return self._take(kept)
 
     def _leaps(self, thermometer: int, step_ns: int) -> bool:
-        """Whether a step between stamps is a leap."""
         return abs(step_ns) > max(_LEAP_NS, _LEAP_STEPS * (self._step[thermometer] or 0))
 
     def _take(self, samples: list[Sample]) -> list[Sample]:

@@ -105,7 +105,6 @@ class MessageLayout:
         return Decoded(**{name: self._field(*what, (*path, name)) for name, what in fields})
 
     def _field(self, kind: str, times: int | None, path: Path) -> Any:
-        """Follow a field."""
         self.parts += 1
         if self.parts > _MOST_PARTS:
             raise RecordingError(f'It holds more than {_MOST_PARTS} parts.')

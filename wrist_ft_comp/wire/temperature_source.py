@@ -64,10 +64,6 @@ class TemperatureSource:
     #: As it was written.
     entry: str = field(default='', compare=False)
 
-    def celsius(self, numbers: _Number) -> _Number:
-        """Convert a number, or an array of numbers, in this source's unit to °C."""
-        return to_celsius(numbers, self.unit)
-
     def in_unit(self, unit: str) -> str:
         """Write the entry that reads the same number in another unit."""
         return f'{self.topic}:{path_text(self.path or _PLAIN)}:{unit}'
@@ -85,7 +81,7 @@ class TemperatureSource:
             raise SettingsError(
                 f'The temperature {self.entry!r} is {float(value)}; expected a finite number.'
             )
-        return self.celsius(float(value))
+        return to_celsius(float(value), self.unit)
 
     def _refusal(
         self, message: Any, value: Any, path: Path, step: str | int | None = None
@@ -252,14 +248,12 @@ def _named_beside(message: Any, path: Path) -> bool:
 
 
 def _has(value: Any, step: str | int) -> bool:
-    """Whether a value has an element or a field."""
     if isinstance(step, int):
         return _is_array(value) and step < len(value)
     return step in _fields_of(value)
 
 
 def _part(value: Any, step: str | int) -> Any:
-    """Take an element or a field."""
     return value[step] if isinstance(step, int) else getattr(value, step)
 
 

@@ -113,9 +113,11 @@ class _Link:
 
 
 class GravityByTf:
-    """Specific force in a frame that is turned in a known way against one with z upwards."""
+    """
+    Specific force in a lower frame, by its rotation against an upper one whose z is up.
 
-    # Names of frames count without leading slashes; the lower one may be set only later.
+    Leading slashes of names do not count; the lower frame may be set later.
+    """
 
     def __init__(self, upper: str, lower: str = '') -> None:
         self.upper, self.lower = upper, lower
@@ -127,7 +129,6 @@ class GravityByTf:
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
     def _number(self, frame: str) -> int:
-        """Find a frame's number."""
         return self._numbers.setdefault(frame.strip('/'), len(self._numbers))
 
     def add(self, transforms: Transforms, *, static: bool) -> None:

@@ -177,8 +177,8 @@ class WrenchReader:
 
     def _missing(self, layout: MessageLayout) -> str:
         """Say that a message has no such wrench, and which it has."""
-        there, array = wrenches_in(layout), layout.places.get(self.source.path or ())
-        found = f'The message holds {", ".join(there) or "none"}.'
+        wrenches, array = wrenches_in(layout), layout.places.get(self.source.path or ())
+        found = f'The message holds {", ".join(wrenches) or "none"}.'
         if array is not None and array.size is not None:
             found = f'There is an array of {array.size}; name six of them, such as [0..5].'
         return (

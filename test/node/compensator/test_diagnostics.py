@@ -129,7 +129,7 @@ def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
     node.warm_up(30.0)
     node.ask_output(START + 3 * SECOND, LOAD)
     node.refused_value('model_file', '/etc/passwd')
-    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]))
+    node.node.compensator.restore_tare(np.array([0, 0, 3.0, 0, 0, 0]), np.zeros(6))
     status = node.diagnosis('model', 'compensating 1 axis')
     assert status.level == OK
     assert status.values.items() >= {

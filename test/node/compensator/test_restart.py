@@ -74,7 +74,7 @@ def test_the_first_cell_gives_the_length_of_the_gap(restart, warm, capfd):
     for following in (None, model):
         node.node.compensator.go_live(following)
         now = node.node.compensator.tracker.origin
-        node.wait_until(lambda now=now: node.node.state_keeper._told == now, 'the log')
+        node.wait_until(lambda now=now: node.node.state_keeper._logged_origin == now, 'the log')
     assert origin(node) == sentence, 'also after a change of model'
 
 
@@ -120,7 +120,7 @@ def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
     node = rig(model=stored, parameters={'save_period': 0.1})
     for second in range(20):
         node.warm(START + second * SECOND, warming(second))
-    node.node.compensator.restore_tare(TARE)
+    node.node.compensator.restore_tare(TARE, np.zeros(6))
     path = node.directory / 'state.json'
     expected = node.node.compensator.memory()
 

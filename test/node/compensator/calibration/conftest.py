@@ -90,7 +90,7 @@ class Gate:
             f'import runpy; open({str(path)!r}, "rb", 0).read(1); '
             'runpy.run_module("wrist_ft_comp.jobs.calibration", run_name="__main__")'
         )
-        self.command = (sys.executable, '-c', source, '--until-closed')
+        self.command = (sys.executable, '-c', source)
 
     def open(self):
         """Let one process go on."""
