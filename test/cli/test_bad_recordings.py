@@ -121,11 +121,11 @@ REFUSED = {
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
         r'600 samples within 0.000599 s.*stamp_us', COLUMNS),
     'no stamp': (
-        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_s, got f', COLUMNS),
+        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_h, got f', COLUMNS),
     'time instead of a stamp': (
         rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
-    'minutes': (
-        rename('stamp_s', 'stamp_min'), "Is 'stamp_min' meant to be 'stamp_s'", COLUMNS),
+    'days': (
+        rename('stamp_s', 'stamp_days'), "Is 'stamp_days' meant to be 'stamp_s'", COLUMNS),
     'no wrench': (
         without('force_x', 'force_z'), 'no raw wrench column; expected force_x or', COLUMNS),
     'short names of axes': (

@@ -148,6 +148,80 @@ FORMS = {
 }  # fmt: skip
 
 
+#: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
+UNITS = {
+    'ms and N*m': ('Time [ms],Fz [N],Tx [N*m],T [degC]', 1e3, 1, 1),
+    'kN and N-mm': ('Time (sec),Fz (kN),Tx (N-mm),Temp (C)', 1, 1e-3, 1e3),
+    'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
+    'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
+    'hours and cN': ('t (h),Fz [cN],Mx [N·m],T(deg C)', 1 / 3600, 100, 1),
+    'minutes': ('Time [min],Fz [N],Mx [N.m],Temp', 1 / 60, 1, 1),
+    'kilopond': ('t,Fz[kgf],Mx[kgfm],T[C]', 1, 1 / 9.80665, 1 / 9.80665),
+    'a unit behind time': ('time_ms,Fz,Mx,T', 1e3, 1, 1),
+    'a unit behind t': ('t_us,Fz,Mx,T', 1e6, 1, 1),
+    'hours behind time': ('time_h,Fz,Mx,T', 1 / 3600, 1, 1),
+}
+
+
+@pytest.mark.parametrize('form', UNITS)
+def test_units_in_a_header_are_read_by_guess_and_by_a_map_that_names_none(form, done, tmp_path):
+    """As the guess writes them, and where a person gives the columns alone."""
+    header, *factors = UNITS[form]
+    t, wrench, celsius = day(1)
+    expected = np.column_stack((t, wrench[:, 2:4], celsius))
+    path = write(tmp_path / 'log.csv', header, (expected * [*factors, 1]).tolist())
+    words = commands(done('show', path))[0]
+    guess = words[words.index('--columns') + 1], words[words.index('--time') + 1]
+    ours = 'stamp', 'force_z', 'torque_x', 'temperature_c'
+    given = ','.join(map('='.join, zip(ours, header.split(','), strict=True)))
+    for columns, time in (guess, (given, '')):
+        recording = read_recording(path, topics=Topics(columns=columns, time=time))
+        assert recording.duration_s == pytest.approx(ROWS, abs=2)
+        assert not recording.warnings
+        # A thousandth of a second of rounding puts a sample into the neighbouring cell.
+        for i, axis in enumerate((2, 3)):
+            mean = np.nanmean(recording.wrench[:, axis])
+            assert mean == pytest.approx(expected[:, 1 + i].mean(), rel=1e-3), columns
+
+
+def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done, tmp_path):
+    """By ``show`` and by ``calibrate``, until a person says what it is."""
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench[:, 2:4], celsius)).tolist()
+    path = write(tmp_path / 'log.csv', 't (days),Fz (N),Tx (N-foo),Temp (C)', rows)
+    words = [*commands(done('show', path))[0], '--method', 'pls', '--json']
+    said = (
+        'log.csv names units that are not understood: t (days) is read in s, Tx (N-foo) is read '
+        "in Nm. Put the right one, or a factor, behind the column, such as 'torque_x=Tx "
+        "(N-foo):Nm' or 'torque_x=Tx (N-foo)*0.001'."
+    )
+    assert f'warning: {said}' in done('show', path)
+    assert said in json.loads(done(*words))['warnings']
+    for behind in (':Nm', '*0.001'):
+        given = [word.replace('(N-foo)', f'(N-foo){behind}') for word in words]
+        given = [word.replace('t (days)', 't (days)*1') for word in given]
+        assert 'not understood' not in str(json.loads(done(*given))['warnings'])
+
+
+@pytest.mark.parametrize(('unit', 'size'), [('ms', 1e3), ('us', 1e6), ('ns', 1e9)])
+def test_a_number_that_is_too_large_for_seconds_leads_to_its_unit(unit, size, run, done, tmp_path):
+    t, wrench, celsius = day(1)
+    times = [str(round(size * (1_700_000_000 + s))) for s in t.tolist()]
+    rows = list(zip(times, wrench[:, 2].tolist(), celsius.tolist(), strict=True))
+    path = write(tmp_path / 'log.csv', 'clock,Fz,Temp', rows)
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--method', 'pls']
+    example = run(*words).sentence.split("such as --columns '")[1].split("'")[0]
+    said = run(*words, '--columns', example).sentence
+    assert f"column stamp_s: '{times[0]}' is too large for s. Say --time {unit}." in said
+    done(*words, '--columns', example, '--time', unit)
+    path = write(tmp_path / 'own.csv', 'stamp_s,force_z,temperature_c', rows)
+    words[1] = path
+    said = run(*words).sentence
+    assert f"'{times[0]}' is too large for s. Name the column stamp_{unit}." in said
+    write(path, f'stamp_{unit},force_z,temperature_c', rows)
+    done(*words)
+
+
 @pytest.mark.parametrize('form', FORMS)
 def test_logs_of_many_forms_are_read_as_the_same_table(form, done, tmp_path):
     header, delimiter, columns = FORMS[form]
@@ -223,7 +297,8 @@ def test_times_are_read_to_the_nanosecond_and_refused_where_they_are_none():
         ('force_w=fz', '', 'force_w is no name of a column'),
         ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
         ('temperature_c=t:R', '', 'A temperature is in C, K or F'),
-        ('stamp=t', 'minutes', '--time is s, ms, us, ns, iso'),
+        ('stamp=t', 'days', '--time is ns, us, ms, s, min, h, iso'),
+        ('stamp=t:days', '', 'A stamp is in ns, us, ms, s, min, h'),
         ('force_z=fz*-', '', 'A factor is a number'),
         ('force_z=fz*1e999', '', 'A factor is a number'),
     ],
@@ -302,7 +377,7 @@ def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
     example = '--columns', 'force_z=Fz,temperature_c=Temperatur,stamp=Zeit'
     assert ' '.join((example[0], f"'{example[1]}'")) in run('show', log).sentence
     sentence = run('show', log, *example).sentence
-    assert 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")' in sentence
+    assert 'say what it is: --time iso, or a form such as --time "%d.%m.%Y %H:%M:%S";' in sentence
     assert run('show', log, *example, '--time', '%d.%m.%Y %H:%M:%S').code == 0
 
 

@@ -35,7 +35,7 @@ from wrist_ft_comp.recordings.columns import (
     STAMPS,
     unknown_columns,
 )
-from wrist_ft_comp.recordings.foreign_log import LogMap
+from wrist_ft_comp.recordings.foreign_log import LogMap, time_unit, unclear_units
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -51,8 +51,14 @@ from wrist_ft_comp.stored.documents import writing
 
 #: Rows in memory at once.
 ROWS = 10_000
-#: How a refusal says what else a stamp may be.
-_TIME_FORMS = 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")'
+#: What to do about a line that is broken.
+_REPAIR = 'Repair or remove the line.'
+#: What to do about a stamp that is no number.
+_TIME_FORMS = (
+    'If every line has such a time, say what it is: --time iso, or a form such as --time '
+    '"%d.%m.%Y %H:%M:%S"; the date and the time of day must stand in one column. If not, repair '
+    'or remove the line.'
+)
 #: Characters of the longest line that a recording may have.
 LONGEST_LINE = 1_000_000
 
@@ -67,7 +73,7 @@ def sensor_in(columns: Sequence[str]) -> SensorNames:
     return parse_qs(''.join(c.removeprefix(ORIGIN) for c in columns if c.startswith(ORIGIN)))
 
 
-def nanoseconds(text: str, unit_ns: int = NANOSECONDS) -> int:
+def nanoseconds(text: str, unit_ns: int | Decimal = NANOSECONDS) -> int:
     """Convert a decimal number of seconds, or of another unit, to nanoseconds exactly."""
     return round(Decimal(text) * unit_ns)
 
@@ -126,15 +132,19 @@ class CsvRecording:
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)
         self._stamp = stamp_column(path.name, self.columns, whole_times=bool(names.stamp))
-        unit_ns = STAMPS[self._stamp]
+        unit_ns = STAMPS[self._stamp] * Decimal(repr(names.factors.get(self._stamp, 1.0)))
         self._factors, self._comma = names.factors, self.delimiter != ','
         #: Whether a number with a decimal comma was read.
         self._has_commas = False
+        #: How a person may name another unit of the stamps.
+        self._unit_remedy = 'Say --time {}.'
+        if self._stamp in map(str.strip, cells):
+            self._unit_remedy = 'Name the column stamp_{}.'
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
             self._stamp: (
                 partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
-                f'a {"decimal" if unit_ns > 1 else "whole"} number, or {_TIME_FORMS}',
+                f'a {"decimal" if unit_ns > 1 else "whole"} number',
             ),
             **dict.fromkeys(
                 self.channels.values(), (self._number, 'a number with a decimal point')
@@ -149,6 +159,7 @@ class CsvRecording:
             _, expected = self._expected[self._stamp]
             self._expected[self._stamp] = partial(_with_comma, unit_ns), expected
         self.warnings += unknown_columns(path.name, self.columns)
+        self.warnings += unclear_units(path.name, names.unclear)
 
     def _first_line(self) -> str:
         """Read the first line that is no comment: the header, or behind it where it is one."""
@@ -263,22 +274,33 @@ class CsvRecording:
         """Read again up to the first bad row; say where it is and what is wrong with it."""
         with self._open() as text:
             reader = self._rows(self._below_header(text))
-            problem = next(filter(None, map(self._problem, reader)), ' changed while it was read')
+            problem = next(filter(None, map(self._problem, reader)), ' changed while it was read.')
             where = f'Line {reader.line_num + self._above + 1} of {self.path.name}'
-        return RecordingError(f'{where}{problem}. Repair or remove the line.')
+        return RecordingError(f'{where}{problem}')
 
     def _problem(self, row: list[str]) -> str:
         """Say what is wrong with a row, if anything; a blank line is none."""
         if _is_blank(row):
             return ''
         if len(row) != len(self.columns):
-            return f' has {len(row)} cells; the header names {len(self.columns)} columns'
+            return (
+                f' has {len(row)} cells; the header names {len(self.columns)} columns. {_REPAIR}'
+            )
         for column, (convert, expected) in self._expected.items():
             cell = row[self.columns.index(column)]
             try:
                 np.array(convert(cell), np.int64 if column == self._stamp else float)
             except (ValueError, ArithmeticError):
-                return f', column {column}: expected {expected}, got {cell[:60]!r}'
+                remedy = _REPAIR
+                if column == self._stamp and expected.endswith('number'):
+                    unit = time_unit(cell)
+                    if unit and STAMPS[f'stamp_{unit}'] < STAMPS[column]:
+                        return (
+                            f', column {column}: {cell!r} is too large for '
+                            f'{column.removeprefix("stamp_")}. {self._unit_remedy.format(unit)}'
+                        )
+                    remedy = _TIME_FORMS
+                return f', column {column}: expected {expected}, got {cell[:60]!r}. {remedy}'
         return ''
 
     def _last(self, line: int) -> CsvPiece | None:
@@ -308,7 +330,7 @@ def _is_comment(line: str) -> bool:
     return line.startswith(('#', '%', '//'))
 
 
-def _with_comma(unit_ns: int, text: str) -> int:
+def _with_comma(unit_ns: Decimal, text: str) -> int:
     """Convert a stamp that may have a decimal comma."""
     return nanoseconds(text.replace(',', '.'), unit_ns)
 
