@@ -222,6 +222,57 @@ def test_a_number_that_is_too_large_for_seconds_leads_to_its_unit(unit, size, ru
     done(*words)
 
 
+#: As ``rostopic echo -p`` writes the header.
+ECHOED = ','.join(('%time,field.header.frame_id', *(
+    f'field.wrench.{axis.replace("_", ".")}' for axis in AXES), 'field.temperature'))  # fmt: skip
+#: Lines down to the header that stands behind a sign of comments, and what separates cells.
+COMMENTED = {
+    'rostopic': (ECHOED, ','),
+    'numpy.savetxt': ('# cell 3\n# t Fx Fy Fz Tx Ty Tz T\n# s N N N Nm Nm Nm C', ' '),
+    'semicolons': ('#t;Fx;Fy;Fz;Tx;Ty;Tz;T\n\n# begin', ';'),
+}
+
+
+@pytest.mark.parametrize('form', COMMENTED)
+def test_a_header_behind_a_comment_sign_is_read_and_copied(form, done, tmp_path):
+    header, delimiter = COMMENTED[form]
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench, celsius)).tolist()
+    if form.startswith('rostopic'):
+        rows = [[str(round((s + 1.7e9) * 1e9)), 'ft', *row] for s, *row in rows]
+    path = write(tmp_path / 'log.csv', header, rows, delimiter, comma=delimiter == ';')
+    calibrate, evaluate = commands(done('show', path))
+    model = ['-o', tmp_path / 'model.yaml', '--method', 'pls']
+    done(*(word for word in calibrate if word not in {'-o', 'model.yaml'}), *model)
+    columns = evaluate[3:]
+    copy = tmp_path / 'copy.csv'
+    done('compensate', model[1], path, '-o', copy, '--tare', '60', *columns)
+    recording, compensated = (
+        read_recording(p, topics=Topics(columns=columns[1], time=columns[3])) for p in (path, copy)
+    )
+    np.testing.assert_allclose(recording.wrench, wrench, atol=1e-6)
+    np.testing.assert_allclose(recording.temperature_c[:, 0], celsius, atol=1e-6)
+    assert np.abs(compensated.wrench[:, 2]).max() < 0.2
+    assert 'copy.csv was compensated already' in compensated.warnings[0]
+
+
+@pytest.mark.parametrize('above', ['ATI Net F/T log\nSerial: FT12345\n', 'ATI log\nFT 123\n'])
+def test_lines_above_a_header_have_to_be_comments(above, run, done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't,Fz,T', np.column_stack((t, wrench[:, 2], celsius)))
+    rows = path.read_text()
+    path.write_text(f'{above}\n{rows}')
+    for command in (['show', path], ['calibrate', path, '-o', tmp_path / 'model.yaml']):
+        assert run(*command).sentence.endswith(
+            f'Line 1 of log.csv ({above.splitlines()[0]!r}) is no header of the lines below it, '
+            'which have other numbers of cells. Put # before every line above the header.'
+        )
+    path.write_text(
+        f'# {above.strip()}\n{rows}'.replace('\nSerial', '\n# S').replace('\nFT', '\n# ')
+    )
+    assert 'Learn from it' in done('show', path)
+
+
 @pytest.mark.parametrize('form', FORMS)
 def test_logs_of_many_forms_are_read_as_the_same_table(form, done, tmp_path):
     header, delimiter, columns = FORMS[form]

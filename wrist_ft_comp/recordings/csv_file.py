@@ -5,6 +5,7 @@ Stamps become integer nanoseconds exactly. An empty cell is no sample. A last li
 end may be cut off; where it is incomplete, it is left out.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import csv
@@ -61,6 +62,8 @@ _TIME_FORMS = (
 )
 #: Characters of the longest line that a recording may have.
 LONGEST_LINE = 1_000_000
+#: Rows below a header, and comments above the first row, that tell which line is the header.
+_FIRST_ROWS = 20
 
 
 def origin_column(sensor: SensorNames) -> str:
@@ -93,8 +96,8 @@ class CsvRecording:
     """
     A CSV file with a header, read by ``pieces``; ``names`` says how a foreign log is read.
 
-    Lines that begin with a sign of comments are skipped; where a semicolon or a tab separates
-    cells, a comma in a number is a decimal point.
+    Lines that begin with a sign of comments are skipped, unless one is the header; where a
+    semicolon or a tab separates cells, a comma in a number is a decimal point.
     """
 
     def __init__(self, path: Path, names: LogMap | None = None) -> None:
@@ -104,30 +107,33 @@ class CsvRecording:
         self.warnings: list[str] = []
         #: A last line without line end.
         self._cut = ''
-        #: Lines above the header.
-        self._above = 0
-        first = self._first_line()
-        if not first.strip():
+        #: The line of the header, verbatim, and how many lines stand above it.
+        self.header, self._above = '', 0
+        cells, *rows = self._first_rows()
+        self.delimiter = delimiter_of(self.header)
+        if not any(cells):
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
                 'stamp_s,force_z,temperature_c and rows below it.'
             )
-        #: The first line, verbatim.
-        self.header = first.rstrip('\n')
-        self.delimiter = delimiter_of(self.header)
-        header = csv.reader([self.header.strip()], delimiter=self.delimiter, skipinitialspace=True)
-        cells = next(header)
         #: As this package calls them; the file may call them otherwise.
-        self.columns = tuple(names.names.get(cell.strip(), cell.strip()) for cell in cells)
-        if absent := names.names.keys() - {cell.strip() for cell in cells}:
+        self.columns = tuple(names.names.get(cell, cell) for cell in cells)
+        line = f'Line {self._above + 1} of {path.name}'
+        if all(_is_number(column) for column in self.columns if column):
+            raise RecordingError(
+                f'{line} must be a header naming the columns, such as '
+                f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
+            )
+        others = [row for row in rows if len(row) != len(cells)]
+        if 2 * len(others) > len(rows) and not {*STAMPS} & {*self.columns}:
+            raise RecordingError(
+                f'{line} ({self.header.strip()[:60]!r}) is no header of the lines below it, which '
+                'have other numbers of cells. Put # before every line above the header.'
+            )
+        if absent := names.names.keys() - {*cells}:
             raise RecordingError(
                 f'{path.name} has no column {min(absent)!r}, which its map names; it has '
-                f'{", ".join(cell.strip() for cell in cells[:30])}.'
-            )
-        if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
-            raise RecordingError(
-                f'Line 1 of {path.name} must be a header naming the columns, such as '
-                f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
+                f'{", ".join(cells[:30])}.'
             )
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)
@@ -138,7 +144,7 @@ class CsvRecording:
         self._has_commas = False
         #: How a person may name another unit of the stamps.
         self._unit_remedy = 'Say --time {}.'
-        if self._stamp in map(str.strip, cells):
+        if self._stamp in cells:
             self._unit_remedy = 'Name the column stamp_{}.'
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
@@ -161,14 +167,12 @@ class CsvRecording:
         self.warnings += unknown_columns(path.name, self.columns)
         self.warnings += unclear_units(path.name, names.unclear)
 
-    def _first_line(self) -> str:
-        """Read the first line that is no comment: the header, or behind it where it is one."""
+    def _first_rows(self) -> list[list[str]]:
+        """Read the header, which may be a line without line end, and the first rows below it."""
         with self._open() as text:
-            for line in self._lines(text):
-                if line.strip() and not _is_comment(line):
-                    return line
-                self._above += 1
-        return self._cut
+            header, self._above, rows = _head(self._lines(text))
+            self.header = (header or self._cut).rstrip('\n')
+            return _cells_of([self.header, *rows])
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """Read ROWS rows at a time; RecordingError, naming the line, where one is bad."""
@@ -330,6 +334,48 @@ def _is_comment(line: str) -> bool:
     return line.startswith(('#', '%', '//'))
 
 
+def _is_number(cell: str) -> bool:
+    """Tell whether a cell holds nothing but a number."""
+    return bool(re.fullmatch(r'[-+.,\d]*\d[-+.,\deE]*', cell.strip()))
+
+
+def _head(lines: Iterable[str]) -> tuple[str, int, list[str]]:
+    """
+    Find the header, how many lines stand above it, and the first rows below it.
+
+    The header is the first line that is no comment. Where that holds a number, it is a row, and
+    the header is the first comment above it of as many cells, none of which is a number, if any.
+    """
+    comments: deque[tuple[str, int]] = deque(maxlen=_FIRST_ROWS)
+    rest = iter(lines)
+    for above, line in enumerate(rest):
+        if _is_comment(line):
+            comments.append((line, above))
+        elif line.strip():
+            rows = list(islice((r for r in rest if r.strip() and not _is_comment(r)), _FIRST_ROWS))
+            for comment, at in comments:
+                names, row = _cells_of([comment, line])
+                is_row = len(names) == len(row) > 1 and any(map(_is_number, row))
+                if is_row and not any(map(_is_number, names)):
+                    return comment, at, [line, *rows]
+            return line, above, rows
+    return '', 0, []
+
+
+def _names(header: str) -> str:
+    """Take the sign of comments off a header that stands behind one."""
+    return (header.lstrip('#%/') if _is_comment(header) else header).strip()
+
+
+def _cells_of(lines: Sequence[str]) -> list[list[str]]:
+    """Cut a header and rows below it into cells."""
+    header, *rows = lines
+    cut = csv.reader(
+        [_names(header), *rows], delimiter=delimiter_of(header), skipinitialspace=True
+    )
+    return [[cell.strip() for cell in row] for row in cut]
+
+
 def _with_comma(unit_ns: Decimal, text: str) -> int:
     """Convert a stamp that may have a decimal comma."""
     return nanoseconds(text.replace(',', '.'), unit_ns)
@@ -347,18 +393,18 @@ def _numbers(cells: Sequence[str], number: Callable[[str], float]) -> tuple[Floa
 
 def delimiter_of(header: str) -> str:
     """Tell what separates cells: a comma, semicolon or tab; spaces where there is none of them."""
-    delimiter = max(',;\t', key=header.count)
-    return delimiter if delimiter in header or ' ' not in header.strip() else ' '
+    names = _names(header)
+    delimiter = max(',;\t', key=names.count)
+    return delimiter if delimiter in names or ' ' not in names else ' '
 
 
 def first_rows(path: Path) -> tuple[list[str], list[str]]:
-    """Read the cells of a file's header and of its first row, as they stand there."""
-    with path.open(encoding='utf-8-sig', errors='replace') as text:
-        lines = (line for line in text if line.strip() and not _is_comment(line))
-        head = list(islice((line[:LONGEST_LINE] for line in lines), 2))
-    cut = partial(csv.reader, delimiter=delimiter_of((head or [''])[0]), skipinitialspace=True)
-    rows = [[cell.strip() for cell in row] for row in cut(head)]
-    return rows[0] if rows else [], rows[1] if len(rows) > 1 else []
+    """Read the cells of a file's header and of its first row; none where there are none."""
+    with path.open(encoding='utf-8-sig', errors='replace') as text, suppress(csv.Error):
+        header, _, rows = _head(line[:LONGEST_LINE] for line in text)
+        cells = _cells_of([header, *rows[:1]])
+        return cells[0], cells[1] if rows else []
+    return [], []
 
 
 def rewrite_csv(  # noqa: PLR0913, PLR0917 -- as rewrite_recording
