@@ -116,7 +116,7 @@ REFUSED = {
         put('stamp_s', 1.0, 0), r'span 1.72\d+e\+09 s; at most', ALL),
     'milliseconds called seconds': (
         put('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
-        r'span 5.99\S*e\+07 s.*by the column, such as stamp_ms, or by --time ms', COLUMNS),
+        r'span 5.99\S*e\+07 s.*by the column, such as stamp_ms, or, .* by --time ms', COLUMNS),
     'microseconds called nanoseconds': (
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
         r'600 samples within 0.000599 s.*such as stamp_ms', COLUMNS),

@@ -134,6 +134,37 @@ def test_a_part_behind_the_end_is_named_as_that(logs, run):
     assert 'day_1.csv, which lasts 3599 s: what counts begins at 10800 s' in run(*words).sentence
 
 
+def test_a_part_without_any_wrench_or_temperature_is_named_as_that(run, make, tmp_path):
+    path = make.csv(tmp_path / 'day.csv', make.drifting())
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml']
+    for given in (['--exclude', '0..3h'], ['--exclude', '0..5min', '--exclude', '4min..8min']):
+        assert run(*words, *given).sentence.endswith(
+            'Every wrench of day.csv, which lasts 399 s, is left out by --from, --until and '
+            '--exclude. Leave some in.'
+        )
+    day = make.drifting()
+    day['temperature_c'][:200] = [None] * 200
+    make.csv(path, day)
+    assert 'Every temperature of day.csv, which' in run(*words, '--until', '150').sentence
+
+
+def test_a_map_beside_recordings_of_which_one_has_other_columns_is_named(logs, run, done, make):
+    shown = done('show', logs[0])
+    beside = logs[0].with_name('recording.yaml')
+    beside.write_text(shown[shown.index('columns: ') :].split('\nwarning')[0])
+    own = make.csv(logs[0].with_name('own.csv'), make.drifting())
+    assert run('show', own).sentence.endswith(
+        "own.csv has no column 'fx', which recording.yaml beside it names; it has stamp_s, "
+        'temperature_c, force_z, torque_x. Move one of them into another folder, or say by '
+        '--columns what the columns of own.csv are.'
+    )
+    done('show', own, '--columns', 'stamp=stamp_s')
+    given = run('show', own, '--columns', 'stamp=t').sentence
+    assert "no column 't', which --columns names; it has stamp_s, temp" in given
+    (own.parent / 'other').mkdir()
+    done('show', own.rename(own.parent / 'other/own.csv'))
+
+
 #: Of an RTDE recording (record.py of Universal Robots' client): separated by spaces.
 RTDE = ['timestamp', *(f'actual_TCP_force_{n}' for n in range(6)), 'joint_temperatures_5']
 OURS = ['stamp', *AXES, 'temperature_c']

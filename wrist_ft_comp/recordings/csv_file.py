@@ -36,7 +36,7 @@ from wrist_ft_comp.recordings.columns import (
     STAMPS,
     unknown_columns,
 )
-from wrist_ft_comp.recordings.foreign_log import LogMap, time_unit, unclear_units
+from wrist_ft_comp.recordings.foreign_log import LogMap, MAP_FILE, time_unit, unclear_units
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -131,9 +131,16 @@ class CsvRecording:
                 'have other numbers of cells. Put # before every line above the header.'
             )
         if absent := names.names.keys() - {*cells}:
+            source, remedy = '--columns', 'Write it as the header does.'
+            if names.is_beside:
+                source = f'{MAP_FILE} beside it'
+                remedy = (
+                    'Move one of them into another folder, or say by --columns what the columns '
+                    f'of {path.name} are.'
+                )
             raise RecordingError(
-                f'{path.name} has no column {min(absent)!r}, which its map names; it has '
-                f'{", ".join(cells[:30])}.'
+                f'{path.name} has no column {min(absent)!r}, which {source} names; it has '
+                f'{", ".join(cells[:30])}. {remedy}'
             )
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)

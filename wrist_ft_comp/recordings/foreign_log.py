@@ -8,7 +8,7 @@ same may stand in a file ``recording.yaml`` beside the recordings: keys ``column
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import partial
 import math
@@ -90,6 +90,8 @@ class LogMap:
     stamp: Callable[[str], int] | None = None
     #: By column of the log whose unit is not understood: our column.
     unclear: Mapping[str, str] = field(default_factory=dict)
+    #: Whether it is that of the file beside the recordings.
+    is_beside: bool = False
 
 
 def log_map(columns: str, time: str) -> LogMap:
@@ -247,7 +249,8 @@ def map_beside(path: Path, columns: str, time: str) -> LogMap:
     entries = content.get('columns', '')
     if isinstance(entries, dict):
         entries = ','.join(f'{ours}={theirs}' for ours, theirs in entries.items())
-    return log_map(str(entries), str(content.get('time', '')))
+    names = log_map(str(entries), str(content.get('time', '')))
+    return replace(names, is_beside=True)
 
 
 def guessed_map(columns: Sequence[str], row: Sequence[str]) -> tuple[str, str]:

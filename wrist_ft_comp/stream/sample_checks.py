@@ -29,8 +29,8 @@ _BURST = 100
 _HOT_C = (59.0, 140.0)
 #: What to do where stamps may be in another unit than the one they are read in.
 UNIT_OF_STAMPS = (
-    'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or by '
-    '--time ms.'
+    'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or, '
+    "of another program's log, by --time ms."
 )
 
 
