@@ -114,7 +114,7 @@ def test_evaluate_gives_the_figures_and_warnings_of_the_calibration(fitted, run)
 def test_a_table_with_semicolons_is_the_same_table(comma, fitted, done, tmp_path):
     """As spreadsheets write it where the comma is the decimal point."""
     table, model, printed = fitted
-    text = table.read_text().replace(',', ';')
+    text = table.read_text().replace(',', ';').replace('_20_c', '_20.0_c')
     path, out = tmp_path / 'table.csv', tmp_path / 'out.csv'
     path.write_text(text.replace('.', ',') if comma else text)
     assert 'chamber table' in done('show', path)

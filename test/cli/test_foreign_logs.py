@@ -186,7 +186,7 @@ UNITS = {
     'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
     'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
     'hours and cN': ('t (h),Fz [cN],Mx [N·m],T(deg C)', 1 / 3600, 100, 1),
-    'minutes': ('Time [min],Fz [N],Mx [N.m],Temp', 1 / 60, 1, 1),
+    'minutes': ('Time [min],Fz [0] (N),Mx [N.m] (raw),Temp', 1 / 60, 1, 1),
     'kilopond': ('t,Fz[kgf],Mx[kgfm],T[C]', 1, 1 / 9.80665, 1 / 9.80665),
     'a unit behind time': ('time_ms,Fz,Mx,T', 1e3, 1, 1),
     'a unit behind t': ('t_us,Fz,Mx,T', 1e6, 1, 1),
@@ -245,6 +245,11 @@ def test_a_number_that_is_too_large_for_seconds_leads_to_its_unit(unit, size, ru
     said = run(*words, '--columns', example).sentence
     assert f"column stamp_s: '{times[0]}' is too large for s. Say --time {unit}." in said
     done(*words, '--columns', example, '--time', unit)
+    (tmp_path / 'recording.yaml').write_text(f'columns: {example}\n')
+    assert f'is too large for s. Write time: {unit} into recording.yaml.' in run(*words).sentence
+    (tmp_path / 'recording.yaml').write_text(f'columns: {example}\ntime: {unit}\n')
+    done(*words)
+    (tmp_path / 'recording.yaml').unlink()
     path = write(tmp_path / 'own.csv', 'stamp_s,force_z,temperature_c', rows)
     words[1] = path
     said = run(*words).sentence

@@ -48,7 +48,7 @@ FIGURE_TITLES = {
 }
 #: The axis a chamber table is read as.
 _AXIS = AXES.index('force_z')
-_OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
+_OUTPUT = re.compile(r'output_at_([-+]?\d+(?:[.,]\d+)?)_c')
 _LOAD = re.compile(r'load_(\w+)')
 #: Most bytes of a table; published ones have 2 kB.
 _LARGEST = 100_000
@@ -255,7 +255,7 @@ def rewrite_table(source: Path, target: Path, correct: Correction) -> tuple[str,
 def _output_columns(header: list[str]) -> list[tuple[float, int]]:
     """List temperature, °C, and position of the output columns."""
     matches = [(_OUTPUT.fullmatch(name.strip()), at) for at, name in enumerate(header)]
-    return [(float(match[1]), at) for match, at in matches if match]
+    return [(float(match[1].replace(',', '.')), at) for match, at in matches if match]
 
 
 @dataclass(frozen=True)

@@ -131,17 +131,7 @@ class CsvRecording:
                 'have other numbers of cells. Put # before every line above the header.'
             )
         if absent := names.names.keys() - {*cells}:
-            source, remedy = '--columns', 'Write it as the header does.'
-            if names.is_beside:
-                source = f'{MAP_FILE} beside it'
-                remedy = (
-                    'Move one of them into another folder, or say by --columns what the columns '
-                    f'of {path.name} are.'
-                )
-            raise RecordingError(
-                f'{path.name} has no column {min(absent)!r}, which {source} names; it has '
-                f'{", ".join(cells[:30])}. {remedy}'
-            )
+            raise RecordingError(_absent(path.name, min(absent), cells, names))
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)
         self._stamp = stamp_column(path.name, self.columns, whole_times=bool(names.stamp))
@@ -153,6 +143,8 @@ class CsvRecording:
         self._unit_remedy = 'Say --time {}.'
         if self._stamp in cells:
             self._unit_remedy = 'Name the column stamp_{}.'
+        elif names.is_beside:
+            self._unit_remedy = f'Write time: {{}} into {MAP_FILE}.'
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
             self._stamp: (
@@ -339,6 +331,21 @@ def _is_blank(row: Sequence[str]) -> bool:
 def _is_comment(line: str) -> bool:
     """Tell whether a line is a comment."""
     return line.startswith(('#', '%', '//'))
+
+
+def _absent(name: str, column: str, cells: Sequence[str], names: LogMap) -> str:
+    """Say that a map names a column that is not there, where that map stands, and what to do."""
+    source, remedy = '--columns', 'Write it as the header does.'
+    if names.is_beside:
+        source = f'{MAP_FILE} beside it'
+        remedy = (
+            'Move one of them into another folder, or say by --columns what the columns of '
+            f'{name} are.'
+        )
+    return (
+        f'{name} has no column {column!r}, which {source} names; it has {", ".join(cells[:30])}. '
+        f'{remedy}'
+    )
 
 
 def _is_number(cell: str) -> bool:

@@ -159,8 +159,9 @@ def _plain_unit(text: str) -> str:
 
 def unit_in(column: str, ours: str) -> str:
     """Find the unit in the name of a log's column: in brackets, or that of a time behind a _."""
-    if match := re.search(r'[\[(](.*[^\W\d].*?)[\])]', column):
-        return _plain_unit(match[1])
+    in_brackets = re.findall(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]', column)
+    if words := [_plain_unit(word) for word in in_brackets]:
+        return next((word for word in words if word in _units_of(ours)), words[-1])
     ending = column.rpartition('_')[2]
     return ending if ours.startswith('stamp') and ending in _TIMES else ''
 
