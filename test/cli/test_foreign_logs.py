@@ -215,8 +215,11 @@ def test_units_in_a_header_are_read_by_guess_and_by_a_map_that_names_none(form, 
             assert mean == pytest.approx(expected[:, 1 + i].mean(), rel=1e-3), columns
 
 
-def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done, tmp_path):
+def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(
+    done, tmp_path, monkeypatch
+):
     """By ``show`` and by ``calibrate``, until a person says what it is."""
+    monkeypatch.chdir(tmp_path)
     t, wrench, celsius = day(1)
     rows = np.column_stack((t, wrench[:, 2:4], celsius)).tolist()
     path = write(tmp_path / 'log.csv', 't (days),Fz (N),Tx (N-foo),Temp (C)', rows)
