@@ -77,7 +77,7 @@ def csv_columns() -> str:
     rows = [
         [
             ' or '.join(f'`{column}`' for column in reversed(STAMPS)),
-            's, ms, µs or ns',
+            'h, min, s, ms, µs or ns',
             'one of them, ascending; kept as integer nanoseconds',
         ],
         [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],

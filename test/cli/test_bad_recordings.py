@@ -116,16 +116,16 @@ REFUSED = {
         put('stamp_s', 1.0, 0), r'span 1.72\d+e\+09 s; at most', ALL),
     'milliseconds called seconds': (
         put('stamp_s', lambda v: 1e5 * (v - EPOCH_S)),
-        r'span 5.99\S*e\+07 s.*stamp_s, stamp_ms, stamp_us or stamp_ns', COLUMNS),
+        r'span 5.99\S*e\+07 s.*by the column, such as stamp_ms, or, .* by --time ms', COLUMNS),
     'microseconds called nanoseconds': (
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
-        r'600 samples within 0.000599 s.*stamp_us', COLUMNS),
+        r'600 samples within 0.000599 s.*such as stamp_ms', COLUMNS),
     'no stamp': (
-        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_s, got f', COLUMNS),
+        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_h, got f', COLUMNS),
     'time instead of a stamp': (
         rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
-    'minutes': (
-        rename('stamp_s', 'stamp_min'), "Is 'stamp_min' meant to be 'stamp_s'", COLUMNS),
+    'days': (
+        rename('stamp_s', 'stamp_days'), "Is 'stamp_days' meant to be 'stamp_s'", COLUMNS),
     'no wrench': (
         without('force_x', 'force_z'), 'no raw wrench column; expected force_x or', COLUMNS),
     'short names of axes': (
@@ -210,10 +210,7 @@ WARNED = {
 
 
 #: What ``show`` cannot know, which looks at samples one by one.
-UNSEEN = (
-    *('one spike', 'a tare', 'a week', 'a dead axis', 'an axis frozen', 'a thermometer that'),
-    'an IMU',
-)
+UNSEEN = 'one spike', 'a tare', 'a dead axis', 'an axis frozen', 'a thermometer that stands'
 
 
 def cases(rows):
@@ -302,6 +299,26 @@ def test_a_bad_recording_is_refused_in_one_sentence(kind, form, door):
     command = ['calibrate', *arguments(path, kind, table, form), '--method', 'pls']
     assert re.search(pattern, door.run(*command, '-o', door.folder / 'model.yaml').sentence)
     assert sorted(door.folder.rglob('*')) == before
+
+
+#: What of a file is refused when it is read, before anything is fitted.
+READ = (
+    'kelvin in °C', 'absolute zero in a tenth', 'a wrench that overflows', 'stamps run back',
+    'stamps of years out of few rows', 'a first stamp of 1970', 'milliseconds called seconds',
+    'microseconds called nanoseconds', 'a gap in the numbers of thermometers',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('kind', READ)
+def test_show_proposes_nothing_that_is_bound_to_be_refused(kind, door):
+    table, pattern = changed(REFUSED, kind)
+    path = door.csv(table)
+    shown = door.run('show', path).out
+    assert re.search(f'Nothing can be learnt from it. .*{pattern}', shown)
+    assert 'wrist_ft_comp calibrate' not in shown
+    document = json.loads(door.run('show', path, '--json').out)
+    assert re.search(pattern, document['refusal'])
+    assert not any(document['refusal'].endswith(warning) for warning in document['warnings'])
 
 
 @pytest.mark.parametrize(('kind', 'form'), cases(WARNED))

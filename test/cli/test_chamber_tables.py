@@ -109,6 +109,24 @@ def test_evaluate_gives_the_figures_and_warnings_of_the_calibration(fitted, run)
     assert again['recordings'][0]['reference'] == 'recorded'
 
 
+@pytest.mark.parametrize('comma', [False, True])
+@pytest.mark.parametrize('fitted', TABLES[1:], indirect=True)
+def test_a_table_with_semicolons_is_the_same_table(comma, fitted, done, tmp_path):
+    """As spreadsheets write it where the comma is the decimal point."""
+    table, model, printed = fitted
+    text = table.read_text().replace(',', ';').replace('_20_c', '_20.0_c')
+    path, out = tmp_path / 'table.csv', tmp_path / 'out.csv'
+    path.write_text(text.replace('.', ',') if comma else text)
+    assert 'chamber table' in done('show', path)
+    learnt = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--method', 'pls', '--json']
+    figures = json.loads(done(*learnt))['chamber_tables'][str(path)]
+    assert figures == printed['chamber_tables'][str(table)]
+    done('compensate', model, path, '-o', out)
+    expected = compensate_table(read_chamber_table(table), load_model(model).model)
+    np.testing.assert_allclose(read_chamber_table(out).output, expected.output, atol=1e-9)
+    assert ('.' in out.read_text()) != comma
+
+
 def test_the_compensated_table_is_a_table_again(fitted, run, tmp_path):
     table, model, _ = fitted
     out = tmp_path / 'out.csv'

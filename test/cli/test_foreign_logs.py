@@ -134,6 +134,37 @@ def test_a_part_behind_the_end_is_named_as_that(logs, run):
     assert 'day_1.csv, which lasts 3599 s: what counts begins at 10800 s' in run(*words).sentence
 
 
+def test_a_part_without_any_wrench_or_temperature_is_named_as_that(run, make, tmp_path):
+    path = make.csv(tmp_path / 'day.csv', make.drifting())
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml']
+    for given in (['--exclude', '0..3h'], ['--exclude', '0..5min', '--exclude', '4min..8min']):
+        assert run(*words, *given).sentence.endswith(
+            'Every wrench of day.csv, which lasts 399 s, is left out by --from, --until and '
+            '--exclude. Leave some in.'
+        )
+    day = make.drifting()
+    day['temperature_c'][:200] = [None] * 200
+    make.csv(path, day)
+    assert 'Every temperature of day.csv, which' in run(*words, '--until', '150').sentence
+
+
+def test_a_map_beside_recordings_of_which_one_has_other_columns_is_named(logs, run, done, make):
+    shown = done('show', logs[0])
+    beside = logs[0].with_name('recording.yaml')
+    beside.write_text(shown[shown.index('columns: ') :].split('\nwarning')[0])
+    own = make.csv(logs[0].with_name('own.csv'), make.drifting())
+    assert run('show', own).sentence.endswith(
+        "own.csv has no column 'fx', which recording.yaml beside it names; it has stamp_s, "
+        'temperature_c, force_z, torque_x. Move one of them into another folder, or say by '
+        '--columns what the columns of own.csv are.'
+    )
+    done('show', own, '--columns', 'stamp=stamp_s')
+    given = run('show', own, '--columns', 'stamp=t').sentence
+    assert "no column 't', which --columns names; it has stamp_s, temp" in given
+    (own.parent / 'other').mkdir()
+    done('show', own.rename(own.parent / 'other/own.csv'))
+
+
 #: Of an RTDE recording (record.py of Universal Robots' client): separated by spaces.
 RTDE = ['timestamp', *(f'actual_TCP_force_{n}' for n in range(6)), 'joint_temperatures_5']
 OURS = ['stamp', *AXES, 'temperature_c']
@@ -146,6 +177,139 @@ FORMS = {
     'tabs': ('Time\tFx\tFy\tFz\tTx\tTy\tTz\tTemp', '\t', ''),
     'underscores': ('timestamp,f_x,f_y,f_z,m_x,m_y,m_z,sensor_temperature', ',', ''),
 }  # fmt: skip
+
+
+#: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
+UNITS = {
+    'ms and N*m': ('Time [ms],Fz [N],Tx [N*m],T [degC]', 1e3, 1, 1),
+    'kN and N-mm': ('Time (sec),Fz (kN),Tx (N-mm),Temp (C)', 1, 1e-3, 1e3),
+    'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
+    'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
+    'hours and cN': ('t (h),Fz [cN],Mx [N·m],T(deg C)', 1 / 3600, 100, 1),
+    'minutes': ('Time [min],Fz [0] (N),Mx [N.m] (raw),Temp', 1 / 60, 1, 1),
+    'kilopond': ('t,Fz[kgf],Mx[kgfm],T[C]', 1, 1 / 9.80665, 1 / 9.80665),
+    'a unit behind time': ('time_ms,Fz,Mx,T', 1e3, 1, 1),
+    'a unit behind t': ('t_us,Fz,Mx,T', 1e6, 1, 1),
+    'hours behind time': ('time_h,Fz,Mx,T', 1 / 3600, 1, 1),
+}
+
+
+@pytest.mark.parametrize('form', UNITS)
+def test_units_in_a_header_are_read_by_guess_and_by_a_map_that_names_none(form, done, tmp_path):
+    """As the guess writes them, and where a person gives the columns alone."""
+    header, *factors = UNITS[form]
+    t, wrench, celsius = day(1)
+    expected = np.column_stack((t, wrench[:, 2:4], celsius))
+    path = write(tmp_path / 'log.csv', header, (expected * [*factors, 1]).tolist())
+    words = commands(done('show', path))[0]
+    guess = words[words.index('--columns') + 1], words[words.index('--time') + 1]
+    ours = 'stamp', 'force_z', 'torque_x', 'temperature_c'
+    given = ','.join(map('='.join, zip(ours, header.split(','), strict=True)))
+    for columns, time in (guess, (given, '')):
+        recording = read_recording(path, topics=Topics(columns=columns, time=time))
+        assert recording.duration_s == pytest.approx(ROWS, abs=2)
+        assert not recording.warnings
+        # A thousandth of a second of rounding puts a sample into the neighbouring cell.
+        for i, axis in enumerate((2, 3)):
+            mean = np.nanmean(recording.wrench[:, axis])
+            assert mean == pytest.approx(expected[:, 1 + i].mean(), rel=1e-3), columns
+
+
+def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(
+    done, tmp_path, monkeypatch
+):
+    """By ``show`` and by ``calibrate``, until a person says what it is."""
+    monkeypatch.chdir(tmp_path)
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench[:, 2:4], celsius)).tolist()
+    path = write(tmp_path / 'log.csv', 't (days),Fz (N),Tx (N-foo),Temp (C)', rows)
+    words = [*commands(done('show', path))[0], '--method', 'pls', '--json']
+    said = (
+        'log.csv names units that are not understood: t (days) is read in s, Tx (N-foo) is read '
+        "in Nm. Put the right one, or a factor, behind the column, such as 'torque_x=Tx "
+        "(N-foo):Nm' or 'torque_x=Tx (N-foo)*0.001'."
+    )
+    assert f'warning: {said}' in done('show', path)
+    assert said in json.loads(done(*words))['warnings']
+    for behind in (':Nm', '*0.001'):
+        given = [word.replace('(N-foo)', f'(N-foo){behind}') for word in words]
+        given = [word.replace('t (days)', 't (days)*1') for word in given]
+        assert 'not understood' not in str(json.loads(done(*given))['warnings'])
+
+
+@pytest.mark.parametrize(('unit', 'size'), [('ms', 1e3), ('us', 1e6), ('ns', 1e9)])
+def test_a_number_that_is_too_large_for_seconds_leads_to_its_unit(unit, size, run, done, tmp_path):
+    t, wrench, celsius = day(1)
+    times = [str(round(size * (1_700_000_000 + s))) for s in t.tolist()]
+    rows = list(zip(times, wrench[:, 2].tolist(), celsius.tolist(), strict=True))
+    path = write(tmp_path / 'log.csv', 'clock,Fz,Temp', rows)
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--method', 'pls']
+    example = run(*words).sentence.split("such as --columns '")[1].split("'")[0]
+    said = run(*words, '--columns', example).sentence
+    assert f"column stamp_s: '{times[0]}' is too large for s. Say --time {unit}." in said
+    done(*words, '--columns', example, '--time', unit)
+    (tmp_path / 'recording.yaml').write_text(f'columns: {example}\n')
+    assert f'is too large for s. Write time: {unit} into recording.yaml.' in run(*words).sentence
+    (tmp_path / 'recording.yaml').write_text(f'columns: {example}\ntime: {unit}\n')
+    done(*words)
+    (tmp_path / 'recording.yaml').unlink()
+    path = write(tmp_path / 'own.csv', 'stamp_s,force_z,temperature_c', rows)
+    words[1] = path
+    said = run(*words).sentence
+    assert f"'{times[0]}' is too large for s. Name the column stamp_{unit}." in said
+    write(path, f'stamp_{unit},force_z,temperature_c', rows)
+    done(*words)
+
+
+#: As ``rostopic echo -p`` writes the header.
+ECHOED = ','.join(('%time,field.header.frame_id', *(
+    f'field.wrench.{axis.replace("_", ".")}' for axis in AXES), 'field.temperature'))  # fmt: skip
+#: Lines down to the header that stands behind a sign of comments, and what separates cells.
+COMMENTED = {
+    'rostopic': (ECHOED, ','),
+    'numpy.savetxt': ('# cell 3\n# t Fx Fy Fz Tx Ty Tz T\n# s N N N Nm Nm Nm C', ' '),
+    'semicolons': ('#t;Fx;Fy;Fz;Tx;Ty;Tz;T\n\n# begin', ';'),
+}
+
+
+@pytest.mark.parametrize('form', COMMENTED)
+def test_a_header_behind_a_comment_sign_is_read_and_copied(form, done, tmp_path):
+    header, delimiter = COMMENTED[form]
+    t, wrench, celsius = day(1)
+    rows = np.column_stack((t, wrench, celsius)).tolist()
+    if form.startswith('rostopic'):
+        rows = [[str(round((s + 1.7e9) * 1e9)), 'ft', *row] for s, *row in rows]
+    path = write(tmp_path / 'log.csv', header, rows, delimiter, comma=delimiter == ';')
+    calibrate, evaluate = commands(done('show', path))
+    model = ['-o', tmp_path / 'model.yaml', '--method', 'pls']
+    done(*(word for word in calibrate if word not in {'-o', 'model.yaml'}), *model)
+    columns = evaluate[3:]
+    copy = tmp_path / 'copy.csv'
+    done('compensate', model[1], path, '-o', copy, '--tare', '60', *columns)
+    recording, compensated = (
+        read_recording(p, topics=Topics(columns=columns[1], time=columns[3])) for p in (path, copy)
+    )
+    np.testing.assert_allclose(recording.wrench, wrench, atol=1e-6)
+    np.testing.assert_allclose(recording.temperature_c[:, 0], celsius, atol=1e-6)
+    assert np.abs(compensated.wrench[:, 2]).max() < 0.2
+    assert 'copy.csv was compensated already' in compensated.warnings[0]
+
+
+@pytest.mark.parametrize('above', ['ATI Net F/T log\nSerial: FT12345\n', 'ATI log\nFT 123\n'])
+def test_lines_above_a_header_have_to_be_comments(above, run, done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't,Fz,T', np.column_stack((t, wrench[:, 2], celsius)))
+    rows = path.read_text()
+    path.write_text(f'{above}\n{rows}')
+    for command in (['show', path], ['calibrate', path, '-o', tmp_path / 'model.yaml']):
+        assert run(*command).sentence.endswith(
+            f'Line 1 of log.csv ({above.splitlines()[0]!r}) is no header of the lines below it, '
+            'which have other numbers of cells. Put # before every line above the header.'
+        )
+    path.write_text(
+        f'# {above.strip()}\n{rows}'.replace('\nSerial', '\n# S').replace('\nFT', '\n# ')
+    )
+    assert 'Learn from it' in done('show', path)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -223,7 +387,8 @@ def test_times_are_read_to_the_nanosecond_and_refused_where_they_are_none():
         ('force_w=fz', '', 'force_w is no name of a column'),
         ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
         ('temperature_c=t:R', '', 'A temperature is in C, K or F'),
-        ('stamp=t', 'minutes', '--time is s, ms, us, ns, iso'),
+        ('stamp=t', 'days', '--time is ns, us, ms, s, min, h, iso'),
+        ('stamp=t:days', '', 'A stamp is in ns, us, ms, s, min, h'),
         ('force_z=fz*-', '', 'A factor is a number'),
         ('force_z=fz*1e999', '', 'A factor is a number'),
     ],
@@ -302,7 +467,7 @@ def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
     example = '--columns', 'force_z=Fz,temperature_c=Temperatur,stamp=Zeit'
     assert ' '.join((example[0], f"'{example[1]}'")) in run('show', log).sentence
     sentence = run('show', log, *example).sentence
-    assert 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")' in sentence
+    assert 'say what it is: --time iso, or a form such as --time "%d.%m.%Y %H:%M:%S";' in sentence
     assert run('show', log, *example, '--time', '%d.%m.%Y %H:%M:%S').code == 0
 
 

@@ -113,7 +113,8 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '(default: recording.yaml beside it, or its own names)')  # fmt: skip
     log.add_argument(
         '--time', default='', metavar='FORM',
-        help='what its stamps are: s, ms, us, ns, iso, or a form such as "%%d.%%m.%%y %%H:%%M"',
+        help='what its stamps are: s, ms, us, ns, min, h, iso, or a form such as '
+        '"%%d.%%m.%%y %%H:%%M"',
     )  # fmt: skip
     return group
 

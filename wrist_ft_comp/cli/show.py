@@ -236,7 +236,7 @@ def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.'
     if not summary.candidates:
-        return ''
+        return f'Nothing can be learnt from it. {summary.refusal}' if summary.refusal else ''
     try:
         recording = read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:

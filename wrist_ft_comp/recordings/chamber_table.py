@@ -3,7 +3,7 @@ Tables of static chamber tests: read from CSV, rewritten, their figures and thei
 
 The columns are ``step,load_<unit>,direction,output_at_<T>_c,…``: rows are load steps, with one
 output column per chamber temperature, and no times. Other columns, such as the direction, are
-copied and not interpreted.
+copied and not interpreted. Where semicolons or tabs separate cells, a comma is a decimal point.
 """
 
 from collections.abc import Callable
@@ -17,6 +17,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import correct, Drift, DriftModel
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.recordings.columns import COMPENSATED
+from wrist_ft_comp.recordings.csv_header import delimiter_of
 from wrist_ft_comp.signals import (
     AXES,
     Correction,
@@ -47,7 +48,7 @@ FIGURE_TITLES = {
 }
 #: The axis a chamber table is read as.
 _AXIS = AXES.index('force_z')
-_OUTPUT = re.compile(r'output_at_([-+]?\d+(?:\.\d+)?)_c')
+_OUTPUT = re.compile(r'output_at_([-+]?\d+(?:[.,]\d+)?)_c')
 _LOAD = re.compile(r'load_(\w+)')
 #: Most bytes of a table; published ones have 2 kB.
 _LARGEST = 100_000
@@ -160,12 +161,14 @@ def leave_out_copies(table: ChamberTable) -> ChamberTable:
 
 def is_chamber_table(path: Path) -> bool:
     """Whether the file's first line names a load and outputs at temperatures."""
-    header = beginning(path).lstrip('\ufeff').partition('\n')[0].strip().split(',')
+    line = beginning(path).lstrip('\ufeff').partition('\n')[0].strip()
+    header = line.split(delimiter_of(line))
     return any(map(_OUTPUT.fullmatch, header)) and any(map(_LOAD.fullmatch, header))
 
 
-def _read_rows(path: Path) -> list[list[str]]:
-    """Read all cells; blank lines are skipped."""
+def _read_rows(path: Path) -> tuple[list[list[str]], str]:
+    """Read all cells, and what separates them; blank lines are skipped."""
+    delimiter = delimiter_of(beginning(path).partition('\n')[0])
     try:
         if path.stat().st_size > _LARGEST:
             raise RecordingError(
@@ -173,7 +176,7 @@ def _read_rows(path: Path) -> list[list[str]]:
                 'its columns as those of a CSV recording.'
             )
         with path.open(encoding='utf-8-sig', newline='') as file:
-            rows = [row for row in csv.reader(file) if row]
+            rows = [row for row in csv.reader(file, delimiter=delimiter) if row]
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}.') from error
     except (UnicodeDecodeError, csv.Error) as error:
@@ -186,7 +189,7 @@ def _read_rows(path: Path) -> list[list[str]]:
             )
     if len(rows) < 2:
         raise RecordingError(f'{path.name} has no row below its header; expected load steps.')
-    return rows
+    return rows, delimiter
 
 
 def _number(path: Path, rows: list[list[str]], row: int, column: int) -> float:
@@ -202,7 +205,9 @@ def _number(path: Path, rows: list[list[str]], row: int, column: int) -> float:
 
 def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> ChamberTable:
     """Read a table; columns that repeat an earlier one are left out, unless they are to stay."""
-    rows = _read_rows(path)
+    rows, delimiter = _read_rows(path)
+    if delimiter != ',':
+        rows = [[cell.replace(',', '.') for cell in row] for row in rows]
     loads = [c for c, name in enumerate(rows[0]) if _LOAD.fullmatch(name.strip())]
     outputs = _output_columns(rows[0])
     if len(loads) != 1 or not outputs:
@@ -230,21 +235,26 @@ def rewrite_table(source: Path, target: Path, correct: Correction) -> tuple[str,
     wrench[:, _AXIS] = table.output.T.ravel()
     corrected = correct(stamps_ns, wrench)[:, _AXIS].reshape(table.output.T.shape)
     outputs = dict(zip(table.temperatures_c.tolist(), corrected.tolist(), strict=True))
-    rows = _read_rows(source)
+    rows, delimiter = _read_rows(source)
     columns = list(zip(*rows, strict=True))
     for temperature, at in _output_columns(rows[0]):
-        columns[at] = (rows[0][at], *map(repr, outputs.get(temperature, ())))
+        cells = list(map(repr, outputs.get(temperature, ())))
+        if ',' in ''.join(columns[at]):
+            cells = [cell.replace('.', ',') for cell in cells]
+        columns[at] = (rows[0][at], *cells)
     columns.append((COMPENSATED, *[''] * (len(rows) - 1)))
     with target.open('x', encoding='utf-8', newline='') as file:
         kept = [column for column in columns if len(column) == len(rows)]
-        csv.writer(file, lineterminator='\n').writerows(zip(*kept, strict=True))
+        csv.writer(file, delimiter=delimiter, lineterminator='\n').writerows(
+            zip(*kept, strict=True)
+        )
     return tuple(reason for _, reason in table.left_out)
 
 
 def _output_columns(header: list[str]) -> list[tuple[float, int]]:
     """List temperature, °C, and position of the output columns."""
     matches = [(_OUTPUT.fullmatch(name.strip()), at) for at, name in enumerate(header)]
-    return [(float(match[1]), at) for match, at in matches if match]
+    return [(float(match[1].replace(',', '.')), at) for match, at in matches if match]
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,10 @@ from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
-STAMPS = {'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS}
+STAMPS = {
+    'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS,
+    'stamp_min': 60 * NANOSECONDS, 'stamp_h': 3600 * NANOSECONDS,
+}  # fmt: skip
 #: Column of the nanoseconds beyond stamps of whole seconds, as ROS writes times.
 STAMP_NANOSEC = 'stamp_nanosec'
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
@@ -45,6 +48,11 @@ _THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
 #: Names of columns by other loggers, in small letters, without signs and a unit in brackets.
 _ALIASES = {
     **dict.fromkeys(('t', 'time', 'timestamp', 'date', 'datetime', 'sec', 'secs'), 'stamp_s'),
+    **{
+        stamp.replace('stamp', time): 'stamp_s'
+        for stamp in STAMPS
+        for time in ('t', 'time', 'timestamp')
+    },
     **{f'{short}{axis}': f'force_{axis}' for short in ('f', 'f_') for axis in 'xyz'},
     **{f'{short}{axis}': f'torque_{axis}' for short in ('t', 't_', 'm', 'm_') for axis in 'xyz'},
     **{
@@ -53,12 +61,12 @@ _ALIASES = {
         for axis in 'xyz'
     },
 }
-#: T, T1 or T_sensor is a temperature; t is a time, and T_x a torque.
-_SHORT_TEMPERATURE = re.compile(r'T(\d+|_(?![xyzXYZ]\b)\w+)?')
+#: T, T1, T_sensor or T [°C] is a temperature; t is a time, and T_x a torque.
+_SHORT_TEMPERATURE = re.compile(r'T(\d+|_(?![xyzXYZ]\b)\w+)?\s*([\[(]\W*(deg)?\W*[CKF]\w*\W*)?')
 #: What names the true wrench among columns of a log.
 _TRUE = re.compile('reference|ref|truth|true')
-#: Signs of a map: a column with one of them in its name cannot stand in one.
-MAP_SIGNS = ',:*='
+#: Signs of a map: a column with one of them in its name cannot stand in one. N*m has no factor.
+MAP_SIGNS = re.compile(r'[,:=]|\*[-+.\deE]')
 #: A column is probably meant where its name is as similar as this, 0 to 1.
 _LEAST_SIMILARITY = 0.7
 #: Most columns that a sentence lists.
@@ -117,7 +125,7 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Iterab
         f"Say what the columns of a file are, such as --columns '{example}', or rename them; each "
         'with its values in that unit.'
         if example
-        else f'Add the column, or rename it; none of {" ".join(MAP_SIGNS)} may be in its name.'
+        else 'Add the column, or rename it; none of , : * = may be in its name.'
     )
     raise RecordingError(
         f'{source} has no {kind} column; expected {" or ".join(names)}, got '
@@ -127,7 +135,7 @@ def require_column(source: str, columns: Sequence[str], kind: str, names: Iterab
 
 def _example_map(columns: Sequence[str]) -> str:
     """Write a map of what is missing, by what columns may be, else by whichever is left."""
-    meant = {c: name for c, name in meant_columns(columns).items() if not set(c) & set(MAP_SIGNS)}
+    meant = {c: name for c, name in meant_columns(columns).items() if not MAP_SIGNS.search(c)}
     free = [column for column, name in meant.items() if not name]
     found = {name: column for column, name in meant.items() if name}
     known = {channel_of(column) or column for column in columns} | found.keys()

@@ -16,7 +16,6 @@ from itertools import islice
 from math import isnan, nan
 import os
 from pathlib import Path
-import re
 from typing import Any
 from urllib.parse import parse_qs, urlencode
 
@@ -35,7 +34,15 @@ from wrist_ft_comp.recordings.columns import (
     STAMPS,
     unknown_columns,
 )
-from wrist_ft_comp.recordings.foreign_log import LogMap
+from wrist_ft_comp.recordings.csv_header import (
+    cells_of,
+    delimiter_of,
+    find_header,
+    is_comment,
+    is_number,
+    LONGEST_LINE,
+)
+from wrist_ft_comp.recordings.foreign_log import LogMap, MAP_FILE, time_unit, unclear_units
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -51,10 +58,14 @@ from wrist_ft_comp.stored.documents import writing
 
 #: Rows in memory at once.
 ROWS = 10_000
-#: How a refusal says what else a stamp may be.
-_TIME_FORMS = 'what --time names (iso, or a form such as "%d.%m.%Y %H:%M:%S")'
-#: Characters of the longest line that a recording may have.
-LONGEST_LINE = 1_000_000
+#: What to do about a line that is broken.
+_REPAIR = 'Repair or remove the line.'
+#: What to do about a stamp that is no number.
+_TIME_FORMS = (
+    'If every line has such a time, say what it is: --time iso, or a form such as --time '
+    '"%d.%m.%Y %H:%M:%S"; the date and the time of day must stand in one column. If not, repair '
+    'or remove the line.'
+)
 
 
 def origin_column(sensor: SensorNames) -> str:
@@ -67,7 +78,7 @@ def sensor_in(columns: Sequence[str]) -> SensorNames:
     return parse_qs(''.join(c.removeprefix(ORIGIN) for c in columns if c.startswith(ORIGIN)))
 
 
-def nanoseconds(text: str, unit_ns: int = NANOSECONDS) -> int:
+def nanoseconds(text: str, unit_ns: int | Decimal = NANOSECONDS) -> int:
     """Convert a decimal number of seconds, or of another unit, to nanoseconds exactly."""
     return round(Decimal(text) * unit_ns)
 
@@ -87,8 +98,8 @@ class CsvRecording:
     """
     A CSV file with a header, read by ``pieces``; ``names`` says how a foreign log is read.
 
-    Lines that begin with a sign of comments are skipped; where a semicolon or a tab separates
-    cells, a comma in a number is a decimal point.
+    Lines that begin with a sign of comments are skipped, unless one is the header; where a
+    semicolon or a tab separates cells, a comma in a number is a decimal point.
     """
 
     def __init__(self, path: Path, names: LogMap | None = None) -> None:
@@ -98,43 +109,49 @@ class CsvRecording:
         self.warnings: list[str] = []
         #: A last line without line end.
         self._cut = ''
-        #: Lines above the header.
-        self._above = 0
-        first = self._first_line()
-        if not first.strip():
+        #: The line of the header, verbatim, and how many lines stand above it.
+        self.header, self._above = '', 0
+        cells, *rows = self._first_rows()
+        self.delimiter = delimiter_of(self.header)
+        if not any(cells):
             raise RecordingError(
                 f'{path.name} is empty; expected a header such as '
                 'stamp_s,force_z,temperature_c and rows below it.'
             )
-        #: The first line, verbatim.
-        self.header = first.rstrip('\n')
-        self.delimiter = delimiter_of(self.header)
-        header = csv.reader([self.header.strip()], delimiter=self.delimiter, skipinitialspace=True)
-        cells = next(header)
         #: As this package calls them; the file may call them otherwise.
-        self.columns = tuple(names.names.get(cell.strip(), cell.strip()) for cell in cells)
-        if absent := names.names.keys() - {cell.strip() for cell in cells}:
+        self.columns = tuple(names.names.get(cell, cell) for cell in cells)
+        line = f'Line {self._above + 1} of {path.name}'
+        if all(is_number(column) for column in self.columns if column):
             raise RecordingError(
-                f'{path.name} has no column {min(absent)!r}, which its map names; it has '
-                f'{", ".join(cell.strip() for cell in cells[:30])}.'
-            )
-        if all(re.fullmatch(r'[-+.\deE]*', column) for column in self.columns):
-            raise RecordingError(
-                f'Line 1 of {path.name} must be a header naming the columns, such as '
+                f'{line} must be a header naming the columns, such as '
                 f'stamp_s,force_z,temperature_c; got {self.header.strip()[:60]!r}.'
             )
+        others = [row for row in rows if len(row) != len(cells)]
+        if 2 * len(others) > len(rows) and not {*STAMPS} & {*self.columns}:
+            raise RecordingError(
+                f'{line} ({self.header.strip()[:60]!r}) is no header of the lines below it, which '
+                'have other numbers of cells. Put # before every line above the header.'
+            )
+        if absent := names.names.keys() - {*cells}:
+            raise RecordingError(_absent(path.name, min(absent), cells, names))
         #: The column of every channel.
         self.channels = channels_in(path.name, self.columns)
         self._stamp = stamp_column(path.name, self.columns, whole_times=bool(names.stamp))
-        unit_ns = STAMPS[self._stamp]
+        unit_ns = STAMPS[self._stamp] * Decimal(repr(names.factors.get(self._stamp, 1.0)))
         self._factors, self._comma = names.factors, self.delimiter != ','
         #: Whether a number with a decimal comma was read.
         self._has_commas = False
+        #: How a person may name another unit of the stamps.
+        self._unit_remedy = 'Say --time {}.'
+        if self._stamp in cells:
+            self._unit_remedy = 'Name the column stamp_{}.'
+        elif names.is_beside:
+            self._unit_remedy = f'Write time: {{}} into {MAP_FILE}.'
         #: How the columns that are used are converted, and what they are expected to hold.
         self._expected: dict[str, tuple[Callable[[str], float], str]] = {
             self._stamp: (
                 partial(nanoseconds, unit_ns=unit_ns) if unit_ns > 1 else int,
-                f'a {"decimal" if unit_ns > 1 else "whole"} number, or {_TIME_FORMS}',
+                f'a {"decimal" if unit_ns > 1 else "whole"} number',
             ),
             **dict.fromkeys(
                 self.channels.values(), (self._number, 'a number with a decimal point')
@@ -149,15 +166,14 @@ class CsvRecording:
             _, expected = self._expected[self._stamp]
             self._expected[self._stamp] = partial(_with_comma, unit_ns), expected
         self.warnings += unknown_columns(path.name, self.columns)
+        self.warnings += unclear_units(path.name, names.unclear)
 
-    def _first_line(self) -> str:
-        """Read the first line that is no comment: the header, or behind it where it is one."""
+    def _first_rows(self) -> list[list[str]]:
+        """Read the header, which may be a line without line end, and the first rows below it."""
         with self._open() as text:
-            for line in self._lines(text):
-                if line.strip() and not _is_comment(line):
-                    return line
-                self._above += 1
-        return self._cut
+            header, self._above, rows = find_header(self._lines(text))
+            self.header = (header or self._cut).rstrip('\n')
+            return cells_of([self.header, *rows])
 
     def pieces(self, progress: Progress | None = None) -> Iterator[CsvPiece]:
         """Read ROWS rows at a time; RecordingError, naming the line, where one is bad."""
@@ -224,7 +240,7 @@ class CsvRecording:
     def _below_header(self, text: TextIOWrapper) -> Iterator[str]:
         """Read the lines below the header; a comment is an empty line."""
         lines = islice(self._lines(text), self._above + 1, None)
-        return ('\n' if _is_comment(line) else line for line in lines)
+        return ('\n' if is_comment(line) else line for line in lines)
 
     def _rows(self, lines: Iterable[str]) -> Any:
         return csv.reader(lines, delimiter=self.delimiter, skipinitialspace=self.delimiter == ' ')
@@ -262,22 +278,33 @@ class CsvRecording:
         """Read again up to the first bad row; say where it is and what is wrong with it."""
         with self._open() as text:
             reader = self._rows(self._below_header(text))
-            problem = next(filter(None, map(self._problem, reader)), ' changed while it was read')
+            problem = next(filter(None, map(self._problem, reader)), ' changed while it was read.')
             where = f'Line {reader.line_num + self._above + 1} of {self.path.name}'
-        return RecordingError(f'{where}{problem}. Repair or remove the line.')
+        return RecordingError(f'{where}{problem}')
 
     def _problem(self, row: list[str]) -> str:
         """Say what is wrong with a row, if anything; a blank line is none."""
         if _is_blank(row):
             return ''
         if len(row) != len(self.columns):
-            return f' has {len(row)} cells; the header names {len(self.columns)} columns'
+            return (
+                f' has {len(row)} cells; the header names {len(self.columns)} columns. {_REPAIR}'
+            )
         for column, (convert, expected) in self._expected.items():
             cell = row[self.columns.index(column)]
             try:
                 np.array(convert(cell), np.int64 if column == self._stamp else float)
             except (ValueError, ArithmeticError):
-                return f', column {column}: expected {expected}, got {cell[:60]!r}'
+                remedy = _REPAIR
+                if column == self._stamp and expected.endswith('number'):
+                    unit = time_unit(cell)
+                    if unit and STAMPS[f'stamp_{unit}'] < STAMPS[column]:
+                        return (
+                            f', column {column}: {cell!r} is too large for '
+                            f'{column.removeprefix("stamp_")}. {self._unit_remedy.format(unit)}'
+                        )
+                    remedy = _TIME_FORMS
+                return f', column {column}: expected {expected}, got {cell[:60]!r}. {remedy}'
         return ''
 
     def _last(self, line: int) -> CsvPiece | None:
@@ -301,11 +328,22 @@ def _is_blank(row: Sequence[str]) -> bool:
     return len(row) < 2 and not ''.join(row).strip()
 
 
-def _is_comment(line: str) -> bool:
-    return line.startswith(('#', '%', '//'))
+def _absent(name: str, column: str, cells: Sequence[str], names: LogMap) -> str:
+    """Say that a map names a column that is not there, where that map stands, and what to do."""
+    source, remedy = '--columns', 'Write it as the header does.'
+    if names.is_beside:
+        source = f'{MAP_FILE} beside it'
+        remedy = (
+            'Move one of them into another folder, or say by --columns what the columns of '
+            f'{name} are.'
+        )
+    return (
+        f'{name} has no column {column!r}, which {source} names; it has {", ".join(cells[:30])}. '
+        f'{remedy}'
+    )
 
 
-def _with_comma(unit_ns: int, text: str) -> int:
+def _with_comma(unit_ns: Decimal, text: str) -> int:
     return nanoseconds(text.replace(',', '.'), unit_ns)
 
 
@@ -317,22 +355,6 @@ def _numbers(cells: Sequence[str], number: Callable[[str], float]) -> tuple[Floa
     except ValueError:  # a cell is empty, has a decimal comma, or worse
         filled = np.fromiter((bool(cell.strip()) for cell in cells), bool, count)
     return np.fromiter(map(number, cells), float, count), filled
-
-
-def delimiter_of(header: str) -> str:
-    """Tell what separates cells: a comma, semicolon or tab; spaces where there is none of them."""
-    delimiter = max(',;\t', key=header.count)
-    return delimiter if delimiter in header or ' ' not in header.strip() else ' '
-
-
-def first_rows(path: Path) -> tuple[list[str], list[str]]:
-    """Read the cells of a file's header and of its first row, as they stand there."""
-    with path.open(encoding='utf-8-sig', errors='replace') as text:
-        lines = (line for line in text if line.strip() and not _is_comment(line))
-        head = list(islice((line[:LONGEST_LINE] for line in lines), 2))
-    cut = partial(csv.reader, delimiter=delimiter_of((head or [''])[0]), skipinitialspace=True)
-    rows = [[cell.strip() for cell in row] for row in cut(head)]
-    return rows[0] if rows else [], rows[1] if len(rows) > 1 else []
 
 
 def rewrite_csv(  # noqa: PLR0913, PLR0917 -- as rewrite_recording

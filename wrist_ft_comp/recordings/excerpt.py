@@ -31,20 +31,29 @@ class Part:
 
     def of(self, blocks: Iterable[Samples], name: str) -> Iterator[Samples]:
         """Leave out what does not count of a recording; SettingsError where nothing is left."""
-        first_ns, lasts_s, left = None, 0.0, False
+        first_ns, lasts_s = None, 0.0
+        came: set[str] = set()
+        left: set[str] = set()
         for block in blocks:
             timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
             if first_ns is None and timed.any():
                 first_ns = int(block.stamps_ns[timed][0])
             since_s = np.where(timed, block.stamps_ns - (first_ns or 0), 0) / NANOSECONDS
-            counts = self._counts(since_s, is_wrench=bool(set(block.channels) & set(AXES)))
+            kind = 'wrench' if set(block.channels) & set(AXES) else block.channels[0].split('_')[0]
+            counts = self._counts(since_s, is_wrench=kind == 'wrench')
             lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
-            left = left or bool(counts.any())
+            came |= {kind} if timed.any() else set()
+            left |= {kind} if counts.any() else set()
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
         if first_ns is not None and not left:
             raise SettingsError(
                 f'Nothing is left of {name}, which lasts {lasts_s:.0f} s: what counts begins at '
                 f'{self.begin_s:.0f} s. Give an earlier --from.'
+            )
+        if gone := {'wrench', 'temperature'} & (came - left):
+            raise SettingsError(
+                f'Every {min(gone)} of {name}, which lasts {lasts_s:.0f} s, is left out by '
+                '--from, --until and --exclude. Leave some in.'
             )
 
     def _counts(self, since_s: FloatArray, *, is_wrench: bool) -> BoolArray:

@@ -37,7 +37,8 @@ from wrist_ft_comp.recordings.chamber_table import (
     rewrite_table,
 )
 from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
-from wrist_ft_comp.recordings.csv_file import CsvRecording, first_rows, rewrite_csv, sensor_in
+from wrist_ft_comp.recordings.csv_file import CsvRecording, rewrite_csv, sensor_in
+from wrist_ft_comp.recordings.csv_header import first_rows
 from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import (
     guessed_map,
@@ -59,7 +60,7 @@ from wrist_ft_comp.signals import (
     Topics,
 )
 from wrist_ft_comp.stored.documents import beginning, Output, writing
-from wrist_ft_comp.stream.batch_grid import grid_samples
+from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder
 from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
 from wrist_ft_comp.wire.wrench_source import parse_wrench
@@ -278,6 +279,8 @@ class RecordingSummary:
     specific_force: ForceSummary | None = None
     #: Whether the columns of ``topics`` are a guess, because nobody gave any.
     guessed: bool = False
+    #: Why a file cannot be read as a recording; empty where it can, and of a bag.
+    refusal: str = ''
 
 
 def describe_recording(
@@ -381,8 +384,8 @@ def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
 def _describe_samples(
     name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
 ) -> RecordingSummary:
-    """Count samples, find their time span, and name unit and role of every channel."""
-    checks, moments = SampleChecks(name), np.zeros((4, 4))
+    """Count samples, judge them as read_recording does, and name every channel's unit and role."""
+    builder, moments = GridBuilder(name), np.zeros((4, 4))
     ends: list[int] = []
     for block in blocks:
         if block.channels == FORCE_CHANNELS:
@@ -390,9 +393,15 @@ def _describe_samples(
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
-        checks.admit(block)
+        builder.add(block)
+    refusal = ''
+    try:
+        judged = builder.build().warnings
+    except RecordingError as error:
+        refusal = str(error)
+        judged = tuple(s for s, _ in builder.checks.judge() if s != refusal)
     found: dict[str, ChannelSummary] = {}
-    for channels, tally in checks.tallies.items():
+    for channels, tally in builder.checks.tallies.items():
         for channel in channels:
             role = _ROLES.get(channel, TEMPERATURE)
             unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
@@ -405,6 +414,7 @@ def _describe_samples(
         tuple(found.values()),
         ends[0] if ends else None,
         ends[1] if ends else None,
-        warnings=(*warnings, *(sentence for sentence, _ in checks.judge())),
+        warnings=(*warnings, *judged),
         specific_force=describe_force(moments),
+        refusal=refusal,
     )

@@ -23,7 +23,7 @@ from wrist_ft_comp.signals import (
     temperature_channel,
 )
 from wrist_ft_comp.stream.gap import straight_lines
-from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.stream.sample_checks import SampleChecks, UNIT_OF_STAMPS
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
@@ -52,9 +52,9 @@ class GridBuilder:
     def __init__(
         self,
         name: str,
-        period_s: float,
-        max_bad_share: float,
-        temperatures: Sequence[TemperatureSource],
+        period_s: float = 1.0,
+        max_bad_share: float = 0.01,
+        temperatures: Sequence[TemperatureSource] = (),
     ) -> None:
         self._name, self._is_table = name, not temperatures
         # NaN is outside every range.
@@ -65,7 +65,8 @@ class GridBuilder:
             )
         self._period_ns = round(period_s * NANOSECONDS)
         self._max_bad_share = max_bad_share
-        self._checks = SampleChecks(name, temperatures)
+        #: What came, and what of it was dropped.
+        self.checks = SampleChecks(name, temperatures)
         #: By channel, for each block: numbers of its cells, ascending, sums and counts in them.
         self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)
         self._sums: defaultdict[str, list[FloatArray]] = defaultdict(list)
@@ -73,7 +74,7 @@ class GridBuilder:
 
     def add(self, samples: Samples) -> None:
         """Add a block of samples; blocks of the same channels must come in order of time."""
-        samples = self._checks.admit(samples)
+        samples = self.checks.admit(samples)
         values = samples.values
         if not len(values):
             return
@@ -119,10 +120,7 @@ class GridBuilder:
 
     def _judge_span(self, cells: int, thermometers: Sequence[str]) -> Iterator[str]:
         """Refuse stamps that are no times of one recording; doubt a long one."""
-        remedy = (
-            'Is the unit of the stamps right? Columns may be stamp_s, stamp_ms, stamp_us or '
-            'stamp_ns.'
-        ) * self._is_table
+        remedy = UNIT_OF_STAMPS * self._is_table
         span_s, period_s = cells * self._period_ns / NANOSECONDS, self._period_ns / NANOSECONDS
         for thermometer, axis in product(thermometers, filter(self._cells.__contains__, AXES)):
             blocks = self._cells[thermometer], self._cells[axis]
@@ -145,7 +143,7 @@ class GridBuilder:
 
     def _judge_samples(self) -> Iterator[str]:
         """Report what was dropped; refuse when it is too much."""
-        for sentence, is_too_much in self._checks.judge(self._max_bad_share):
+        for sentence, is_too_much in self.checks.judge(self._max_bad_share):
             if is_too_much:
                 raise RecordingError(sentence)
             yield sentence

@@ -27,6 +27,11 @@ _FASTEST_HZ = 50_000.0
 _BURST = 100
 #: A thermometer that always reads between these, °C, is probably one of 15 to 60 °C in °F.
 _HOT_C = (59.0, 140.0)
+#: What to do where stamps may be in another unit than the one they are read in.
+UNIT_OF_STAMPS = (
+    'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or, '
+    "of another program's log, by --time ms."
+)
 
 
 @dataclass
@@ -106,7 +111,7 @@ class SampleChecks:
                 sentence = (
                     f'{_title(channels)} of {self._name}: {used} samples within '
                     f'{span_ns / NANOSECONDS:.3g} s; no sensor makes more than {_FASTEST_HZ:g} a '
-                    'second. Check the unit of the stamps: stamp_s, stamp_ms, stamp_us, stamp_ns.'
+                    f'second. {UNIT_OF_STAMPS}'
                 )
                 yield sentence, True
             if _is_temperature(channels) and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
