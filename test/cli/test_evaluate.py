@@ -162,3 +162,23 @@ def test_thermometers_that_contradict_in_a_file_are_named_as_the_node_does(run, 
     assert live.tracker.agreement.sentences[-1] in judged
     copied = run('compensate', model, loose, '-o', tmp_path / 'copy.csv').err
     assert live.tracker.agreement.sentences[-1] in copied
+
+
+def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, tmp_path):
+    """Also one whose column is empty, because its thermometer was dead all day."""
+    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    model, out = tmp_path / 'model.yaml', tmp_path / 'out.csv'
+    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
+    columns = lagged_pair(7)
+    dead = make.csv(
+        tmp_path / 'dead.csv', {**columns, 'temperature_2_c': [None] * len(columns['force_z'])}
+    )
+    del columns['temperature_2_c']
+    single = make.csv(tmp_path / 'single.csv', columns)
+    for path, words in (
+        (single, 'Name the topics, or keep the columns, that it was calibrated with.'),
+        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out. Nothing is'),
+    ):
+        for argv in (['evaluate', model, path], ['compensate', model, path, '-o', out]):
+            sentence = run(*argv).sentence
+            assert f'{path.name} has 1 thermometer, the model expects 2. {words}' in sentence

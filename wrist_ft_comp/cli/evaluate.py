@@ -117,13 +117,14 @@ def _judge(
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
-    warnings += (*recording.warnings, *tables.range_warnings(stored, recording))
+    warnings += recording.warnings
     compared, true = recording, reference
     if reference == 'payload':
         work = learn_at_work([recording])
         compared, true = work.drift[0], 'recorded'
         warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
     errors = tared_errors(stored.model, compared, true, arguments.tare)
+    warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
