@@ -6,6 +6,7 @@ import pytest
 from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
+from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.stream import gap
 from wrist_ft_comp.stream.compensator import Compensator
 
@@ -182,3 +183,68 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, tmp_
         for argv in (['evaluate', model, path], ['compensate', model, path, '-o', out]):
             sentence = run(*argv).sentence
             assert f'{path.name} has 1 thermometer, the model expects 2. {words}' in sentence
+
+
+@pytest.fixture(scope='module')
+def slow_model(make, tmp_path_factory):
+    """A model of a warm-up that was recorded for an hour."""
+    folder = tmp_path_factory.mktemp('slow')
+    path = make.csv(folder / 'day.csv', make.drifting(3600))
+    assert main(['calibrate', str(path), '-o', str(folder / 'model.yaml'), '--method', 'pls']) == 0
+    return folder / 'model.yaml'
+
+
+@pytest.mark.parametrize(
+    ('channels', 'silent_s', 'words'),
+    [
+        (['temperature_c'], (1500, 2400), 'a straight line was drawn over it'),
+        (['temperature_c'], (1500, 3600), 'its last reading was held'),
+        (['force_z', 'torque_x'], (1500, 2400), 'nothing is known of the drift of that time'),
+    ],
+)
+def test_long_silence_is_named_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
+    channels, silent_s, words, run, make, slow_model, tmp_path
+):
+    columns, (begin_s, end_s) = make.drifting(3600, seed=3), silent_s
+    for channel in channels:
+        columns[channel][begin_s:end_s] = [None] * (end_s - begin_s)
+    path, out = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'out.csv'
+    who = 'Thermometer 1 of day.csv is silent' if 'temperature_c' in channels else 'is missing'
+    for argv in (
+        ['show', path],
+        ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls'],
+        ['evaluate', slow_model, path],
+        ['compensate', slow_model, path, '-o', out],
+    ):
+        outcome = run(*argv)
+        assert outcome.code == 0
+        (said,) = (line for line in (outcome.out + outcome.err).splitlines() if who in line)
+        assert f'for {end_s - begin_s} s, from {begin_s} s on; {words}' in said
+    assert words in json.loads(run('show', path, '--json').out)['warnings'][0]
+
+
+def test_silence_of_the_thermometer_is_left_out_by_the_option_that_is_named(
+    run, make, slow_model, tmp_path
+):
+    columns = make.drifting(3600, seed=3)
+    columns['temperature_c'][1500:2400] = [None] * 900
+    path = make.csv(tmp_path / 'day.csv', columns)
+    said = run('evaluate', slow_model, path).err
+    option, stretch = said.rstrip('.\n').split()[-2:]
+    again = run('evaluate', slow_model, path, option, stretch)
+    assert 'silent' not in again.err
+    assert 'force_z: good' in again.out
+
+
+def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(run, make, tmp_path):
+    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    model, columns = tmp_path / 'model.yaml', lagged_pair(7)
+    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
+    columns['temperature_2_c'][400:] = [None] * 680
+    one = run('evaluate', model, make.csv(tmp_path / 'one.csv', columns)).err
+    assert 'thermometer 2 is silent; what the others predict of it is used' in one
+    assert 'held' not in one
+    columns['temperature_c'][800:] = [None] * 280
+    both = run('evaluate', model, make.csv(tmp_path / 'both.csv', columns)).err
+    for thermometer in (1, 2):
+        assert f'Thermometer {thermometer} of both.csv is silent for 2800 s, from 8000 s' in both

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+import math
 
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus
-from wrist_ft_comp.fit.thermometers import longest_silence
+from wrist_ft_comp.fit.thermometers import runs
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -337,24 +338,44 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """Name thermometers and wrenches that are silent for long, but not between plateaus."""
+    """
+    Name thermometers that are silent for long while wrenches come, and wrenches that are missing.
+
+    Between the plateaus of a chamber test wrenches may be missing.
+    """
     sentences = []
     for recording in recordings:
-        for j, measured in enumerate(recording.measured.T):
-            gap_s = longest_silence(measured) * recording.period_s
-            if gap_s > max_gap_s:
-                sentences.append(
-                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
-                    'straight line was drawn over it.'
-                )
+        period_s, name = recording.period_s, recording.name
         present = np.any(np.isfinite(recording.wrench), axis=1)
-        gap_s = longest_silence(present) * recording.period_s
-        if gap_s > max_gap_s and find_plateaus(recordings) is None:
+        for j, measured in enumerate(recording.measured.T):
+            begin, end = _longest_silence(measured, present, max_gap_s / period_s)
+            if end > begin:
+                how = 'a straight line was drawn over it'
+                if not measured[end:].any():
+                    how = 'its last reading was held'
+                sentences.append(
+                    f'Thermometer {j + 1} of {name} is silent for {(end - begin) * period_s:.0f} '
+                    f's, from {begin * period_s:.0f} s on; {how}, and the drift of that time is a '
+                    'guess. Leave that time out of calibrate and evaluate: --exclude '
+                    f'{math.floor(begin * period_s)}..{math.ceil(end * period_s)}.'
+                )
+        begin, end = _longest_silence(present, np.ones_like(present), max_gap_s / period_s)
+        if end > begin and find_plateaus(recordings) is None:
             sentences.append(
-                f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
-                'that time was not learnt.'
+                f'The raw wrench of {name} is missing for {(end - begin) * period_s:.0f} s, from '
+                f'{begin * period_s:.0f} s on; nothing is known of the drift of that time.'
             )
     return sentences
+
+
+def _longest_silence(heard: BoolArray, counts: BoolArray, cells: float) -> tuple[int, int]:
+    """Find the longest silence of more cells, from its first that counts to its last; or 0, 0."""
+    silences = [(0, 0)]
+    for first, last in runs(~heard):
+        at = first + np.flatnonzero(counts[first:last])
+        if len(at) and at[-1] + 1 - at[0] > cells:
+            silences.append((int(at[0]), int(at[-1]) + 1))
+    return max(silences, key=lambda ends: ends[1] - ends[0])
 
 
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
