@@ -384,7 +384,8 @@ def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evi
         widening=_widening(fit), compensated=fit.model is not None,
         best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
         recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal)  # fmt: skip
+        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
+        promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
 
 
 def _held_out_series(
