@@ -1,5 +1,6 @@
 from dataclasses import asdict
 import json
+import re
 
 import numpy as np
 import pytest
@@ -230,7 +231,7 @@ def test_silence_of_the_thermometer_is_left_out_by_the_option_that_is_named(
     columns['temperature_c'][1500:2400] = [None] * 900
     path = make.csv(tmp_path / 'day.csv', columns)
     said = run('evaluate', slow_model, path).err
-    option, stretch = said.rstrip('.\n').split()[-2:]
+    option, stretch = re.search(r'(--exclude) (\S+)\.\n', said).groups()
     again = run('evaluate', slow_model, path, option, stretch)
     assert 'silent' not in again.err
     assert 'force_z: good' in again.out
@@ -248,3 +249,20 @@ def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(run, m
     both = run('evaluate', model, make.csv(tmp_path / 'both.csv', columns)).err
     for thermometer in (1, 2):
         assert f'Thermometer {thermometer} of both.csv is silent for 2800 s, from 8000 s' in both
+
+
+def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
+    """The driver tared in the middle of the day, and the axis is still called good."""
+    columns, limits = make.drifting(3600, seed=3), load_model(slow_model).model.day_limits
+    days = [make.csv(tmp_path / 'day.csv', columns)]
+    assert 'largest error' not in run('evaluate', slow_model, days[0]).err
+    columns['force_z'] = [value + 2.0 * (k > 1800) for k, value in enumerate(columns['force_z'])]
+    days.append(make.csv(tmp_path / 'tared.csv', columns))
+    outcome = run('evaluate', slow_model, *days)
+    assert 'force_z: good' in outcome.out
+    judged = json.loads(done('evaluate', slow_model, *days, '--json'))
+    peak = judged['axes']['force_z']['max_after']
+    (said,) = (warning for warning in judged['warnings'] if 'largest error' in warning)
+    assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). The zero may have' in said
+    assert outcome.err.count('largest error') == 1
+    assert 'torque' not in said
