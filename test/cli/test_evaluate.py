@@ -76,6 +76,19 @@ def test_the_reference_is_subtracted(done, make, model, tmp_path):
     assert judged['recordings'][0]['reference'] == 'recorded'
 
 
+def test_a_model_that_was_learnt_with_a_reference_is_judged_with_one(done, make, tmp_path):
+    days = [make.csv(tmp_path / f'{seed}.csv', make.loaded(seed=seed)) for seed in (1, 2)]
+    model, plain = tmp_path / 'model.yaml', make.csv(tmp_path / 'plain.csv', make.drifting())
+    argv = ['--reference', 'recorded', '--method', 'pls']
+    done('calibrate', days[0], '-o', model, *argv)
+    for path, reference in ((days[1], 'recorded'), (plain, 'unloaded')):
+        judged = json.loads(done('evaluate', model, path, '--json'))
+        assert judged['recordings'][0]['reference'] == reference
+        assert judged == json.loads(
+            done('evaluate', model, path, '--json', '--reference', reference)
+        )
+
+
 def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     lines = done('evaluate', model, drift_csv).splitlines()
     assert [line.split()[0] for line in lines[:3]] == ['axis', 'force_z', 'torque_x']
