@@ -117,3 +117,19 @@ def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_p
     assert target.exists()
     assert printed['tare']['force_z'] != 0
     assert printed['warnings'] == []
+
+
+def test_wrenches_before_a_late_thermometer_get_its_first_drift_and_are_not_tared(
+    run, make, model, tmp_path
+):
+    columns, out = make.drifting(seed=3), tmp_path / 'out.csv'
+    columns['temperature_c'][:90] = [None] * 90
+    path = make.csv(tmp_path / 'late.csv', columns)
+    said = run('compensate', model, path, '-o', out, '--tare', 60).err
+    assert 'came after 90 s of wrenches, of which no drift is known: nothing is' in said
+    assert 'or tared before it came, and compensate writes them with its first drift.' in said
+    force, raw = (np.array(values['force_z'], float) for values in (table(out), columns))
+    removed = raw - force
+    assert np.ptp(removed[:90]) < 1e-9
+    assert removed[90] == pytest.approx(removed[0])
+    assert abs(force[90:150].mean()) < 0.1

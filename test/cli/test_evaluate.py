@@ -1,11 +1,13 @@
 from dataclasses import asdict
 import json
+import re
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
+from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.stream import gap
 from wrist_ft_comp.stream.compensator import Compensator
 
@@ -72,6 +74,19 @@ def test_the_reference_is_subtracted(done, make, model, tmp_path):
     judged = json.loads(done('evaluate', model, path, '--reference', 'recorded', '--json'))
     assert judged['axes'] == {'force_z': pytest.approx(expected, rel=1e-9)}
     assert judged['recordings'][0]['reference'] == 'recorded'
+
+
+def test_a_model_that_was_learnt_with_a_reference_is_judged_with_one(done, make, tmp_path):
+    days = [make.csv(tmp_path / f'{seed}.csv', make.loaded(seed=seed)) for seed in (1, 2)]
+    model, plain = tmp_path / 'model.yaml', make.csv(tmp_path / 'plain.csv', make.drifting())
+    argv = ['--reference', 'recorded', '--method', 'pls']
+    done('calibrate', days[0], '-o', model, *argv)
+    for path, reference in ((days[1], 'recorded'), (plain, 'unloaded')):
+        judged = json.loads(done('evaluate', model, path, '--json'))
+        assert judged['recordings'][0]['reference'] == reference
+        assert judged == json.loads(
+            done('evaluate', model, path, '--json', '--reference', reference)
+        )
 
 
 def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
@@ -162,3 +177,108 @@ def test_thermometers_that_contradict_in_a_file_are_named_as_the_node_does(run, 
     assert live.tracker.agreement.sentences[-1] in judged
     copied = run('compensate', model, loose, '-o', tmp_path / 'copy.csv').err
     assert live.tracker.agreement.sentences[-1] in copied
+
+
+def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, tmp_path):
+    """Also one whose column is empty, because its thermometer was dead all day."""
+    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    model, out = tmp_path / 'model.yaml', tmp_path / 'out.csv'
+    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
+    columns = lagged_pair(7)
+    dead = make.csv(
+        tmp_path / 'dead.csv', {**columns, 'temperature_2_c': [None] * len(columns['force_z'])}
+    )
+    del columns['temperature_2_c']
+    single = make.csv(tmp_path / 'single.csv', columns)
+    for path, words in (
+        (single, 'Name the topics, or keep the columns, that it was calibrated with.'),
+        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out. Nothing is'),
+    ):
+        for argv in (['evaluate', model, path], ['compensate', model, path, '-o', out]):
+            sentence = run(*argv).sentence
+            assert f'{path.name} has 1 thermometer, the model expects 2. {words}' in sentence
+
+
+@pytest.fixture(scope='module')
+def slow_model(make, tmp_path_factory):
+    """A model of a warm-up that was recorded for an hour."""
+    folder = tmp_path_factory.mktemp('slow')
+    path = make.csv(folder / 'day.csv', make.drifting(3600))
+    assert main(['calibrate', str(path), '-o', str(folder / 'model.yaml'), '--method', 'pls']) == 0
+    return folder / 'model.yaml'
+
+
+@pytest.mark.parametrize(
+    ('channels', 'silent_s', 'words'),
+    [
+        (['temperature_c'], (1500, 2400), 'a straight line was drawn over it'),
+        (['temperature_c'], (2400, 3600), 'its last reading was held'),
+        (['force_z', 'torque_x'], (1500, 2400), 'nothing is known of the drift of that time'),
+    ],
+)
+def test_long_silence_is_named_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
+    channels, silent_s, words, run, make, slow_model, tmp_path
+):
+    columns, (begin_s, end_s) = make.drifting(3600, seed=3), silent_s
+    for channel in channels:
+        columns[channel][begin_s:end_s] = [None] * (end_s - begin_s)
+    path, out = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'out.csv'
+    who = 'Thermometer 1 of day.csv is silent' if 'temperature_c' in channels else 'is missing'
+    for argv in (
+        ['show', path],
+        ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls'],
+        ['evaluate', slow_model, path],
+        ['compensate', slow_model, path, '-o', out],
+    ):
+        outcome = run(*argv)
+        assert outcome.code == 0
+        (said,) = (line for line in (outcome.out + outcome.err).splitlines() if who in line)
+        if argv[0] == 'calibrate' and 'temperature_c' in channels:
+            assert said.endswith('wrenches of that time are not learnt from.')
+        else:
+            assert f'for {end_s - begin_s} s, from {begin_s} s on; {words}' in said
+    assert words in json.loads(run('show', path, '--json').out)['warnings'][0]
+
+
+def test_silence_of_the_thermometer_is_left_out_by_the_option_that_is_named(
+    run, make, slow_model, tmp_path
+):
+    columns = make.drifting(3600, seed=3)
+    columns['temperature_c'][1500:2400] = [None] * 900
+    path = make.csv(tmp_path / 'day.csv', columns)
+    said = run('evaluate', slow_model, path).err
+    option, stretch = re.search(r'(--exclude) (\S+)\.\n', said).groups()
+    again = run('evaluate', slow_model, path, option, stretch)
+    assert 'silent' not in again.err
+    assert 'force_z: good' in again.out
+
+
+def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(run, make, tmp_path):
+    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    model, columns = tmp_path / 'model.yaml', lagged_pair(7)
+    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
+    columns['temperature_2_c'][400:] = [None] * 680
+    one = run('evaluate', model, make.csv(tmp_path / 'one.csv', columns)).err
+    assert 'thermometer 2 is silent; what the others predict of it is used' in one
+    assert 'held' not in one
+    columns['temperature_c'][800:] = [None] * 280
+    both = run('evaluate', model, make.csv(tmp_path / 'both.csv', columns)).err
+    for thermometer in (1, 2):
+        assert f'Thermometer {thermometer} of both.csv is silent for 2800 s, from 8000 s' in both
+
+
+def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
+    """The driver tared in the middle of the day, and the axis is still called good."""
+    columns, limits = make.drifting(3600, seed=3), load_model(slow_model).model.day_limits
+    days = [make.csv(tmp_path / 'day.csv', columns)]
+    assert 'largest error' not in run('evaluate', slow_model, days[0]).err
+    columns['force_z'] = [value + 2.0 * (k > 1800) for k, value in enumerate(columns['force_z'])]
+    days.append(make.csv(tmp_path / 'tared.csv', columns))
+    outcome = run('evaluate', slow_model, *days)
+    assert 'force_z: good' in outcome.out
+    judged = json.loads(done('evaluate', slow_model, *days, '--json'))
+    peak = judged['axes']['force_z']['max_after']
+    (said,) = (warning for warning in judged['warnings'] if 'largest error' in warning)
+    assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). The zero may have' in said
+    assert outcome.err.count('largest error') == 1
+    assert 'torque' not in said

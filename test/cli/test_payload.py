@@ -101,6 +101,28 @@ def test_a_day_is_judged_on_what_is_quiet(days, done, model):
     assert judged['recordings'][0]['reference'] == 'payload'
 
 
+def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(days, done, model):
+    """A good model seemed weak."""
+    argv = 'evaluate', model, days[2]
+    assert json.loads(done(*argv, '--json')) == json.loads(
+        done(*argv, '--reference', 'payload', '--json')
+    )
+    assert 'Reference: payload. Errors are means' in done(*argv)
+    assert 'Reference: unloaded. Errors are means' in done(*argv, '--reference', 'unloaded')
+
+
+def test_a_weight_that_turns_is_named_where_the_reference_is_another_one(
+    run, model, tmp_path, make_working_day, write_working_day
+):
+    slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
+    turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
+    path = write_working_day(tmp_path / 'turning.csv', turning)
+    said = run('evaluate', model, path, '--reference', 'unloaded').err
+    assert 'The wrench of turning.csv follows gravity: ' in said
+    assert 'the reference is unloaded. Use the reference payload (--reference payload;' in said
+    assert 'follows gravity' not in run('evaluate', model, path, '--reference', 'payload').err
+
+
 def test_a_payload_that_was_not_learnt_is_marked(days, done, model, tmp_path):
     moved = tmp_path / 'cell.yaml'
     moved.write_bytes(model.read_bytes())

@@ -34,6 +34,8 @@ def level(**changes):
         ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
         ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
         ({'slowest_s': 5000.0}, 'good'),
+        ({'promised': False}, 'weak'),
+        ({'promised': False, 'noise': 1.0}, 'weak'),
         ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
         ({'moved_k': SMALLEST_CHANGE_K}, 'good'),
         ({'moved_k': SMALLEST_CHANGE_K - JUST}, 'unjudged'),

@@ -189,9 +189,10 @@ def test_a_thermometer_that_comes_late_is_named(late_s, *, named):
     assert len(warnings) == named
     if named:
         assert warnings[0] == (
-            'Thermometer 2 of a.csv came after 61 s of wrenches, which were left out; the sensor '
-            'is taken as soaked from there on. If it was warming up by then, record again, with '
-            'all thermometers from the beginning.'
+            'Thermometer 2 of a.csv came after 61 s of wrenches, of which no drift is known: '
+            'nothing is learnt, judged or tared before it came, and compensate writes them with '
+            'its first drift. The sensor is taken as soaked from there on. If it was warming up '
+            'by then, record again, with all thermometers from the beginning.'
         )
 
 

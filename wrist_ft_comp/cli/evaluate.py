@@ -1,15 +1,18 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 import textwrap
+
+import numpy as np
 
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.axis_data import averaged_s
 from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.chamber_table import (
@@ -23,7 +26,7 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
-from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, Reference
+from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, Recording, Reference
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -41,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument('model', type=Path, metavar='MODEL.yaml')
     options.add_recordings(parser)
-    options.add_reference(parser)
+    options.add_reference(
+        parser, 'what the model was learnt with, if the recording holds it, or unloaded'
+    )
     parser.add_argument(
         '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
@@ -74,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
-        print(f'\n{_limit_text(stored)}')
+        print(f'\n{_limit_text(stored, judged)}')
         for path, evaluated in zip(arguments.recordings, judged, strict=True):
             if evaluated.figures:
                 print(f'\n{path}\n{tables.chamber_table_text(evaluated.figures)}')
@@ -113,23 +118,37 @@ def _judge(
         path, period_s=period_s, topics=topics, keep_copied_columns=keep, progress=progress
     )
     is_table = path.is_file() and is_chamber_table(path)
-    reference: Reference = arguments.reference or ('recorded' if is_table else 'unloaded')
+    reference: Reference = arguments.reference or (
+        'recorded' if is_table else _learnt_reference(stored, recording)
+    )
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
-    warnings += (*recording.warnings, *tables.range_warnings(stored, recording))
+    warnings += recording.warnings
+    if reference in {'unloaded', 'constant'}:
+        warnings += tuple(follows_gravity([recording], reference))
     compared, true = recording, reference
     if reference == 'payload':
         work = learn_at_work([recording])
         compared, true = work.drift[0], 'recorded'
         warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
     errors = tared_errors(stored.model, compared, true, arguments.tare)
+    warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     figures = {}
     if is_table:
         table = read_chamber_table(path, keep_copied_columns=keep)
         figures['raw'] = chamber_figures(table)
         figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors, figures)
+
+
+def _learnt_reference(stored: StoredModel, recording: Recording) -> Reference:
+    """Take the reference that a model was learnt with, where the recording holds it too."""
+    if stored.reference == 'payload' and recording.specific_force is not None:
+        return 'payload'
+    if stored.reference == 'recorded' and np.isfinite(recording.reference).any():
+        return 'recorded'
+    return 'unloaded'
 
 
 def _unknown_payloads(
@@ -157,12 +176,14 @@ def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]
     )  # fmt: skip
 
 
-def _limit_text(stored: StoredModel) -> str:
-    """Say over which means errors are, and which limits the calibration stated of the peaks."""
+def _limit_text(stored: StoredModel, judged: Sequence[EvaluatedRecording]) -> str:
+    """Say what errors are, and which limits the calibration stated of the peaks."""
+    references = ', '.join(dict.fromkeys(evaluated.reference for evaluated in judged))
     limits = ', '.join(
         f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in stored.model.day_limits.items()
     )
     text = f'Errors are means over {averaged_s(stored.model):g} s, as those of calibrate.'
+    text = f'Reference: {references}. {text}'
     if limits:
         text += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
     return textwrap.fill(text, tables.WIDTH)

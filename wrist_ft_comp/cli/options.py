@@ -214,13 +214,13 @@ def require_ros(refusal: type[WristFtCompError], why: str) -> None:
         )
 
 
-def add_reference(parser: argparse.ArgumentParser) -> None:
-    """Add what the true wrench was."""
+def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') -> None:
+    """Add what the true wrench was; ``default`` says what it is where it is not given."""
     parser.add_argument(
         '--reference', choices=get_args(Reference), metavar='WHAT',
         help='the true wrench: unloaded (zero), constant (unknown), payload (the weight of what '
         'is mounted, found by the specific force; contacts are left out) or recorded (beside the '
-        'raw one); default: recorded for chamber tables, else unloaded')  # fmt: skip
+        f'raw one); default: recorded for chamber tables, else {default}')  # fmt: skip
 
 
 def add_copied_columns(parser: argparse.ArgumentParser) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 import json
 from pathlib import Path
 import shlex
@@ -12,6 +13,8 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
+from wrist_ft_comp.fit.data_checks import silent_stretches
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import diary_problem, node_folders, survey
 from wrist_ft_comp.learning.memory import load_memory, Memory
 from wrist_ft_comp.payload.directions import ForceSummary
@@ -25,6 +28,7 @@ from wrist_ft_comp.recordings.recordings import (
     read_recording,
     RecordingSummary,
     REFERENCE,
+    TABLE,
 )
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
@@ -96,7 +100,10 @@ def run(arguments: argparse.Namespace) -> int:
         with options.progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             summary = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal = _refusal(summary, path, part_of(progress, 1, 2))
+            refusal, found = _read(summary, path, part_of(progress, 1, 2))
+            doubts = dict.fromkeys((*summary.warnings, *found))
+            said = tuple(doubt for doubt in doubts if doubt not in refusal)
+            summary = replace(summary, warnings=said)
         document = _as_json(summary, path, refusal)
         lines = [*_recording_lines(summary, path, refusal)]
     options.warn_of_idle(arguments, recordings)
@@ -227,28 +234,35 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
             yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
 
 
-def _refusal(summary: RecordingSummary, path: Path, progress: Progress) -> str:
-    """Say why nothing can be learnt from a recording; empty where it is read as others read it."""
+def _read(
+    summary: RecordingSummary, path: Path, progress: Progress
+) -> tuple[str, tuple[str, ...]]:
+    """Read a recording as others do: say why nothing can be learnt from it, and what to doubt."""
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
-        return f'It holds no {what}{named}, so nothing can be learnt from it.'
-    if not summary.candidates:
-        return f'Nothing can be learnt from it. {summary.refusal}' if summary.refusal else ''
+        return f'It holds no {what}{named}, so nothing can be learnt from it.', ()
+    if summary.refusal and not summary.candidates:
+        return f'Nothing can be learnt from it. {summary.refusal}', ()
+    if summary.kind == TABLE:
+        return '', ()
     try:
         recording = read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:
-        return f'Nothing can be learnt from it with these topics. {error}'
+        with_topics = ' with these topics' if summary.candidates else ''
+        return f'Nothing can be learnt from it{with_topics}. {error}', ()
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
-        return (
+        sentence = (
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
             'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
         )
-    return ''
+        return sentence, ()
+    silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
+    return '', (*recording.warnings, *silent)
 
 
 def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """Tables, verdicts and warnings that commands print, and the same for scripts."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 import sys
@@ -9,6 +10,8 @@ import textwrap
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.fit.data_checks import silent_stretches
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import Diary, TORQUES
 from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.payload.set_payload_commands import driver_calls
@@ -166,7 +169,7 @@ def print_warnings(sentences: Iterable[str]) -> None:
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
-    """Say where thermometers leave the range that a model was learnt from, or are doubted."""
+    """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
     sentences = []
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs):
@@ -178,6 +181,11 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
                 f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
                 f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
             )
+    heard = recording.measured
+    if stored.model.prediction is not None:  # one that is silent is predicted by the others
+        heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
+    silent = [replace(recording, measured=heard)]
+    sentences += silent_stretches(silent, CalibrationSettings().max_gap_s)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
         for doubt, share in thermometer_doubts(stored.model, recording).items()

@@ -122,6 +122,12 @@ class StoredModel:
                 sensor[fact] = [str(name) for name in names]
         return sensor
 
+    @property
+    def reference(self) -> str:
+        """What the true wrench was where the model was learnt; people may have edited it."""
+        settings = self.document['provenance'].get('settings')
+        return str(settings.get('reference', '')) if isinstance(settings, dict) else ''
+
 
 def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
     """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
+import math
 
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus
-from wrist_ft_comp.fit.thermometers import longest_silence, runs_of
+from wrist_ft_comp.fit.thermometers import runs_of
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
@@ -250,29 +251,43 @@ def _unknown_runs(
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """Name thermometers and wrenches that are silent for long, but not between plateaus."""
+    """Name thermometers and wrenches that are silent for long."""
+    return silent_thermometers(recordings, max_gap_s) + missing_wrenches(recordings, max_gap_s)
+
+
+def silent_thermometers(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
+    """Name thermometers that are silent for long while wrenches come."""
     sentences = []
     for recording in recordings:
+        period_s = recording.period_s
+        present = np.any(np.isfinite(recording.wrench), axis=1)
         for j, measured in enumerate(recording.measured.T):
-            gap_s = longest_silence(measured) * recording.period_s
-            if gap_s > max_gap_s:
+            begin, end = _longest_silence(measured, present, max_gap_s / period_s)
+            if end > begin:
+                how = 'a straight line was drawn over it'
+                if not measured[end:].any():
+                    how = 'its last reading was held'
                 sentences.append(
-                    f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
-                    'straight line was drawn over it.'
+                    f'Thermometer {j + 1} of {recording.name} is silent for '
+                    f'{(end - begin) * period_s:.0f} s, from {begin * period_s:.0f} s on; {how}, '
+                    'and the drift of that time is a guess. Leave that time out: --exclude '
+                    f'{math.floor(begin * period_s)}..{math.ceil(end * period_s)}.'
                 )
-    return sentences + missing_wrenches(recordings, max_gap_s)
+    return sentences
 
 
 def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """Name wrenches that are missing for long, but not between plateaus."""
+    """Name wrenches that are missing for long, but not between the plateaus of a chamber test."""
     sentences = []
     for recording in recordings:
+        period_s = recording.period_s
         present = np.any(np.isfinite(recording.wrench), axis=1)
-        gap_s = longest_silence(present) * recording.period_s
-        if gap_s > max_gap_s and find_plateaus(recordings) is None:
+        begin, end = _longest_silence(present, np.ones_like(present), max_gap_s / period_s)
+        if end > begin and find_plateaus(recordings) is None:
             sentences.append(
-                f'The raw wrench of {recording.name} is missing for {gap_s:.0f} s; the drift of '
-                'that time was not learnt.'
+                f'The raw wrench of {recording.name} is missing for '
+                f'{(end - begin) * period_s:.0f} s, from {begin * period_s:.0f} s on; nothing is '
+                'known of the drift of that time.'
             )
     return sentences
 
@@ -286,6 +301,16 @@ def small_spans(recordings: Sequence[Recording], min_span_k: float) -> list[str]
         for recording, span_k in zip(recordings, spans_k, strict=True)
         if span_k < min_span_k <= max(spans_k)
     ]
+
+
+def _longest_silence(heard: BoolArray, counts: BoolArray, cells: float) -> tuple[int, int]:
+    """Find the longest silence of more cells, from its first that counts to its last; or 0, 0."""
+    silences = [(0, 0)]
+    for first, last in runs_of(~heard):
+        at = first + np.flatnonzero(counts[first:last])
+        if len(at) and at[-1] + 1 - at[0] > cells:
+            silences.append((int(at[0]), int(at[-1]) + 1))
+    return max(silences, key=lambda ends: ends[1] - ends[0])
 
 
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:

@@ -152,5 +152,6 @@ def follows_gravity(recordings: Sequence[Recording], reference: Reference) -> It
             yield (
                 f'The wrench of {recording.name} follows gravity: {share:.0%} of what changes '
                 f'within minutes turns with the specific force, as about {mass_kg:.2g} kg would, '
-                f'but it was declared {reference}. Use the reference payload.'
+                f'but the reference is {reference}. Use the reference payload (--reference '
+                'payload; calibration.reference of a node).'
             )

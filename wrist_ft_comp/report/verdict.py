@@ -6,7 +6,7 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
 | weak | more is left; or a held-out block got worse and keeps more than 25 % of the axis' drift; |
 | | or the slowest time constant is above half of the longest recording, where it looks like a |
-| | trend |
+| | trend; or no limit of another day's errors can be promised |
 | harmful | more is left than without compensation; here as of a block, 5 % more may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
@@ -66,6 +66,8 @@ class Evidence:
     slowest_s: float = 0.0
     #: Longest recording; 0 if unknown.
     longest_s: float = 0.0
+    #: Whether another day stays below a limit that is smaller than the drift, as far as is known.
+    promised: bool = True
     #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
 
@@ -158,4 +160,6 @@ def _doubts(evidence: Evidence) -> list[str]:
             f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
             f'{evidence.longest_s:.0f} s of recording'
         )
+    if not evidence.promised:
+        doubts.append('nothing can be promised of another day, so record one more')
     return doubts

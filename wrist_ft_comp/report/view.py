@@ -1,6 +1,6 @@
 """What a report shows: one record, built from a calibration or from an evaluation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, 
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.chamber_table import ChamberFigures
 from wrist_ft_comp.report.coverage import (
     cover,
@@ -247,8 +248,28 @@ def evaluation_view(
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{averaged_s(stored.model):g} s. Reference: {references}.',
         axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
-        warnings=tuple(dict.fromkeys(w for r in recordings for w in r.warnings)),
+        warnings=(
+            *dict.fromkeys(w for r in recordings for w in r.warnings),
+            *_beyond_limits(stored, axes)),
         tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
+
+
+def _beyond_limits(stored: StoredModel, axes: Sequence[AxisView]) -> Iterator[str]:
+    """Name the axes whose largest error is above what the calibration stated of another day."""
+    limits = stored.model.day_limits
+    beyond = [
+        f'{view.axis} {rounded(view.errors.max_after)} {view.unit} '
+        f'(limit {rounded(limits[view.axis])})'
+        for view in axes
+        if view.errors.max_after > limits.get(view.axis, np.inf)
+    ]
+    if beyond:
+        yield (
+            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
+            f'{", ".join(beyond)}. The zero may have jumped (a tare in the driver, a contact, '
+            'another tool), a temperature may be missing or beyond those that were learnt, or it '
+            'is another sensor. The report (--report) shows when it began.'
+        )
 
 
 def _axis_view(  # noqa: PLR0913, PLR0917 -- what an axis' view is made of
@@ -384,7 +405,8 @@ def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evi
         widening=_widening(fit), compensated=fit.model is not None,
         best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
         recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal)  # fmt: skip
+        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
+        promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
 
 
 def _held_out_series(

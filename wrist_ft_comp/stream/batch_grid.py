@@ -157,8 +157,10 @@ class GridBuilder:
             late = next(j for j, name in enumerate(channels) if self._cells[name][0][0] == first)
             yield (
                 f'Thermometer {late + 1} of {self._name} came after {lost_s:.0f} s of wrenches, '
-                'which were left out; the sensor is taken as soaked from there on. If it was '
-                'warming up by then, record again, with all thermometers from the beginning.'
+                'of which no drift is known: nothing is learnt, judged or tared before it came, '
+                'and compensate writes them with its first drift. The sensor is taken as soaked '
+                'from there on. If it was warming up by then, record again, with all '
+                'thermometers from the beginning.'
             )
 
     def _thermometers(self) -> list[str]:

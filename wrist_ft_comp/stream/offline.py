@@ -9,7 +9,7 @@ import numpy as np
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, temperature_channel
 from wrist_ft_comp.stream.agreement import Agreement
 from wrist_ft_comp.stream.gap import simulate
 
@@ -34,10 +34,16 @@ def simulate_drift(
     RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     """
     if recording.thermometers != model.thermometers:
+        channels = [temperature_channel(j) for j in range(model.thermometers)]
+        absent = tuple(channels[recording.thermometers :])
+        empty = [warning for warning in recording.warnings if warning.startswith(absent)]
+        remedy = 'Name the topics, or keep the columns, that it was calibrated with.'
+        if empty:
+            remedy = 'Nothing is compensated before all report: record a day on which all do.'
         raise RecordingError(
-            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
-            f'{model.thermometers}. Name the topics, or keep the columns, that it was calibrated '
-            'with.'
+            f'{recording.name} has {recording.thermometers} '
+            f'thermometer{"s" * (recording.thermometers > 1)}, the model expects '
+            f'{model.thermometers}. {" ".join([*empty, remedy])}'
         )
     if recording.period_ns != model.period_ns:
         raise RecordingError(
