@@ -172,6 +172,9 @@ REFUSED = {
 }  # fmt: skip
 #: … and these give a model, with a warning.
 WARNED = {
+    'a tare of the driver': (
+        put('force_z', plus(1.5), *range(300, ROWS)),
+        r'force_z of .* jumps by 1.* N after 300 s and keeps .*--until 290, or --from 310', ALL),
     'one spike': (
         put('force_z', plus(60.0), 300),
         r'force_z of .* alone in 1 of 600 cells, first at stamp 1723248497 s with 7\d.* N', ALL),
@@ -207,7 +210,10 @@ WARNED = {
 
 
 #: What ``show`` cannot know, which looks at samples one by one.
-UNSEEN = 'one spike', 'a week', 'a dead axis', 'an axis frozen', 'a thermometer that', 'an IMU'
+UNSEEN = (
+    *('one spike', 'a tare', 'a week', 'a dead axis', 'an axis frozen', 'a thermometer that'),
+    'an IMU',
+)
 
 
 def cases(rows):

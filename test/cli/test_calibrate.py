@@ -160,3 +160,29 @@ def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(don
     fit = json.loads(done('calibrate', of_room, '-o', model, '--json'))
     assert fit['axes']['force_z']['day_limit'] is None
     assert 'Limits of the peaks' not in done('evaluate', model, of_room)
+
+
+@pytest.mark.parametrize('what', ['is silent', 'keeps one value'])
+@pytest.mark.parametrize('part', [slice(6000, None), slice(2000, 5000)], ids=['end', 'middle'])
+def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
+    done, make, tmp_path, what, part
+):
+    rng, time_s = np.random.default_rng(1), np.arange(9000)
+    rise_k = 20 * (1 - np.exp(-time_s / 1500)) + 3 * np.sin(time_s / 900)
+
+    def day(temperature_c):
+        columns = {
+            'stamp_s': time_s.tolist(),
+            'force_z': (3 + 0.4 * rise_k + rng.normal(0, 0.05, 9000)).tolist(),
+            'temperature_c': temperature_c.tolist(),
+        }
+        return make.csv(tmp_path / 'day.csv', columns)
+
+    temperature_c = 21 + rise_k + rng.normal(0, 0.02, 9000)
+    whole, model = temperature_c.copy(), tmp_path / 'm.yaml'
+    temperature_c[part] = np.nan if what == 'is silent' else temperature_c[part.start]
+    fit = json.loads(done('calibrate', day(temperature_c), '-o', model, '--json'))
+    said = f'day.csv {what} for {len(time_s[part])} s, from {part.start} s on; wrenches of that'
+    assert [warning for warning in fit['warnings'] if said in warning]
+    judged = json.loads(done('evaluate', model, day(whole), '--json'))['axes']['force_z']
+    assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']

@@ -167,7 +167,7 @@ def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):
 
 
 UNSTABLE = Arx(np.array([-1.01]), np.array([-0.01]))
-WRONG_GAIN = (FILTERS[0], relaxation(400.0, 10.0, 1.001), FILTERS[2])
+WRONG_GAIN = (FILTERS[0], replace(FILTERS[1], b=1.001 * FILTERS[1].b), FILTERS[2])
 ONE_POWER = Features('powers', np.zeros(2), np.zeros(2), np.ones(2))
 
 

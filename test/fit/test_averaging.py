@@ -62,6 +62,18 @@ class TestWhatIsFound:
         (single,) = identify_together([still], LINE)
         assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
 
+    def test_a_day_that_drifts_much_decides_what_another_day_is_expected_to_keep(self, pose):
+        """Two calm days, and a hot one that keeps what no thermometer sees."""
+        made = pose(0.5, days=3)
+        unseen = 2.0 * np.sin(np.arange(CELLS) / 15)
+        calm = [0.2 * residual for residual in made.residual[:2]]
+        unequal = replace(made, residual=(*calm, made.residual[2] + unseen))
+        (single,) = identify_together([unequal], IdentificationSettings())
+        kept = rms_by_fold(single.held_out).after
+        assert kept[2] > 1.2
+        assert 0.7 * kept[2] < single.expected_rms < 1.1 * kept[2]
+        assert single.expected_rms > 1.1 * single.rms_after
+
     def test_a_single_lag_is_named_with_its_time_constant_and_error(self, pose):
         (single,) = identify_together([pose(0.5, days=3)], IdentificationSettings())
         (tau,), (error,) = single.time_constants_s, single.time_constant_errors_s

@@ -13,6 +13,7 @@ from wrist_ft_comp.fit.averaging import identify_together
 from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
 from wrist_ft_comp.fit.competition import identify_hats, identify_lags, identify_paper_method
 from wrist_ft_comp.fit.cross_validation import largest_drift
+from wrist_ft_comp.fit.load_checks import changed_levels, check_loads
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometers import predict_each_other
@@ -72,7 +73,9 @@ def calibrate(
             f'{names} holds no wrench on the thermal cells that have a temperature. '
             'Record wrench and temperature at the same time.'
         )
-    recordings, spikes = data_checks.check_loads(recordings, axes, settings.reference)
+    silent = data_checks.missing_wrenches(recordings, settings.max_gap_s)
+    recordings, unknown = data_checks.drop_unknown_temperatures(recordings, settings.max_gap_s)
+    recordings, spikes = check_loads(recordings, axes, settings.reference)
     recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
     folds = assign_folds(recordings)
     progress = progress or (lambda _: None)
@@ -95,13 +98,16 @@ def calibrate(
         *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
         *spikes,
         *dropped,
-        *data_checks.silent_stretches(recordings, settings.max_gap_s),
+        *changed_levels(recordings, axes, settings.reference),
+        *unknown,
+        *silent,
         *(
             f'{jump} Its readings there count for the range and the model; record again, or leave '
             'that part out.'
             for jump in data_checks.jumping_thermometers(recordings)
         ),
         *data_checks.idle_thermometers(recordings),
+        *data_checks.small_spans(recordings, settings.min_temperature_span_k),
         *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
         *_doubts(recordings, fits),
@@ -157,8 +163,7 @@ def _learn(
 def _with_limit(fit: AxisFit, data: AxisData, limit: float) -> AxisFit:
     """Promise that another day stays below a limit, unless without a model it would, too."""
     largest = largest_drift(data)
-    promised = fit.model is None or limit <= largest
-    return replace(fit, largest_drift=largest, day_limit=limit if promised else np.nan)
+    return replace(fit, largest_drift=largest, day_limit=limit if limit <= largest else np.nan)
 
 
 def identify(

@@ -9,18 +9,15 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus
-from wrist_ft_comp.fit.thermometers import longest_silence
+from wrist_ft_comp.fit.thermometers import longest_silence, runs_of
 from wrist_ft_comp.signals import (
     AXES,
     BoolArray,
     differ,
     FloatArray,
-    IntArray,
     noise_level,
     Recording,
-    Reference,
     require_recordings,
-    stretches,
 )
 from wrist_ft_comp.stream.temperature_spikes import jumps
 
@@ -31,34 +28,14 @@ MIN_SAMPLES = 30
 _EQUAL_NOISE = 0.5
 #: ... in more than this share of the cells: rounded stamps move a few samples to the next cell.
 _EQUAL_SHARE = 0.9
-#: A jump between neighbouring cells counts as load where it exceeds this many times the noise …
-_JUMP_TO_NOISE = 12.0
-#: … and this share of the axis' whole range.
-_JUMP_TO_RANGE = 0.2
-#: … and this many steps of its resolution.
-_JUMP_TO_RESOLUTION = 3.5
-#: An axis with no more steps than this may only have been loaded and unloaded: its steps do not
-#: show its resolution.
-_FEW_STEPS = 4
-#: A cell is a spike where its axis comes back by all but this share of the jump …
-_RETURN_SHARE = 0.3
-#: … and cells are no longer than this: a longer cell averages more than a spike, s.
-_LONGEST_SPIKE_S = 10.0
-#: Most spikes of an axis; with more, and with more than a share of the cells, a load moves.
-_MOST_SPIKES = 3
-_MOST_SPIKES_SHARE = 1e-3
-#: Jumps within this share of a recording are a bump, which can be left out.
-_BUMP_SHARE = 0.1
-#: Whether the level changed is judged by the medians of this many cells before and after jumps ...
-_LEVEL_CELLS = 10
-#: ... which then differ by more than this share of the largest jump.
-_OTHER_LEVEL_SHARE = 0.5
 #: A channel is lively where this share of its neighbouring cells differ …
 _LIVELY_SHARE = 0.9
 #: … and then stuck where it keeps a value for this many cells.
 _STUCK_CELLS = 30
 #: Stuck cells up to this share are left out; with more, the recording is refused.
 _STUCK_SHARE = 0.05
+#: A thermometer is silent where it misses this many of its usual samples.
+_SEVERAL_SAMPLES = 10
 #: Two thermometers read the same where one leaves less than this share of the other unexplained.
 _SAME_SHARE = 0.03
 
@@ -122,124 +99,6 @@ def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> Fl
     return ranges
 
 
-def check_loads(
-    recordings: Sequence[Recording], axes: Sequence[str], reference: Reference
-) -> tuple[list[Recording], list[str]]:
-    """Make spikes of a still load NaN, and say so; refuse a load that moves, and no reference."""
-    sound, sentences = list(recordings), list[str]()
-    for number, recording in enumerate(recordings):
-        if reference == 'recorded' and not np.isfinite(recording.reference).any():
-            raise CalibrationRefusedError(
-                f'{recording.name} holds no reference wrench, but the reference was declared '
-                'recorded. Record wrench_reference beside the raw wrench, or declare the '
-                'reference unloaded or constant.'
-            )
-        weighed = reference == 'payload' and recording.specific_force is not None
-        for axis in axes if reference != 'recorded' and not weighed else ():
-            raw = recording.wrench[:, AXES.index(axis)]
-            jumps = _find_jumps(raw, recording.period_s)
-            spikes = _find_spikes(raw, recording.period_s) if len(jumps) else []
-            clean = np.where(np.isin(np.arange(len(raw)), spikes), np.nan, raw)
-            if len(jumps) and len(_find_jumps(clean, recording.period_s)):
-                _refuse_jumps(recording, axis, reference, jumps)
-            if spikes:
-                wrench = sound[number].wrench.copy()
-                wrench[:, AXES.index(axis)] = clean
-                sound[number] = replace(recording, wrench=wrench)
-                sentences.append(
-                    f'{axis} of {recording.name} stands out alone in {len(spikes)} of {len(raw)} '
-                    f'cells, first at stamp {_stamp(recording, spikes[0])} with '
-                    f'{raw[spikes[0]]:.3g} {recording.unit_of(axis)}; left out.'
-                )
-    return sound, sentences
-
-
-def _find_jumps(raw: FloatArray, period_s: float) -> IntArray:
-    """Find the cells at which an axis is farther from the cell before than drift can be."""
-    at = np.flatnonzero(np.isfinite(raw))
-    # A gap is no jump: drift moves on while nothing is recorded.
-    joined = np.diff(stretches(np.isfinite(raw), period_s)[at]) == 0
-    steps = np.abs(np.diff(raw[at])) * joined
-    if len(steps) <= MIN_SAMPLES:
-        return at[:0]
-    limit = max(
-        _JUMP_TO_NOISE * noise_level([raw]),
-        _JUMP_TO_RANGE * float(np.ptp(raw[at])),
-        _JUMP_TO_RESOLUTION * _resolution(raw[at]),
-    )
-    return np.asarray(at[1:][(steps > limit) & (limit > 0)])
-
-
-def _find_spikes(raw: FloatArray, period_s: float) -> list[int]:
-    """Find the cells that an axis jumps to and back from; none where they are too many."""
-    raw, spikes = raw.copy(), list[int]()
-    at = np.flatnonzero(np.isfinite(raw))
-    most = max(_MOST_SPIKES, _MOST_SPIKES_SHARE * len(at)) if period_s <= _LONGEST_SPIKE_S else 0
-    while len(jumps := _find_jumps(raw, period_s)):
-        at = np.flatnonzero(np.isfinite(raw))
-        place = np.searchsorted(at, jumps)
-        before, spike = raw[at[place - 1]], raw[jumps]
-        after = raw[at[np.minimum(place + 1, len(at) - 1)]]
-        found = jumps[
-            np.isin(place + 1, place) & (abs(after - before) < _RETURN_SHARE * abs(spike - before))
-        ]
-        if not len(found):  # the first cell and the last have one neighbour only
-            found = at[[0, -1]][np.isin(at[[1, -1]], jumps)]
-        if not 0 < len(found) <= most - len(spikes):
-            return []
-        spikes += found.tolist()
-        raw[found] = np.nan
-    return sorted(spikes)
-
-
-def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: IntArray) -> None:
-    """Say where a load moved, and what to do."""
-    raw = recording.wrench[:, AXES.index(axis)]
-    at = np.flatnonzero(np.isfinite(raw))
-    steps = np.abs(raw[cells] - raw[at[np.searchsorted(at, cells) - 1]])
-    declared = reference.replace('payload', 'constant, as there is no specific force')
-    stamps = ' to '.join(
-        _stamp(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist())
-    )
-    begin_s, end_s = (float(cell) * recording.period_s for cell in cells[[0, -1]])
-    margin_s = 10 * recording.period_s
-    before, after = raw[at[at < cells[0]][-_LEVEL_CELLS:]], raw[at[at >= cells[-1]][:_LEVEL_CELLS]]
-    level_changed = abs(np.median(after) - np.median(before)) > _OTHER_LEVEL_SHARE * steps.max()
-    is_bump = end_s - begin_s < _BUMP_SHARE * len(recording) * recording.period_s
-    remedy = ''
-    if level_changed:
-        remedy = (
-            f' Or take one side of it: --until {max(begin_s - margin_s, 0):.0f}, or --from '
-            f'{end_s + margin_s:.0f}.'
-        )
-    elif is_bump:
-        remedy = (
-            f' Or leave that part out: --exclude {max(begin_s - margin_s, 0):.0f}..'
-            f'{end_s + margin_s:.0f}.'
-        )
-    raise CalibrationRefusedError(
-        f'{axis} of {recording.name} jumps by {steps.max():.3g} {recording.unit_of(axis)} after '
-        f'{cells[np.argmax(steps)] * recording.period_s:.0f} s, although the load was declared '
-        f'{declared} ({len(cells)} jumps, at stamp {stamps}). Record again without contact or '
-        f'payload change, or record the load as reference.{remedy}'
-        + ' Or declare it payload, because specific force was recorded.'
-        * (recording.specific_force is not None)
-    )
-
-
-def _stamp(recording: Recording, cell: int) -> str:
-    """Write the stamp at which a cell begins."""
-    return f'{(recording.first_cell + cell) * recording.period_s:.10g} s'
-
-
-def _resolution(values: FloatArray) -> float:
-    """Smallest step between neighbours, where there are more than a few; else of rounding."""
-    steps = np.abs(np.diff(values))
-    rounding = 1e-12 * float(np.max(np.abs(values), initial=0.0))
-    steps = steps[steps > rounding]
-    return float(steps.min()) if len(steps) > _FEW_STEPS else rounding
-
-
 def drop_stuck_cells(
     recordings: Sequence[Recording], axes: Sequence[str]
 ) -> tuple[list[Recording], list[str]]:
@@ -270,14 +129,10 @@ def drop_stuck_cells(
         # Stuck cells do not count where it is asked how often the reading changes.
         stuck_cells = [_find_stuck(recording.wrench[:, column]) for recording in recordings]
         free = [
-            _present(recording.wrench[~stuck, column])
+            recording.wrench[~stuck, column]
             for recording, stuck in zip(recordings, stuck_cells, strict=True)
         ]
-        lively = any(
-            differ(values[1:], values[:-1]).mean() >= _LIVELY_SHARE
-            for values in free
-            if len(values) > 1
-        )
+        lively = _is_lively(free)
         counts = [np.isfinite(recording.wrench[:, column]).sum() for recording in recordings]
         too_long = [
             stuck.sum() > _STUCK_SHARE * count
@@ -310,6 +165,16 @@ def _is_dead(recordings: Sequence[Recording], column: int) -> bool:
     return not any(differ(values, values[0]).any() for values in series if len(values))
 
 
+def _is_lively(series: Sequence[FloatArray]) -> bool:
+    """Tell whether a channel changes from nearly every cell to the next, in some of its series."""
+    present = [_present(values) for values in series]
+    return any(
+        differ(values[1:], values[:-1]).mean() >= _LIVELY_SHARE
+        for values in present
+        if len(values) > 1
+    )
+
+
 def _find_stuck(values: FloatArray) -> BoolArray:
     """Mark the cells of all long runs of one value, shape (N,)."""
     at = np.flatnonzero(np.isfinite(values))
@@ -336,6 +201,54 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     )
 
 
+def drop_unknown_temperatures(
+    recordings: Sequence[Recording], max_gap_s: float
+) -> tuple[list[Recording], list[str]]:
+    """
+    Make wrenches NaN while a thermometer is silent or frozen for long, and say so.
+
+    CalibrationRefusedError where that is most of a recording.
+    """
+    sound, sentences = list[Recording](), list[str]()
+    for recording in recordings:
+        period_s, wrench = recording.period_s, recording.wrench.copy()
+        for j in range(recording.thermometers):
+            runs, frozen = _unknown_runs(recording, j, max_gap_s)
+            for first, last in runs:
+                wrench[first:last] = np.nan
+            if not runs:
+                continue
+            first, last = max(runs, key=lambda run: run[1] - run[0])
+            what = (
+                f'Thermometer {j + 1} of {recording.name} '
+                f'{"keeps one value" if frozen[first:last].any() else "is silent"} for '
+                f'{(last - first) * period_s:.0f} s, from {first * period_s:.0f} s on'
+            )
+            if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
+                raise CalibrationRefusedError(
+                    f'{what}: for most of the wrenches nobody knows its temperature. Record '
+                    'again, or leave that thermometer out.'
+                )
+            sentences.append(f'{what}; wrenches of that time are not learnt from.')
+        sound.append(replace(recording, wrench=wrench))
+    return sound, sentences
+
+
+def _unknown_runs(
+    recording: Recording, thermometer: int, max_gap_s: float
+) -> tuple[list[tuple[int, int]], BoolArray]:
+    """Find where a thermometer is silent or frozen for long, and all cells where it is frozen."""
+    measured = recording.measured[:, thermometer]
+    values_c = np.where(measured, recording.temperature_c[:, thermometer], np.nan)
+    frozen = _find_stuck(values_c)
+    frozen &= _is_lively([values_c[~frozen]])
+    # One that always reports seldom is not silent in between.
+    usual = np.median(np.diff(np.flatnonzero(measured))) if measured.sum() > 1 else 0.0
+    most = max(max_gap_s / recording.period_s, _SEVERAL_SAMPLES * usual)
+    runs = [(first, last) for first, last in runs_of(~measured | frozen) if last - first > most]
+    return runs, frozen
+
+
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
     """Name thermometers and wrenches that are silent for long, but not between plateaus."""
     sentences = []
@@ -347,6 +260,13 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                     f'Thermometer {j + 1} of {recording.name} is silent for {gap_s:.0f} s; a '
                     'straight line was drawn over it.'
                 )
+    return sentences + missing_wrenches(recordings, max_gap_s)
+
+
+def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
+    """Name wrenches that are missing for long, but not between plateaus."""
+    sentences = []
+    for recording in recordings:
         present = np.any(np.isfinite(recording.wrench), axis=1)
         gap_s = longest_silence(present) * recording.period_s
         if gap_s > max_gap_s and find_plateaus(recordings) is None:
@@ -355,6 +275,17 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                 'that time was not learnt.'
             )
     return sentences
+
+
+def small_spans(recordings: Sequence[Recording], min_span_k: float) -> list[str]:
+    """Name recordings that alone would be refused, beside others that would not."""
+    spans_k = [float(np.ptp(recording.temperature_c, axis=0).max()) for recording in recordings]
+    return [
+        f'Temperature in {recording.name} spans {span_k:.1f} K only. Each recording is judged by '
+        'what is learnt from the others, and little is learnt from this one: leave it out.'
+        for recording, span_k in zip(recordings, spans_k, strict=True)
+        if span_k < min_span_k <= max(spans_k)
+    ]
 
 
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
@@ -368,12 +299,18 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
             steps_k = np.diff(values_c[at])
             jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
+                stamp = stamp_of(recording, at[jumped[0] + 1])
                 sentences.append(
                     f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumped[0]]:.1f} K at stamp {_stamp(recording, at[jumped[0] + 1])}, '
+                    f'{steps_k[jumped[0]]:.1f} K at stamp {stamp}, '
                     f'the first of {len(jumped)}. Is it loose?'
                 )
     return sentences
+
+
+def stamp_of(recording: Recording, cell: int) -> str:
+    """Write the stamp at which a cell begins."""
+    return f'{(recording.first_cell + cell) * recording.period_s:.10g} s'
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:

@@ -230,6 +230,12 @@ def accumulate(data: BinnedData, banked: Sequence[FloatArray], relaxations: int)
         inputs=banked[0].shape[1] // relaxations, loaded=data.loaded)  # fmt: skip
 
 
+def _square(x: FloatArray, weights: FloatArray) -> FloatArray:
+    """Sum weighted products xᵀ diag(weights) x: a matrix with itself takes half the time."""
+    weighted = x * np.sqrt(weights)[:, np.newaxis]
+    return np.asarray(weighted.T @ weighted)
+
+
 def _sum_rows(
     x: FloatArray, sums: Sums, rows: IntArray, phi: FloatArray, *, loaded: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -240,13 +246,11 @@ def _sum_rows(
     y, yy, wy = sums.residual[rows], sums.residual_square[rows], sums.product[rows]
     counted = phi.T * count
     gram = counted @ phi
-    # Cells with one sample each need no weights, and a symmetric product is twice as quick.
-    weighted = x if (count == 1).all() else x * count[:, np.newaxis]
-    plain, crossed = weighted.T @ x, y @ x
+    plain, crossed = _square(x, count), y @ x
     if not loaded:
         total = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
         return total, np.column_stack((counted @ x, phi.T @ y)), gram
-    mixed, doubled = (x * w[:, np.newaxis]).T @ x, (x * ww[:, np.newaxis]).T @ x
+    mixed, doubled = (x * w[:, np.newaxis]).T @ x, _square(x, ww)
     with_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
     with_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
     total = np.block(

@@ -170,6 +170,8 @@ class Calibration:
         """Say by axis what another day is accepted by; nothing of a chamber table."""
 
         def limit(fit: AxisFit) -> str:
+            if fit.model is None:
+                return 'not compensated'
             if np.isnan(fit.day_limit):
                 return 'nothing can be promised; record another day, too'
             return f'below {fit.day_limit:.2g} {fit.unit}'

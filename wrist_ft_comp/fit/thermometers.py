@@ -147,16 +147,16 @@ def _moved_while_still(values_c: FloatArray, error_k: FloatArray, heard: BoolArr
     """Find how far the prediction moves, K, while a thermometer stands still or is silent."""
     still = (np.diff(values_c) == 0) | ~heard[1:]
     predicted_c = values_c - error_k
-    moved_k = [np.ptp(predicted_c[first : last + 1]) for first, last in _runs(still)]
+    moved_k = [np.ptp(predicted_c[first : last + 1]) for first, last in runs_of(still)]
     return float(max(moved_k, default=0.0))
 
 
 def longest_silence(measured: BoolArray) -> int:
     """Count the cells of the longest silence."""
-    return max((last - first for first, last in _runs(~measured)), default=0)
+    return max((last - first for first, last in runs_of(~measured)), default=0)
 
 
-def _runs(marked: BoolArray) -> Iterator[tuple[int, int]]:
+def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
     """Yield begin and end of every run of marked values, (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

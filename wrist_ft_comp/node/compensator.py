@@ -12,7 +12,7 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
 from wrist_ft_comp.node.correction import Correction
-from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
+from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
 from wrist_ft_comp.node.learning import Learner
@@ -85,13 +85,13 @@ class CompensatorNode(Hub):
         )  # fmt: skip
         self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
         self.recording = RecordService(self.recorder, store, counts, log)
-        shelf = Shelf(store.directory / 'models', live, source)
+        payload_files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
-            compensator, self._settings, shelf, self.gravity, self.newest, log
+            compensator, self._settings, payload_files, self.gravity, self.newest, log
         )
         self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
         self.identification = IdentifyService(
-            compensator, self.external, shelf, self.jobs, name, log
+            compensator, self.external, payload_files, self.jobs, name, log
         )
         self.tare = TareService(
             compensator, self.external, self._settings, self.state_keeper.save, log

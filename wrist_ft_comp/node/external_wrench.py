@@ -46,9 +46,9 @@ _DEVIATION_REPORTS = 10
 _NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
 
 
-class Shelf:
+class PayloadFiles:
     """
-    The learnt payloads, in the node's own folder and in that of the live model.
+    The files of learnt payloads: in the node's own folder, and beside the live model.
 
     ``source`` is the parameter gravity.source.
     """
@@ -103,7 +103,7 @@ class ExternalWrench(Part):
 
     _compensator: Compensator
     _settings: Callable[[], Mapping[str, Any]]
-    _shelf: Shelf
+    _files: PayloadFiles
     gravity: Gravity
     _newest: Callable[[], Newest | None]
     _log: NodeLog
@@ -230,7 +230,7 @@ class ExternalWrench(Part):
         apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
         if apart_deg <= _CONTRADICTION_DEG:
             return ''
-        source = '/tf_static' if self._shelf.source == 'imu' else 'TF'
+        source = '/tf_static' if self._files.source == 'imu' else 'TF'
         return (
             f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
         )
@@ -254,14 +254,14 @@ class ExternalWrench(Part):
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
             return LivePayload(name, by_hand, *self._turn())
-        learnt = self._shelf.payloads()
+        learnt = self._files.payloads()
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        source, frame = self._shelf.source, learnt[name][1]
+        source, frame = self._files.source, learnt[name][1]
         # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
         learnt_by = frame.source
         if not learnt_by:
@@ -283,9 +283,9 @@ class ExternalWrench(Part):
         With TF no rotation is needed. That of an IMU is the learnt one, or else that of
         /tf_static, which people write.
         """
-        if self._shelf.source == 'tf':
+        if self._files.source == 'tf':
             return ForceFrame(source='tf'), 'as TF gives it'
-        learnt = self._shelf.frames(self.gravity.frames())
+        learnt = self._files.frames(self.gravity.frames())
         if learnt:
             name, frame = list(learnt.items())[-1]
             return frame, f'learnt with {name}'

@@ -9,7 +9,7 @@ import numpy as np
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.jobs.request import Minute
 from wrist_ft_comp.node.calibrate import JobMaker, run_job
-from wrist_ft_comp.node.external_wrench import ExternalWrench, Shelf
+from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.ros.node_log import NodeLog
@@ -26,7 +26,7 @@ class IdentifyService(LongService):
 
     _compensator: Compensator
     _external: ExternalWrench
-    _shelf: Shelf
+    _files: PayloadFiles
     _jobs: JobMaker
     _node_name: str
     _log: NodeLog
@@ -56,9 +56,9 @@ class IdentifyService(LongService):
             yield from self._wait(collector)
         finally:
             self._external.collect(None)
-        sensor = self._shelf.sensor(self._external.gravity.frames())
+        sensor = self._files.sensor(self._external.gravity.frames())
         calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
-        minute = Minute(collector.cells, CELL_S, tuple(self._shelf.payloads()), calibrated)
+        minute = Minute(collector.cells, CELL_S, tuple(self._files.payloads()), calibrated)
         outcome = yield from run_job(self._jobs.identification(minute))
         frame = ForceFrame(np.array(outcome['rotation']))
         other = self._external.disagreement(frame)

@@ -40,7 +40,7 @@ class LiveModel(Part):
     stored: StoredModel | None = None
     #: Models that were live, the live one last; None stands for no compensation.
     _history: list[Path | None] = field(default_factory=list)
-    #: Model of a checked model_file, which goes live next; reading it takes tens of ms.
+    #: Model of a model_file that was checked and goes live next; loading it takes tens of ms.
     _validated: StoredModel | None = None
     #: Why the live model may be of another sensor, as it was logged.
     _doubt: str = ''
@@ -180,29 +180,17 @@ class LiveModel(Part):
                     f'{name} set at run time must lie inside data_directory ({store.directory}); '
                     f'got {given}. Copy the file there, or give it at start-up.'
                 )
-        if name == 'model_file' and value:
-            self._validated = self.load(store.locate(value))
+        if name == 'model_file':
+            self._validated = self.load(store.locate(value)) if value else None
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Make the model of a changed model_file live."""
-        for parameter in parameters:
-            if parameter.name == 'model_file' and parameter.value:
-                self.use_file(parameter.value)
-
-    def use_file(self, given: str) -> None:
-        """Make the model of a file live and remember it; it was validated before."""
-        try:
-            path, stored = self._store.locate(given), self._validated
-            self._validated = None
-            if stored is None or stored.path != path:
-                stored = self.load(path)
+        """Make the model of a changed model_file live, which was loaded to check it."""
+        stored, self._validated = self._validated, None
+        if stored is not None and any(given.name == 'model_file' for given in parameters):
             self._make_live(stored)
-        except WristFtCompError as error:
-            self._log.error(str(error))
-            return
-        before = self._history or [None]
-        again = before[-1] == stored.path
-        self._remember(before if again else [*before, stored.path])
+            before = self._history or [None]
+            again = before[-1] == stored.path
+            self._remember(before if again else [*before, stored.path])
 
     def roll_back(self, *_: Any) -> str:
         """Go back to the model before the live one; say which."""

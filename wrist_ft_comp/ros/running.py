@@ -6,7 +6,6 @@ import gc
 import re
 import signal
 import sys
-import threading
 from typing import Any, TypeVar
 
 from rclpy.context import Context
@@ -170,11 +169,8 @@ def _create_and_spin(factory: NodesFactory, context: Context, stop: Stop) -> Non
 
 @contextmanager
 def _stop_flag() -> Iterator[Stop]:
-    """Yield a flag that SIGINT and SIGTERM set, however often; only in the main thread."""
+    """Yield a flag that SIGINT and SIGTERM set, however often."""
     stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
     before: dict[int, Any] = {
         number: signal.signal(number, lambda *_: stop.set())
         for number in (signal.SIGINT, signal.SIGTERM)

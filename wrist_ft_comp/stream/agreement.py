@@ -60,10 +60,9 @@ class Agreement:
     """Judges J thermometers by their predictions; without predictions it believes all."""
 
     def __init__(self, model: DriftModel | None, thermometers: int) -> None:
-        able = model is not None and model.axes
-        self._prediction = model.prediction if model is not None and able else None
-        self._axis = next(iter(model.axes.values())) if model is not None and able else None
-        period_ns = model.period_ns if model is not None else NANOSECONDS
+        period_ns = NANOSECONDS if model is None else model.period_ns
+        self._axis = None if model is None else next(iter(model.axes.values()), None)
+        self._prediction = None if model is None or self._axis is None else model.prediction
         #: Cells of a bin, and its length, s.
         self.cells = bin_cells(period_ns)
         self._bin_s = self.cells * period_ns / NANOSECONDS
@@ -175,10 +174,10 @@ class Agreement:
         """Run through bins, (n, J), from rest, or on from other bins; prediction is belief."""
         assert self._prediction is not None  # noqa: S101 -- looked at by ``able``
         believed, predicted = np.empty_like(readings_c), np.empty_like(readings_c)
-        fresh = before is None or not len(before.predicted_c)
-        guess_c = np.where(trusted[0], readings_c[0], np.nanmean(readings_c[0]))
-        relaxed_c = guess_c if fresh or before is None else before.relaxed_c
-        guess_c = guess_c if fresh or before is None else before.predicted_c[-1]
+        if before is None or not len(before.predicted_c):
+            relaxed_c = guess_c = np.where(trusted[0], readings_c[0], np.nanmean(readings_c[0]))
+        else:
+            relaxed_c, guess_c = before.relaxed_c, before.predicted_c[-1]
         for k, (reading_c, true) in enumerate(zip(readings_c, trusted, strict=True)):
             # What is replaced depends on the others of this bin: two rounds.
             for _ in range(1 if true.all() else 2):

@@ -236,7 +236,7 @@ def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(rig, 
         add_payloads(path, 'day', [TOOL], frame)
     node = rig(parameters={**IMU, **by_hand(TOOL)})
     # Of the package that is missing here, the node needs nothing for what is asked of it.
-    node.node.external._shelf.source = 'tf'
+    node.node.external._files.source = 'tf'
     for name in ('day-1', 'day-2', 'day-3'):
         assert 'learnt by imu, and gravity.source is tf' in node.set('payload.active', name).reason
     for name, held in (('day-4', 'by an unknown source'), ('manual', 'as TF gives it')):

@@ -12,6 +12,7 @@ HEAVY = (
 )  # fmt: skip
 #: A node with a model gets temperatures and a wrench, swaps its model, and tells what is imported.
 SOURCE = """
+from pathlib import Path
 import sys
 from rclpy.context import Context
 from rclpy.parameter import Parameter
@@ -33,7 +34,7 @@ node._keep_house()
 node._diagnose()
 assert node.counts.published == 3
 assert node.compensator.compensating
-node.live.use_file(GIVEN['model_file'])
+node.live.take(node.live.load(Path(GIVEN['model_file'])))
 print(*sys.modules)
 node.destroy_node()
 context.try_shutdown()
