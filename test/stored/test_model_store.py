@@ -49,6 +49,7 @@ def test_history_is_bounded_and_keeps_the_newest(store):
         b'', b'{', b'{}', b'[1]', b'[[]]', b'"a.yaml"', b'3', b'null', b'\xff\xfe', b'[' * 100_000,
         b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}',
         b'[null' + b',null' * 10**6 + b']',
+        b'["models/a\\u0000.yaml"]', b'{"history": ["models/\\ud800.yaml"]}',
     ],
     ids=lambda content: re.sub(r'\W+', '_', str(content[:20])),
 )  # fmt: skip

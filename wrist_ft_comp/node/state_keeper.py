@@ -11,13 +11,10 @@ from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.gap import doubt, longest_gap_s
 from wrist_ft_comp.stream.thermal_memory import belongs_to, ThermalMemory
 
 #: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-#: A state is used though it was saved up to this long in the future, s: clocks are set.
-_SET_BACK_S = 1.0
 _SOAKED = 'the drift starts at the steady state of the first temperatures'
 
 
@@ -68,7 +65,8 @@ class StateKeeper(Part):
             self._begin_anew('the saved state belongs to another model, and so does its tare')
             return
         if state.tare.any() or state.external_tare.any():
-            self._compensator.restore_tare(state.tare, state.external_tare)
+            tares, before_drift = (state.tare, state.external_tare), state.thermal is None
+            self._compensator.restore_tare(*tares, before_drift=before_drift)
             self._log.info('the tare from before the restart is active')
         self.outcome = 'the saved state holds no thermal state'
         if state.thermal is not None and self._compensator.model is not None:
@@ -76,18 +74,14 @@ class StateKeeper(Part):
 
     def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
         """Continue from a thermal state, if it can be used."""
-        simulated = self._settings['use_sim_time']
-        gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         if not belongs_to(model, memory):
             self._begin_anew(f'{self.writer.path} does not fit the model it names')
-        elif gap_s < -_SET_BACK_S:
-            self._begin_anew(f'the saved state is from {-gap_s:.0f} s in the future')
-        elif problem := doubt(gap_s, longest_gap_s(model)):
-            self._begin_anew(problem)
-        else:
-            self._loaded = state
-            self._compensator.resume(memory, max(gap_s, 0.0))
-            self.outcome = self._compensator.tracker.origin
+            return
+        simulated = self._settings['use_sim_time']
+        gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
+        self._loaded = state
+        self._compensator.resume(memory, gap_s)
+        self.outcome = self._compensator.tracker.origin
 
     def _begin_anew(self, why: str) -> None:
         """Say why the saved state is not used."""

@@ -16,6 +16,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
+import re
 from tempfile import TemporaryFile
 from typing import Any
 from weakref import finalize
@@ -29,6 +30,8 @@ MAX_HISTORY = 20
 MAX_RECORDINGS = 10
 #: Most bytes that are quoted of the process that holds the folder.
 _HOLDER = 200
+#: What the name of no model holds: a NUL, or half of a character of two.
+_IN_NO_NAME = re.compile('[\0\ud800-\udfff]')
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
 _LIST = Output(
@@ -111,7 +114,8 @@ class ModelStore:
         document = {'history': content} if isinstance(content, list) else content
         entries = document.get('history') if isinstance(document, dict) else None
         if not isinstance(entries, list) or not all(
-            entry is None or isinstance(entry, str) for entry in entries
+            entry is None or (isinstance(entry, str) and not _IN_NO_NAME.search(entry))
+            for entry in entries
         ):
             raise ModelFileError(
                 f'{path} must hold a list of model files. Remove it and set model_file.'

@@ -18,6 +18,8 @@ from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 Wrench = tuple[int, Sequence[float]]
 #: Raw, corrected and external wrench, shapes (6,).
 _Reading = tuple[FloatArray, FloatArray, FloatArray]
+#: Stands for the wrench before one has come.
+_UNLOADED = (np.nan,) * len(AXES)
 
 
 @dataclass(frozen=True)
@@ -104,12 +106,13 @@ class Compensator:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        resting = not self.compensating
+        resting, awaiting = not self.compensating, self.tracker.awaiting_gap
         cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
         if cells and self.compensating:
             target = self.limits.saturate(self.tracker.drift)
-            if resting:
-                self._settle(target, self._reading(keep_output_of) if self._keep_output else None)
+            if resting or (awaiting and self._keep_output):
+                wrench = keep_output_of or (stamp_ns, _UNLOADED)
+                self._settle(target, self._reading(wrench) if self._keep_output else None)
             period_s = self.tracker.grid.period_ns / NANOSECONDS
             self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
             self.compensation = self.limits.rate_limit(target, self._begun, period_s)
@@ -171,21 +174,29 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget both tares."""
+        self._keep_output = False
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
-    def restore_tare(self, tare: FloatArray, external: FloatArray) -> None:
-        """Subtract tares, N and N m, that ``set_tare`` made with the same model before."""
+    def restore_tare(
+        self, tare: FloatArray, external: FloatArray, *, before_drift: bool = False
+    ) -> None:
+        """
+        Subtract tares, N and N m, that ``set_tare`` made with the same model before.
+
+        Those that were made ``before_drift``, without a temperature, take up the drift when it
+        begins.
+        """
         self.tare, self.external_tare = tare, external
-        self._keep_output = False
+        self._keep_output |= before_drift
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:
         """Give what a restarted stream needs; None before the first cell."""
         return self.tracker.memory(self.compensation)
 
-    def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
+    def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
-        self.tracker.resume(memory, at_least_s)
+        self.tracker.resume(memory, by_clock_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
     def _share(self, stamp_ns: int) -> float:

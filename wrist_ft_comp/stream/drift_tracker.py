@@ -28,6 +28,8 @@ _STEPS = 6
 _REPORTED_GAP_S = 600.0
 #: Origin of the drift of a model that has seen no temperature.
 _NOT_YET = 'no temperatures yet'
+#: Origin of the drift of a restarted stream before its first temperature.
+_HELD = 'the drift saved before the restart is held until a temperature comes'
 
 
 class History:
@@ -102,7 +104,7 @@ class DriftTracker:
         self._longest = sys.maxsize
         #: After the newest cell that was run; held temperatures are in it.
         self._state: DriftState | None = None
-        #: Memory to continue from at the first cell, and its age by another clock, s.
+        #: Memory to continue from at the first cell, and its age by the system's clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
         self._forget()
 
@@ -167,9 +169,9 @@ class DriftTracker:
     def _cross(self, gap: int) -> None:
         """Continue over a gap of some cells, or let the model start again after it."""
         period_s = self.grid.period_ns / NANOSECONDS
-        memory, at_least_s = self._awaited or (None, 0.0)
+        memory, by_clock_s = self._awaited or (None, 0.0)
         self._awaited = None
-        problem = doubt(gap * period_s, self._longest * period_s, at_least_s)
+        problem = doubt(gap * period_s, self._longest * period_s, by_clock_s)
         if gap > self._longest:
             self._soak()
         elif problem:  # the cells before are of another clock
@@ -180,7 +182,7 @@ class DriftTracker:
             start = 'the drift starts at the steady state of the present temperatures'
             self.origin, self.forgot = f'{problem}; so {start}', True
         elif memory:
-            before_s = gap * period_s
+            before_s, self.forgot = max(gap, 0) * period_s, False
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
 
     def _append(self, cells: CompletedCells) -> None:
@@ -341,17 +343,18 @@ class DriftTracker:
             return None
         return Distrust({str(j + 1): why for j, why in replaced.items()}, **vars(offsets))
 
-    def resume(self, memory: ThermalMemory, at_least_s: float) -> None:
+    def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """
         Continue from the memory of another stream, as if its last temperature had been held.
 
-        The memory has to belong to this model (``belongs_to``). The gap is ``at_least_s`` long by
-        another clock, 0 without one. The first completed cell shows how long it was, and how the
-        temperature changed.
+        The memory has to belong to this model (``belongs_to``). The gap is ``by_clock_s`` long by
+        the system's clock, 0 without one. The first completed cell shows how long it was, and how
+        the temperature changed. Where the clock shows that the memory cannot be used, the drift
+        stays what was subtracted until then.
         """
         if self.model is None:
             return
-        self._awaited = memory, at_least_s
+        self._awaited = memory, by_clock_s
         self.timestamp_filter.expect(memory.end_ns)
         later = memory.open_cells or OpenCells(False, self._silent, ())
         for temperature_c, count in (*memory.history, *later.blocks):
@@ -372,10 +375,14 @@ class DriftTracker:
         self._state = memory.filters
         self._follow(self._open)
         self.drift = memory.compensation
-        cells = round(at_least_s * NANOSECONDS / memory.period_ns)
+        longest_s = self._longest * memory.period_ns / NANOSECONDS
+        if problem := doubt(max(by_clock_s, 0.0), longest_s, by_clock_s):
+            self.origin, self.forgot = f'{problem}; {_HELD}', True
+            return
+        cells = round(by_clock_s * NANOSECONDS / memory.period_ns)
         if cells > 0:
             held = np.tile(memory.temperature_c, (cells, 1))
             ended = drift_model.run(self.model, self._state, held, last_only=True)[1]
             ended = Drift(ended.zero[0], ended.sensitivity[0])
-            self.drift = self._offsets.on(ended, at_least_s)
-        self.origin = 'the drift saved before the restart is held until a temperature comes'
+            self.drift = self._offsets.on(ended, by_clock_s)
+        self.origin = _HELD

@@ -130,21 +130,26 @@ def _run_over_gaps(model: DriftModel, temperature_c: FloatArray, measured: BoolA
     return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def doubt(gap_s: float, longest_s: float, at_least_s: float = 0.0) -> str:
+def doubt(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:
     """
     Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
 
-    The gap is ``gap_s`` long by the stamps, s, negative where they ran back, and ``at_least_s`` by
-    another clock, 0 without one. The state can be used for ``longest_s``.
+    The gap is ``gap_s`` long by the stamps and ``by_clock_s`` by the system's clock, s, negative
+    where they ran back, 0 without such a clock. The state can be used for ``longest_s``.
     """
+    if by_clock_s < -_SLIP_S:
+        return (
+            f'the saved state is from {-by_clock_s:.0f} s in the future: the system clock was set '
+            'back'
+        )
     if gap_s < -_SLIP_S:
         return (
             f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
             'another clock, or time ran back'
         )
-    if gap_s < at_least_s - _SLIP_S:
+    if gap_s < by_clock_s - _SLIP_S:
         return (
-            f'the stamps of the temperatures moved on by {gap_s:.0f} s while {at_least_s:.0f} s '
+            f'the stamps of the temperatures moved on by {gap_s:.0f} s while {by_clock_s:.0f} s '
             'passed since the thermal state was saved: their clock was set'
         )
     if gap_s > longest_s:

@@ -27,6 +27,10 @@ AXES = {'force_z': (0.5, 0.0, 300.0)}
 ALIKE = Prediction(
     np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2),
     *np.array([[1], [1], [3], [600]]) * np.ones((4, 2)))  # fmt: skip
+#: The third of three is the mean of the others.
+MIDDLE = Prediction(
+    np.zeros(1), np.array([[[0.0, -1.0, 2.0]], [[-1.0, 0.0, 2.0]], [[0.5, 0.5, 0.0]]]),
+    np.zeros(3), *np.array([[1], [1], [3], [600]]) * np.ones((4, 3)))  # fmt: skip
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
@@ -239,6 +243,30 @@ class TestTemperature:
         assert status.message.endswith('what the others predict of it is used')
         assert status.values['thermometer_2_c'] == '31.00'
         assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
+
+    def test_two_of_three_that_were_silent_are_believed_after_half_an_hour(self, warm, warns):
+        """The third is the mean of the others, so that one alone tells nothing of the two."""
+        node = warm(3, prediction=MIDDLE, parameters={'temperature_timeout': 5.0})
+        for second in range(20, 820, 10):
+            node.put_temperature(START + second * SECOND, 30.0 + min(second, 400) / 100)
+        status = warns(node, 'temperature', 'thermometer 3 is silent; what the others predict of')
+        assert 'thermometer 2 is silent' in status.message
+        believed_c = float(status.values['thermometer_2_believed_c'])
+        assert believed_c == pytest.approx(34.0, abs=0.5), 'it moves along with the first'
+        back, rng = second + 10, np.random.default_rng(0)
+        for second in range(back, back + 3600, 10):
+            ripple = rng.normal(0.0, 0.02, 3)
+            node.warm(START + second * SECOND, *np.array([34.0, 36.0, 35.0]) + ripple)
+            if second == back + 1000:
+                status = node.diagnosis('temperature')
+                for j in (2, 3):
+                    words = f'thermometer {j} was silent; what the others predict of it is used'
+                    assert f'{words} until it has agreed for 30 min' in status.message
+        status = node.diagnosis('temperature', lambda status: 'silent' not in status.message)
+        assert 'contradict' not in status.message
+        assert node.node.compensator.tracker.temperature_c == pytest.approx(
+            [34.0, 36.0, 35.0], abs=0.1
+        )
 
     def test_a_temperature_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, warns):
         node = warm(parameters={'max_drift_rate': 0.01})

@@ -67,9 +67,13 @@ class TestRestart:
         assert live(again) is None
         assert again.diagnosis('model').level == WARN
 
-    def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd):
+    @pytest.mark.parametrize(
+        'content',
+        ['{', r'["models/a\u0000.yaml"]', r'["models/\ud800.yaml"]', r'["models/\udcff.yaml"]'],
+    )
+    def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd, content):
         model = make_model('a.yaml')
-        (model.path.parents[1] / 'active.json').write_text('{')
+        (model.path.parents[1] / 'active.json').write_text(content)
         node = rig()
         status = node.diagnosis('model', 'The last model cannot be used: ')
         assert status.level == ERROR

@@ -78,13 +78,69 @@ def test_the_first_cell_gives_the_length_of_the_gap(restart, warm, capfd):
     assert origin(node) == sentence, 'also after a change of model'
 
 
+CLOCK_SET_BACK = 's in the future: the system clock was set back'
+TOO_OLD = 's old and this model remembers 1800 s'
+
+
+@pytest.mark.parametrize(
+    ('later_s', 'words'), [(3600, CLOCK_SET_BACK), (-6 * 3600, TOO_OLD), (-240 * 3600, TOO_OLD)]
+)
+def test_a_state_of_another_time_moves_the_output_by_the_rate_only(
+    restart, warm, capfd, later_s, words
+):
+    node = restart(replace(warm, saved_ns=warm.saved_ns + later_s * SECOND))
+    raw = [0.0, 0.0, 50.0 + warm.thermal.compensation.zero[2] + TARE[2], 0.0, 0.0, 0.0]
+    first = warm.thermal.end_ns + max(-later_s, 700) * SECOND
+    assert node.ask_output(first, raw)[2] == pytest.approx(50.0)
+    status = node.diagnosis('temperature')
+    assert words in status.values['state']
+    assert origin(node).endswith(
+        '; the drift saved before the restart is held until a temperature comes'
+    )
+    outputs = []
+    for tenth in range(600):
+        if tenth % 10 == 0:
+            node.warm(first + tenth * SECOND // 10, 25.0)
+        outputs.append(node.ask_output(first + tenth * SECOND // 10, raw)[2])
+    assert np.abs(np.diff([50.0, *outputs])).max() < 0.11, 'at most 1 N/s'
+    assert outputs[-1] == pytest.approx(50.0 + warm.thermal.compensation.zero[2] - 10.0)
+    assert words in origin(node)
+    assert 'starts at the steady state of the present temperatures' in origin(node)
+    assert words in capfd.readouterr().err
+
+
+def test_a_clock_that_was_set_back_by_less_than_a_minute_costs_nothing(restart, warm):
+    node = restart(replace(warm, saved_ns=warm.saved_ns + 40 * SECOND))
+    for second in range(360, 365):
+        node.warm(START + second * SECOND, warming(399))
+    assert origin(node).startswith('the drift goes on from the thermal state saved 0 s before')
+
+
+def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
+    node = restart(replace(warm, saved_ns=10**18), **{'tare.duration': 0.1})
+    first, answers = warm.thermal.end_ns + 700 * SECOND, node.ask('tare')
+    node.stream(first + np.arange(20) * SECOND // 100, np.tile(LOAD, (20, 1)))
+    assert answers.get(timeout=20.0).success
+    for second in range(30):
+        node.warm(first + second * SECOND, 25.0)
+        assert node.ask_output(first + second * SECOND, LOAD)[2] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize('wrench_first', [False, True])
+def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored, wrench_first):
+    node = restart(SavedState(time.time_ns(), stored.sha256, TARE, None))
+    if wrench_first:
+        assert node.ask_output(START, TARE)[2] == 0.0
+    node.warm_up(30.0, 5)
+    assert node.node.compensator.compensation.zero[2] == pytest.approx(20.0)
+    assert node.ask_output(START + 6 * SECOND, TARE)[2] == pytest.approx(0.0)
+
+
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
         ({'model_sha256': 'f' * 64}, 'belongs to another model, and so does its tare'),
         ({'model_sha256': None}, 'belongs to another model, and so does its tare'),
-        ({'saved_ns': 4 * 10**18}, 's in the future'),
-        ({'saved_ns': 10**18}, 's old and this model remembers 1800 s'),
         ({'thermal': {'filters': {'force_z': np.zeros(9)}}}, 'does not fit the model it names'),
     ],
 )
