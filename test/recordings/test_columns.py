@@ -101,7 +101,10 @@ def test_stamps_may_be_of_any_kind(columns, stamps):
         ({'stamp_ns': STAMPS.reshape(2, -1)}, 'stamp_ns of table must be one time per row'),
         ({'stamp_ns': ['NaT'] * ROWS}, 'stamp_ns of table must hold numbers'),
         ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'must be one time per row'),
-        ({'stamp_nanosec': np.zeros(ROWS)}, 'table has nanoseconds beside stamps .* not in seconds'),
+        (
+            {'stamp_nanosec': np.zeros(ROWS)},
+            'table has nanoseconds beside stamps .* not in seconds',
+        ),
     ],
 )
 def test_bad_columns_get_their_sentence(change, sentence):
