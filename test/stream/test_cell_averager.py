@@ -143,7 +143,7 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
     assert seen.warnings == ()
 
 
-@pytest.mark.parametrize('sent', [('raw',), ('reference',), ('raw', 'reference')])
+@pytest.mark.parametrize('sent', [('raw',), ('raw', 'reference')])
 def test_wrenches_without_any_temperature_do_not_pile_up(sent):
     node, rows = Node(), []
     for second in range(2000):
@@ -158,6 +158,27 @@ def test_wrenches_without_any_temperature_do_not_pile_up(sent):
         expected = range(1400) if name in sent else [NAN] * 1400
         np.testing.assert_equal(values, list(expected))
     assert [row[0] for row in cells(node.averager.rows(final=True))] == list(range(1400, 2000))
+
+
+def test_references_alone_make_no_rows_and_do_not_pile_up():
+    node = Node()
+    for second in range(2000):
+        node.reference(second + 0.1, 1.0)
+        assert node.averager.rows() == []
+    assert len(node.averager._cells) <= 50
+    assert node.averager.rows(final=True) == []
+
+
+@pytest.mark.parametrize('behind_s', [-100_000, 100_000])
+def test_a_reference_of_another_clock_does_not_pile_up_without_temperatures(behind_s):
+    node, rows = Node(), []
+    for second in range(100_000, 101_000):
+        node.raw(second + 0.1, 1.0)
+        node.reference(second - behind_s + 0.1, 1.0)
+        rows += node.averager.rows()
+        assert len(node.averager._cells) <= 600
+    expected = [(at, 1.0, NAN, NAN) for at in range(100_000, 100_400)]
+    np.testing.assert_equal(cells(rows), expected)
 
 
 def test_a_wrench_that_comes_after_its_row_is_dropped_and_one_for_the_next_is_not():

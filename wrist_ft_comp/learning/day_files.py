@@ -144,6 +144,8 @@ class DayFiles:
         self.full = False
         self._writer: DayWriter | None = None
         self._first_ns = self._last_ns = self._rows = 0
+        #: Whether the newest row was not later than the one before it.
+        self._ran_back = False
 
     def ended(self) -> list[Path]:
         """List the days that have ended, oldest first."""
@@ -166,8 +168,10 @@ class DayFiles:
             largest = min(_MOST_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN_BYTES
             large = self.path is not None and size_of(self.path) > largest
         writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
-        if writer and since <= 0 and all(isnan(values[j]) for j in self._wrench):
-            return  # only late temperatures, from before a silence
+        ran_back, self._ran_back = self._ran_back, bool(writer) and since <= 0
+        late = all(isnan(values[j]) for j in self._wrench)  # temperatures from before a silence
+        if self._ran_back and (late or not ran_back):
+            return  # one stray row ends no day; time did run back where the next row says so, too
         longest_ns = min(DAY_NS, self._most_cells * self.period_ns())
         over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= longest_ns
         if not writer or over:

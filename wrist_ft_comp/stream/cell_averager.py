@@ -13,7 +13,7 @@ from wrist_ft_comp.signals import (
 from wrist_ft_comp.stream.stream_grid import CompletedCells
 
 _NAN = float('nan')
-#: A row waits for late wrenches for this many cells.
+#: A row waits for late wrenches for this many cells, and what comes without wrenches for a row.
 _PATIENCE_CELLS = 50
 #: Most cells with wrenches that wait for temperatures.
 _HELD_CELLS = 600
@@ -35,7 +35,12 @@ def row_channels(thermometers: int, *, with_force: bool = False) -> tuple[str, .
 
 
 class CellAverager:
-    """Averages wrenches and completed thermal cells, h = period_ns, into rows."""
+    """
+    Averages wrenches and completed thermal cells, h = period_ns, into rows.
+
+    Only raw wrenches and temperatures make rows. A reference and specific force are added to the
+    rows of their stamps; where their clock is another one, the rows come without them.
+    """
 
     def __init__(self, period_ns: int, thermometers: int, *, with_force: bool = False) -> None:
         self._period_ns, self._thermometers = period_ns, thermometers
@@ -95,8 +100,10 @@ class CellAverager:
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
+        self._drop_strangers()
         rows = []
-        cells = {*self._cells, *self._temperatures}
+        wrenches = {cell for cell, sums in self._cells.items() if sums[RAW][0]}
+        cells = wrenches | self._temperatures.keys()
         waiting = sorted(cell for cell in cells if cell >= self._begin)
         for place, cell in enumerate(waiting):
             if not self._is_due(cell, len(waiting) - place, final=final):
@@ -104,6 +111,15 @@ class CellAverager:
             self._begin, self._silent = cell + 1, cell >= self._end
             rows.append(self._row(cell))
         return [row for row in rows if not all(map(isnan, row[1]))]
+
+    def _drop_strangers(self) -> None:
+        """Drop what has no raw wrench beside it and is far from the newest cells."""
+        now = max(self._latest[RAW], self._end)
+        self._cells = {
+            cell: sums
+            for cell, sums in self._cells.items()
+            if sums[RAW][0] or abs(cell - now) <= _PATIENCE_CELLS
+        }
 
     def _is_due(self, cell: int, held: int, *, final: bool) -> bool:
         """Whether a cell is complete or waited long enough; held counts it and all later cells."""

@@ -1,6 +1,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from wrist_ft_comp.recordings.recordings import read_recording
 
@@ -138,3 +139,19 @@ def test_wrenches_that_come_late_are_recorded_also_after_stamps_ran_back(rig):
     table = np.genfromtxt(path, delimiter=',', names=True)
     cells = (table['stamp_ns'] - START) // SECOND
     np.testing.assert_allclose(table['force_x'][cells < 17], np.arange(17.0))
+
+
+@pytest.mark.parametrize('ahead_s', [3600, -3600])
+def test_a_reference_of_another_clock_neither_doubles_nor_disorders_cells(rig, ahead_s):
+    node = rig()
+    path = start_recording(node)
+    for second in range(1500):
+        stamp = START + second * SECOND
+        node.send_reference(stamp + ahead_s * SECOND, [3.0] * 6)
+        node.put(stamp, [float(second)] * 6)
+        node.node.recorder.poll()
+        node.put_temperature(stamp, 25.0)
+    assert 'recorded 1499 thermal cells (1499 s)' in node.call('record', False).message
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    np.testing.assert_array_equal(table['force_x'], np.arange(1499.0))
+    assert np.isnan(table['reference_force_x']).all()

@@ -116,18 +116,19 @@ def test_the_days_never_take_more_than_their_room(learner, tmp_path, monkeypatch
     assert node.files() == ['day_00001.csv']
 
 
-def test_two_clocks_do_not_fill_the_folder_with_files(tmp_path):
-    """Rows that leap to and fro begin the same day anew; an honest day before them stays."""
+@pytest.mark.parametrize(('apart_s', 'names'), [
+    (50_000, ['day_00001.csv', 'day_00002.csv']), (3600, ['day_00001.csv']),
+])  # fmt: skip
+def test_two_clocks_do_not_fill_the_folder_with_files(tmp_path, apart_s, names):
+    """Rows that leap to and fro end no day; an honest day before them stays."""
     files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
     for second in range(1000):
         files.append(second * 10**9, (1.0, 2.0))
     for second in range(1000, 1050):
         files.append(second * 10**9, (1.0, 2.0))
-        files.append((second + 50_000) * 10**9, (1.0, 2.0))
+        files.append((second + apart_s) * 10**9, (1.0, 2.0))
     files.close()
-    assert sorted(file.name for file in (tmp_path / 'days').iterdir()) == [
-        'day_00001.csv', 'day_00002.csv',
-    ]  # fmt: skip
+    assert sorted(file.name for file in (tmp_path / 'days').iterdir()) == names
     assert (tmp_path / 'days/day_00001.csv').read_text().count('\n') >= 1001
 
 
@@ -157,6 +158,25 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
     recording = read_recording(node.days / 'day_00001.csv')
     assert np.isfinite(recording.wrench).all(axis=1).sum() > 1400
     assert recording.warnings == ()
+
+
+@pytest.mark.parametrize('ahead_s', [3600, 86_400, -3600])
+def test_an_imu_whose_clock_is_off_for_a_while_spoils_no_day(learner, ahead_s):
+    node = learner(thermal_period=1.0)
+    for second in range(1500):
+        stamp = (1_700_000_000 + second) * 10**9
+        at = stamp + (ahead_s * 10**9 if second < 700 else 0)
+        node.node.tell('on_force', at, (0.0, 0.0, 9.0 + (second < 700)), None)
+        node.rig.put(stamp, [1.0] * 6)
+        node.node.recorder.poll()
+        node.rig.put_temperature(stamp, 25.0)
+    node.node.destroy_node()
+    assert node.files() == ['day_00001.csv']
+    day = np.genfromtxt(node.days / 'day_00001.csv', delimiter=',', names=True)
+    np.testing.assert_array_equal(day['stamp_s'] - 1_700_000_000, np.arange(1499) + 0.5)
+    assert np.isfinite([day['force_x'], day['temperature_c']]).all()
+    assert np.isnan(day['linear_acceleration_z'][:650]).all()
+    np.testing.assert_array_equal(day['linear_acceleration_z'][700:], 9.0)
 
 
 def test_a_day_ends_when_it_has_its_share_of_the_room(learner, tmp_path, monkeypatch):
