@@ -57,8 +57,9 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
     if recording.specific_force is None:
         raise CalibrationRefusedError(
-            f'{recording.name} holds no specific force, which learning from days needs. Set '
-            'gravity.source, so that it is recorded.'
+            f'{recording.name} holds no specific force, which learning from days needs. Look '
+            'whether the IMU, or TF, reached the node on that day, stamped by the clock of the '
+            'wrench (gravity.source, the diagnostics of payload).'
         )
     separation = separate([recording])
     if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift

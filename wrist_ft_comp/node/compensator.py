@@ -87,8 +87,9 @@ class CompensatorNode(Hub):
         self.recording = RecordService(self.recorder, store, counts, log)
         payload_files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
-            compensator, self._settings, payload_files, self.gravity, self.newest, log
-        )
+            compensator, self._settings, payload_files, self.gravity, self.newest,
+            self.recorder, log,
+        )  # fmt: skip
         self.jobs = JobMaker(store, self._settings, self._full_topics, self.recorder)
         self.identification = IdentifyService(
             compensator, self.external, payload_files, self.jobs, name, log

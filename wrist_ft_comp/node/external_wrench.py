@@ -12,6 +12,7 @@ import numpy as np
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.recording import Recorder
 from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion import MotionCollector
@@ -106,6 +107,7 @@ class ExternalWrench(Part):
     _files: PayloadFiles
     gravity: Gravity
     _newest: Callable[[], Newest | None]
+    _recorder: Recorder
     _log: NodeLog
     #: Wrenches that were published, and those that were not because specific force was too old.
     published: int = 0
@@ -331,8 +333,9 @@ class ExternalWrench(Part):
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, (self.waiting, self.gravity.doubt()))
-        newest, rests, payload = self.gravity.forces.newest, 'wrench_external rests', self.payload
-        if not self.wanted:
+        newest, payload = self.gravity.forces.newest, self.payload
+        rests = 'wrench_external rests' if self.wanted else 'no payload is learnt from these cells'
+        if not (self.wanted or self._recorder.records_force):
             return
         if newest is None:
             yield f'{self.gravity.problem() or "no specific force has come"}; {rests}'

@@ -91,6 +91,11 @@ class Recorder(Part):
         self.hub.listen(self, wanted=bool(self._running))
 
     @property
+    def records_force(self) -> bool:
+        """Whether a recording runs that is to hold specific force."""
+        return self._with_force and bool(self._running)
+
+    @property
     def period_ns(self) -> int:
         """Length of a row's thermal cell, ns."""
         return self._compensator.tracker.grid.period_ns

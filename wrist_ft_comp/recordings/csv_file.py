@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from decimal import Decimal
+import errno
 from functools import partial
 from io import TextIOWrapper
 from itertools import islice
@@ -443,6 +444,7 @@ class CsvRecordingWriter:
         """Wait until the disk holds everything, so that a power failure takes nothing of it."""
         with writing(self._path):
             os.fsync(self._file.fileno())
+            self._require_name()
 
     def close(self) -> None:
         """Sync and close; a second call does nothing."""
@@ -459,3 +461,9 @@ class CsvRecordingWriter:
         with writing(self._path):
             self._rows.writerow(row)
             self._file.flush()
+            self._require_name()
+
+    def _require_name(self) -> None:
+        """Refuse to go on with a file that was deleted; nobody would find what is written."""
+        if not os.fstat(self._file.fileno()).st_nlink:
+            raise FileNotFoundError(errno.ENOENT, 'it was deleted in the meantime')

@@ -155,3 +155,29 @@ def test_a_reference_of_another_clock_neither_doubles_nor_disorders_cells(rig, a
     table = np.genfromtxt(path, delimiter=',', names=True)
     np.testing.assert_array_equal(table['force_x'], np.arange(1499.0))
     assert np.isnan(table['reference_force_x']).all()
+
+
+def test_a_recording_whose_file_is_deleted_ends_with_a_sentence(rig):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 5)
+    path.unlink()
+    feed(node, 5, first=5)
+    answer = node.call('record', False)
+    assert not answer.success
+    assert f'{path} cannot be written: it was deleted in the meantime.' in answer.message
+    assert 'The recording has ended after 4 thermal cells' in answer.message
+    assert start_recording(node).exists()
+    feed(node, 3, first=20)
+    assert 'recorded 3 thermal cells' in node.call('record', False).message
+
+
+def test_a_recording_that_hears_no_specific_force_is_a_warning(rig):
+    node = rig(parameters={'gravity.source': 'imu'})
+    feed(node, 2)
+    assert node.diagnosis('payload').level == b'\0'
+    start_recording(node)
+    feed(node, 3, first=2)
+    words = 'no specific force has come'
+    assert node.diagnosis('payload', words).level == b'\1'
+    assert node.call('record', False).success
