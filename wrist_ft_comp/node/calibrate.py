@@ -136,8 +136,8 @@ class CalibrateService(LongService):
             numbers['recorded_cells'] = str(recording.rows)
         if self.running_s is not None:
             message = f'running for {self.running_s:.0f} s'
-        elif self._recording.failure:
-            level, message = WARN, self._recording.failure
+        elif trouble := self._recording.failure or self._recording.doubt():
+            level, message = WARN, trouble
         elif self.refused:
             level, message = WARN, 'the last one was refused; see "last"'
         yield Status(self.title, level, message, numbers)

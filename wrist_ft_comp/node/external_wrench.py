@@ -20,7 +20,7 @@ from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, NodeLog, Status
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS, SAME_CLOCK_S
+from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
@@ -37,6 +37,8 @@ _FRESH_NS = 2_000_000
 _LEAST_NORM = 0.5 * GRAVITY
 #: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
 _LARGEST_NORM = 2.0 * GRAVITY
+#: Specific force that comes farther than this from the wrench, s, is stamped by another clock.
+_APART_S = 60.0
 #: An IMU is frozen after this many reports without a change of any bit.
 _FROZEN_REPORTS = 5
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it.
@@ -334,7 +336,7 @@ class ExternalWrench(Part):
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, (self.waiting, self.gravity.doubt()))
         newest, payload = self.gravity.forces.newest, self.payload
-        rests = 'wrench_external rests' if self.wanted else 'no payload is learnt from these cells'
+        rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
         if not (self.wanted or self._recorder.records_force):
             return
         if newest is None:
@@ -342,12 +344,15 @@ class ExternalWrench(Part):
             return
         force, (before, count) = newest[1], self._same
         self._same = force, count + 1 if grown['forces'] and force == before else 0
-        if age_s is not None and abs(age_s) > SAME_CLOCK_S:
-            yield f'wrench and specific force are {abs(age_s):.0f} s apart: two clocks; {rests}'
-        if grown['missed']:
-            yield f'specific force is older than gravity.timeout, or stays away; {rests}'
-        yield from self._off_gravity(np.array(force))
-        if self._same[1] >= _FROZEN_REPORTS:
+        if grown['missed'] or (self._recorder.lacking_force and not self.wanted):
+            apart_s = abs(age_s or 0.0)
+            if apart_s > _APART_S and grown['forces']:
+                yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
+            else:
+                yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        if self.wanted:
+            yield from self._off_gravity(np.array(force))
+        if self._same[1] >= _FROZEN_REPORTS and self._files.source == 'imu':
             yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
         if payload is None:
             return

@@ -92,7 +92,7 @@ class DiaryKeeper:
         self._recording, self._wait_until = None, time.monotonic() + _DISK_RETRY_S
         if not self.problem:
             self._log.error(f'The day is not recorded any more: {error}')
-        self.problem = f'{error} The day is not recorded until there is room'
+        self.problem = f'{error} The day is not recorded; the node tries again every minute'
 
     def end_day(self) -> None:
         """End the day, if one goes on; the next row begins another."""

@@ -1,5 +1,6 @@
 """The parts that feed the node's own recordings, and that answer ~/record."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,7 +17,13 @@ from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.part import Part, Service, Vector
-from wrist_ft_comp.signals import LARGEST, NANOSECONDS, SensorNames
+from wrist_ft_comp.signals import (
+    FORCE_CHANNELS,
+    LARGEST,
+    NANOSECONDS,
+    REFERENCE_CHANNELS,
+    SensorNames,
+)
 from wrist_ft_comp.stored.documents import writing
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
@@ -26,6 +33,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: What to do, in every message about a disk that refuses.
 REMEDY = 'Make room or choose another data_directory'
+#: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
+LACKING_S = 60.0
 
 
 class Writer(Protocol):
@@ -49,7 +58,15 @@ class OwnRecording:
     on_failure: Callable[[RecordingError], None]
     #: Called when a new model has thermal cells of another length.
     on_period: Callable[[], None]
+    #: Names of a row's values.
+    channels: Sequence[str]
     rows: int = 0
+    #: By channel, how many of the newest rows have no value of it.
+    lacking: Counter[str] = field(default_factory=Counter)
+
+    def lacking_s(self, channel: str) -> float:
+        """Find for how long nothing of a channel was recorded, s."""
+        return self.lacking[channel] * self.period_ns / NANOSECONDS
 
     def write(self, *, final: bool = False) -> None:
         """Append the rows that are complete; all there are when nothing more will come."""
@@ -57,6 +74,8 @@ class OwnRecording:
             for stamp_ns, values in self.averager.rows(final=final):
                 self._writer.append(stamp_ns, values)
                 self.rows += 1
+                for channel, value in zip(self.channels, values, strict=True):
+                    self.lacking[channel] = self.lacking[channel] + 1 if math.isnan(value) else 0
         except RecordingError:
             with suppress(RecordingError):  # what the disk took stays, the rest is lost
                 self._writer.close()
@@ -96,6 +115,11 @@ class Recorder(Part):
         return self._with_force and bool(self._running)
 
     @property
+    def lacking_force(self) -> bool:
+        """Whether a recording has got no specific force for LACKING_S."""
+        return any(one.lacking_s(FORCE_CHANNELS[0]) >= LACKING_S for one in self._running)
+
+    @property
     def period_ns(self) -> int:
         """Length of a row's thermal cell, ns."""
         return self._compensator.tracker.grid.period_ns
@@ -109,7 +133,7 @@ class Recorder(Part):
         """Feed a new recording from now on; OwnRecording says when the callbacks are called."""
         period_ns = self.period_ns
         averager = CellAverager(period_ns, self.thermometers, with_force=self._with_force)
-        recording = OwnRecording(writer, averager, period_ns, on_failure, on_period)
+        recording = OwnRecording(writer, averager, period_ns, on_failure, on_period, self.channels)
         self._running.append(recording)
         self._listen()
         return recording
@@ -170,6 +194,8 @@ class RecordService(Part):
     path: Path = Path()
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
+    #: Whether the one that runs has heard its reference.
+    _heard: bool = False
 
     title = 'recording'
 
@@ -204,7 +230,7 @@ class RecordService(Part):
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             raise RecordingError(f'{error} {REMEDY}.') from error
-        self._reference, self.path, self.failure = reference, path, ''
+        self._reference, self.path, self.failure, self._heard = reference, path, '', False
         self.current = self._recorder.begin(writer, self._fail, self._follow_period)
         return f'recording into {path}'
 
@@ -215,7 +241,10 @@ class RecordService(Part):
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
         self._recorder.leave(recording)
         self._forget()
-        recording.close()
+        try:
+            recording.close()
+        except RecordingError as error:
+            raise RecordingError(_ended(error, recording.rows)) from error
         seconds = recording.rows * recording.period_ns / NANOSECONDS
         return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
 
@@ -233,17 +262,25 @@ class RecordService(Part):
         if not math.hypot(*reference) < LARGEST:  # false for NaN
             self._counts.bad_references += 1
         elif self.current is not None:
+            self._heard = True
             at_ns = stamp_ns or self.hub.now_ns()
             self.current.averager.add_reference(at_ns, reference)
+
+    def doubt(self) -> str:
+        """Say that the reference was heard and is not recorded any more; empty where it is."""
+        lacking_s = self.current.lacking_s(REFERENCE_CHANNELS[0]) if self.current else 0.0
+        if not self._heard or lacking_s < LACKING_S:
+            return ''
+        return (
+            f'the last {lacking_s:.0f} s were recorded without wrench_reference: it is silent, or '
+            'its stamps are of another clock than those of the wrench'
+        )
 
     def _fail(self, error: RecordingError) -> None:
         """Say that the disk has ended the recording."""
         rows = self.current.rows if self.current else 0
         self._forget()
-        self.failure = (
-            f'{error} The recording has ended after {rows} thermal cells. {REMEDY}, then record '
-            'again.'
-        )
+        self.failure = _ended(error, rows)
         self._log.error(self.failure)
 
     def _follow_period(self) -> None:
@@ -263,3 +300,11 @@ class RecordService(Part):
             except RecordingError as error:
                 self._log.error(str(error))
         return False
+
+
+def _ended(error: RecordingError, rows: int) -> str:
+    """Say what has ended a recording, and what to do."""
+    return (
+        f'{error} The recording has ended after {rows} thermal cells. See that its file stays and '
+        'the disk has room, or choose another data_directory, then record again.'
+    )

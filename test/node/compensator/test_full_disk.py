@@ -73,7 +73,7 @@ def test_a_full_disk_is_a_warning_and_the_stream_goes_on(bench, peer, executable
     answer = peer.call('record', data=False)
     assert not answer.success
     assert 'cannot be written: File too large' in answer.message
-    assert 'Make room or choose another data_directory' in answer.message
+    assert 'the disk has room, or choose another data_directory' in answer.message
     (recording,) = (data / 'recordings').glob('*.csv')
     assert len(read_recording(recording)) >= 1
 

@@ -172,6 +172,71 @@ def test_a_recording_whose_file_is_deleted_ends_with_a_sentence(rig):
     assert 'recorded 3 thermal cells' in node.call('record', False).message
 
 
+@pytest.mark.parametrize('ends', [False, True])
+def test_a_recording_whose_file_is_deleted_says_what_to_do(rig, ends):
+    node = rig()
+    path = start_recording(node)
+    feed(node, 5)
+    path.unlink()
+    feed(node, 0 if ends else 2, first=5)
+    sentence = node.refusal('record', False)
+    assert 'it was deleted in the meantime. The recording has ended after ' in sentence
+    assert sentence.endswith(
+        ' thermal cells. See that its file stays and the disk has room, or choose another '
+        'data_directory, then record again.'
+    )
+
+
+@pytest.mark.parametrize('kind', ['force', 'reference'])
+@pytest.mark.parametrize(
+    ('off_s', 'said'),
+    [
+        (None, 'stays away'),
+        (3600, '3600 s apart: two clocks'),
+        (-3600, '3600 s apart: two clocks'),
+        (600, '600 s apart: two clocks'),
+    ],
+)
+def test_cells_without_what_was_there_before_are_a_warning(rig, kind, off_s, said):
+    node = rig(parameters={'gravity.source': 'imu'})
+    start_recording(node)
+    status, words = 'payload', f'{said}; cells are recorded without it'
+    if kind == 'reference':
+        status, words = 'calibration', 'recorded without wrench_reference: it is silent, or its '
+
+    def go_on(first, cells, off_s):
+        for second in range(first, first + cells):
+            stamp = START + second * SECOND
+            node.put(stamp, [1.0] * 6)
+            if off_s is not None and kind == 'force':
+                at = stamp + off_s * SECOND
+                node.node.tell('on_force', at, (0.0, 0.0, 9.8 + second * 1e-3), None)
+            elif off_s is not None:
+                node.send_reference(stamp + off_s * SECOND, [1.0] * 6)
+            node.put_temperature(stamp, 25.0)
+
+    go_on(0, 100, 0)
+    assert node.diagnosis(status).level == b'\0'
+    go_on(100, 130, off_s)
+    found = node.diagnosis(status)
+    assert (found.level, words in found.message) == (b'\1', True), found.message
+    go_on(230, 5, 0)
+    assert node.diagnosis(status).level == b'\0'
+
+
+@pytest.mark.parametrize('source', ['tf', 'imu'])
+def test_a_robot_at_rest_by_tf_and_an_imu_in_g_are_no_warning_while_recording(rig, source):
+    node = rig(parameters={'gravity.source': 'imu'})
+    # Of the package that is missing here, the node needs nothing for what is asked of it.
+    node.node.external._files.source = source
+    start_recording(node)
+    for second in range(10):
+        feed(node, 1, first=second)
+        force = 9.807 if source == 'tf' else 1.0 + second * 1e-3
+        node.node.tell('on_force', START + second * SECOND, (0.0, 0.0, force), None)
+        assert node.diagnosis('payload').level == b'\0'
+
+
 def test_a_recording_that_hears_no_specific_force_is_a_warning(rig):
     node = rig(parameters={'gravity.source': 'imu'})
     feed(node, 2)
