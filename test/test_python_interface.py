@@ -22,6 +22,7 @@ from wrist_ft_comp.report.evaluation import AxisEvaluation
 
 #: What others' programs are written against: a change of these breaks them.
 SIGNATURES = {
+    'accuracy': '(output, expected, full_scale)',
     'calibrate': '(recordings, settings=None, progress=None)',
     'compensate': '(model, table, *others, tare_s=0.0)',
     'evaluate': "(model, recordings, *, reference='unloaded', tare_s=60.0)",
@@ -31,6 +32,7 @@ SIGNATURES = {
     'recording_from_columns': "(*tables, name='table', period_s=1.0, max_bad_share=0.01)",
     'save_model': '(path, calibration, provenance=None)',
     'summarise': '(calibration)',
+    'thermal_sensitivity_drift': '(temperature_c, zero_output, full_scale_output, reference_c)',
     'Compensator': '(thermometers, settings=None, model=None)',
     'TareCollector': '(duration_s, max_deviation_n)',
     'StreamSettings': '(thermal_period_s=1.0, temperature_timeout_s=5.0, max_drift_n=200.0, '

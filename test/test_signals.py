@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.robust import robust_cost, robust_weight
@@ -77,18 +76,6 @@ def test_a_number_outside_its_range_is_refused_with_the_range(bounds, right, wro
     for value in (*wrong, math.nan, math.inf, -math.inf):
         with pytest.raises(SettingsError, match=f'^it must be a number {words}; got {value}'):
             check_range('it', value, **bounds)
-
-
-def test_orders_out_of_their_range_are_refused():
-    least = {'latents': 1, 'outputs': 0, 'inputs': 1, 'first_lag': 0}
-    Orders(**least, time_constants_s=(0.0,))
-    wrong = [{name: number - 1} for name, number in least.items()]
-    series = ((), (-1.0,), (math.nan,), (30.0, math.inf))
-    wrong += [{'time_constants_s': constants} for constants in series]
-    for orders in wrong:
-        (name,) = orders
-        with pytest.raises(SettingsError, match=f'{name} must'):
-            Orders(**orders)
 
 
 def test_one_name_in_the_place_of_several_topics_is_refused():

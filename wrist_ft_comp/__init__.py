@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from wrist_ft_comp.recordings.columns import compensate, recording_from_columns
     from wrist_ft_comp.recordings.recordings import read_recording
     from wrist_ft_comp.report.evaluation import evaluate
+    from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
     from wrist_ft_comp.signals import Recording, Topics
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -32,6 +33,8 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 
 #: Where the names live that are for others: as above, where type checkers read it.
 _HOMES = {
+    'accuracy': 'report.performance_index',
+    'thermal_sensitivity_drift': 'report.performance_index',
     'calibrate': 'fit.calibrate', 'summarise': 'fit.calibrate',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.columns', 'recording_from_columns': 'recordings.columns',
@@ -43,8 +46,9 @@ _HOMES = {
 }  # fmt: skip
 __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',
-    'TareCollector', 'Topics', 'WristFtCompError', 'calibrate', 'compensate', 'evaluate',
-    'load_model', 'read_recording', 'recording_from_columns', 'save_model', 'summarise',
+    'TareCollector', 'Topics', 'WristFtCompError', 'accuracy', 'calibrate', 'compensate',
+    'evaluate', 'load_model', 'read_recording', 'recording_from_columns', 'save_model',
+    'summarise', 'thermal_sensitivity_drift',
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # or every mistyped name would pass

@@ -10,8 +10,8 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
+from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.calibration import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job, Learning, Minute
@@ -26,7 +26,7 @@ OTHER = CalibrationJob(
         reference='recorded', min_temperature_span_k=1.25, max_gap_s=33.0,
         identification=IdentificationSettings(
             method='filtered_pls', features='hats', degree=3, hat_temperatures_c=(20.0, 35.5),
-            latents=4, orders=Orders(3, 1, 4, 0, (0.0, 7.0)),
+            latents=2, orders=(Orders(2, 2, 1), Orders(1, 1, 0, direct=True)),
         ),
     ),
     period_s=2.5,

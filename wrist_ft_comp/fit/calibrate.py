@@ -11,9 +11,10 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.averaging import identify_together
 from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.fit.competition import identify_hats, identify_lags, identify_paper_method
+from wrist_ft_comp.fit.competition import identify_lags
 from wrist_ft_comp.fit.cross_validation import largest_drift
 from wrist_ft_comp.fit.load_checks import changed_levels, check_loads
+from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometers import predict_each_other

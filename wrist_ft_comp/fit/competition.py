@@ -1,14 +1,12 @@
 """
-Axis by axis, what a person named: candidates compete, and the simplest good one runs.
+Axis by axis: candidates compete on held-out folds, and the simplest good one runs.
 
-The paper's methods compete by their number of latents, ``arx_pls_oe`` by its number of free time
-constants, and at the plateaus of a chamber test drift in hats competes with none. Held-out folds
-decide; then the winner is fitted to everything, and its constants are fixed.
+The winner is fitted to everything, and its constants are fixed. ``arx_pls_oe`` competes by its
+number of free time constants; what the paper's methods compete by is in ``paper_methods``.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -43,116 +41,25 @@ from wrist_ft_comp.fit.model_building import (
     by_relaxation,
 )
 from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data, BinnedData
-from wrist_ft_comp.fit.paper_methods import identify, PaperMethod
 from wrist_ft_comp.fit.result import AxisFit, Candidate, left_of_a_day, OUTPUTS, Term
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.signals import FloatArray
 
-#: Most latents that compete, and most free time constants.
-_MAX_LATENTS = 8
+#: Most free time constants that compete.
 _MAX_TIME_CONSTANTS = 2
-#: Gain drift is learnt in hats when it leaves at most this share of what leaving it alone does.
-_GAIN_WORTH = 0.5
 #: Errors below this share of no compensation's are those of the pool's grid, and count as equal.
 _GRID_ERROR = 1e-3
 #: A time constant above this share of the longest that is searched may be a longer one.
 _AT_BOUND = 0.99
 
 
-def identify_paper_method(
-    data: AxisData, settings: IdentificationSettings, method: PaperMethod
-) -> AxisFit:
-    """Let held-out folds choose the number of latents; TooShortError where an ARX has no data."""
-    refits: dict[str, Refit] = {
-        f'{method}, {r} latent{"s" * (r > 1)}': partial(_fit_latents, settings, method, r)
-        for r in _latents_to_try(settings, _observed_features(data, settings), method)
-    }
-    return _compete(data, refits)
-
-
-def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
-    """
-    Let held-out folds choose between none and piecewise linear drift.
-
-    This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless
-    held-out gains come out better: between a few temperatures they are easily worse.
-    """
-    hats = replace(settings, features='hats')
-    latents = settings.latents or len(_observed_features(data, hats).names)
-    both: Refit = partial(_fit_latents, hats, 'pls', latents)
-
-    def zero(part: AxisData) -> Fitted:
-        """Fit zero drift beside gain drift, where there are loads, and leave the gain alone."""
-        model, notes = both(part)
-        return None if model is None else model.without_gain_drift(), notes
-
-    if data.load is not None and _gain_error(data, both) < _GAIN_WORTH * _gain_error(data, zero):
-        return _compete(data, {'zero and gain drift in hats': both}, may_be_none=True)
-    return _compete(data, {'zero drift in hats': zero}, may_be_none=True)
-
-
-def _gain_error(data: AxisData, refit: Refit) -> float:
-    """Root mean square difference of the gain of folds that were held out from the others'."""
-    errors = []
-    for held_out in data.fold_numbers:
-        remainders = unexplained(data, refit(data.without(held_out))[0])
-        gains = {fold: _gains(data, remainders, fold) for fold in data.fold_numbers}
-        others = [gain for fold, found in gains.items() if fold != held_out for gain in found]
-        if others:  # the gain at T_ref is open as yet
-            errors += [gain - np.mean(others) for gain in gains[held_out]]
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
-
-
-def _gains(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> list[float]:
-    """Regress what is left in a fold on the load, in each recording where that varies."""
-    gains = []
-    for left, load, folds in zip(remainders, data.load or (), data.folds, strict=True):
-        rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
-        w = load[rows] - load[rows].mean() if rows.any() else load[rows]
-        if w.any():
-            gains.append(float(w @ left[rows]) / float(w @ w))
-    return gains
-
-
-def _compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
+def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
     """Let the simplest good one run; no compensation is scored beside them."""
     competing = ['none', *refits] if may_be_none else list(refits)
     refits = {'none': lambda _: (None, ()), **refits}
     bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
     chosen = competing[simplest_good([part_errors(bins[name]) for name in competing])]
     return finish(data, refits[chosen](data), chosen, bins, competing)
-
-
-def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
-    """Build the features of an axis, with knots only where there are samples."""
-    observed = [
-        temperature_c[np.isfinite(residual)]
-        for temperature_c, residual in zip(data.temperature_c, data.residual, strict=True)
-    ]
-    return build_features(data.temperature_c, settings, observed)
-
-
-def _fit_latents(
-    settings: IdentificationSettings, method: PaperMethod, latents: int, part: AxisData
-) -> Fitted:
-    """Fit one of the paper's methods to what is not held out."""
-    features = _observed_features(part, settings)
-    orders = replace(settings.orders, latents=latents)
-    dynamics, notes = identify(method, part, features, orders)
-    return None if dynamics is None else AxisModel(features, dynamics), notes
-
-
-def _latents_to_try(
-    settings: IdentificationSettings, features: Features, method: PaperMethod
-) -> Sequence[int]:
-    """List numbers of latents; hats take all, so that every knot keeps its own coefficients."""
-    if settings.latents is not None:
-        return [settings.latents]
-    width = len(features.names)
-    if method == 'filtered_pls':
-        # Hats behind a bank of filters are too many and too alike for each to keep its own.
-        return range(1, min(width * len(settings.orders.time_constants_s), _MAX_LATENTS) + 1)
-    return [width] if features.kind == 'hats' else range(1, min(width, _MAX_LATENTS) + 1)
 
 
 class LagFit(NamedTuple):

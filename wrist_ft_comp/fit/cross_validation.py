@@ -122,6 +122,15 @@ def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
     )
 
 
+def squares_left(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> FloatArray:
+    """Score what several outputs, (N_i, M), have left of a fold: summed, as ``part_errors``."""
+    by_output = [
+        part_errors(fold_bins(data, [values[:, m] for values in remainders], fold))
+        for m in range(remainders[0].shape[1])
+    ]
+    return np.asarray(np.sum(by_output, axis=0))
+
+
 def simplest_good(errors: Sequence[FloatArray]) -> int:
     """
     Find the simplest candidate within one standard error of the best, or within 15 % of it.

@@ -5,9 +5,9 @@ from typing import get_args, Literal
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Orders
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import Reference
 
@@ -29,8 +29,8 @@ class IdentificationSettings:
     hat_temperatures_c: tuple[float, ...] = ()
     #: Number of latents of the paper's methods; None lets held-out folds choose.
     latents: int | None = None
-    #: Orders of the paper's methods.
-    orders: Orders = field(default_factory=Orders)
+    #: Orders of each latent of arx_pls, or one for all; empty lets held-out folds choose.
+    orders: tuple[Orders, ...] = ()
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -43,6 +43,11 @@ class IdentificationSettings:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
         if self.latents is not None and not 1 <= self.latents < np.inf:
             raise SettingsError(f'At least 1 latent is needed; got {self.latents}.')
+        if len(self.orders) > 1 and self.latents not in {None, len(self.orders)}:
+            raise SettingsError(
+                f'Orders of {len(self.orders)} latents do not fit {self.latents} latents; give '
+                'them once for all latents, or once per latent.'
+            )
         knots = np.array(self.hat_temperatures_c, dtype=float)
         if len(knots) == 1 or not (np.isfinite(knots).all() and (np.diff(knots) > 0).all()):
             raise SettingsError(

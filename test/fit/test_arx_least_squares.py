@@ -1,0 +1,161 @@
+"""The inner model's least squares: regressors, coefficients, J_r and poles."""
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.drift.arx_filter import Arx, free_run
+from wrist_ft_comp.errors import SettingsError, TooShortError
+from wrist_ft_comp.fit.arx_least_squares import (
+    fit_one_step,
+    MAX_POLE_RADIUS,
+    one_step_error,
+    Orders,
+    regressors,
+    stabilise,
+)
+
+#: Static, with a direct term and without, as the paper's first H(z) (d = 1), and later.
+ORDERS = [
+    Orders(0, 1, 0, direct=True), Orders(1, 1, 0, direct=True), Orders(1, 1, 0), Orders(2, 2, 0),
+    Orders(2, 2, 1), Orders(3, 2, 0, direct=True), Orders(1, 3, 3), Orders(2, 1, 4, direct=True),
+]  # fmt: skip
+every_order = pytest.mark.parametrize('orders', ORDERS, ids=str)
+
+
+def seeded_arx(orders, seed=0):
+    """A stable system: real poles well inside the unit circle."""
+    rng = np.random.default_rng([seed, orders.n, orders.m, orders.d])
+    a = np.atleast_1d(np.poly(rng.uniform(0.3, 0.9, orders.n)))[1:]
+    return Arx(a, rng.uniform(0.5, 2.0, orders.m), orders.first_lag)
+
+
+def textbook_row(t, u, k, orders):
+    """φ(k) of eq. 20, written out; with a direct term the inputs begin at t(k-d)."""
+    begin = 0 if orders.direct else 1
+    past = [u[k - j] for j in range(1, orders.n + 1)]
+    return past + [t[k - orders.d - i] for i in range(begin, begin + orders.m)]
+
+
+@every_order
+def test_regressors_are_the_rows_of_eq_20(orders):
+    rng = np.random.default_rng(0)
+    t, u = rng.standard_normal((2, 30))
+    phi, target = regressors(t, u, orders)
+    longest = max(orders.n, orders.d + orders.m - orders.direct)
+    expected = [textbook_row(t, u, k, orders) for k in range(longest, 30)]
+    np.testing.assert_array_equal(phi, expected)
+    np.testing.assert_array_equal(target, u[longest:])
+    assert len(regressors(t[: longest + 1], u[: longest + 1], orders)[0]) == 1
+    with pytest.raises(TooShortError, match=f'longest lag of {longest} cells .* got {longest}'):
+        regressors(t[:longest], u[:longest], orders)
+
+
+@every_order
+def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
+    true = seeded_arx(orders)
+    segments = []
+    for seed, offset in enumerate((0.0, 1e3, -40.0)):
+        t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
+        segments.append((t, free_run(true, t) + offset))
+        segments[-1][1][[10, 11, 50, 79]] = np.nan
+    fitted = fit_one_step(segments, orders)
+    np.testing.assert_allclose(fitted.a, true.a, atol=1e-8)
+    np.testing.assert_allclose(fitted.b, true.b, atol=1e-8)
+    assert fitted.first_lag == orders.first_lag
+
+
+@every_order
+def test_coefficients_are_those_of_eq_22_and_j_that_of_eq_21(orders):
+    """θ = (φᵀφ)⁻¹ φᵀ u, inverted as it is printed; J_r = ½ Σ (u - φθ)²."""
+    rng = np.random.default_rng(5)
+    t, u = rng.standard_normal((2, 200))
+    longest = max(orders.n, orders.d + orders.m - orders.direct)
+    phi = np.array([textbook_row(t, u, k, orders) for k in range(longest, 200)])
+    phi, target = phi - phi.mean(axis=0), u[longest:] - u[longest:].mean()
+    theta = np.linalg.inv(phi.T @ phi) @ phi.T @ target
+    fitted = fit_one_step([(t, u)], orders)
+    np.testing.assert_allclose(np.concatenate((-fitted.a, fitted.b)), theta, atol=1e-10)
+    expected = 0.5 * sum((target[k] - phi[k] @ theta) ** 2 for k in range(len(target)))
+    np.testing.assert_allclose(one_step_error([(t, u)], orders, fitted), expected, rtol=1e-10)
+    worse = Arx(fitted.a, fitted.b + 0.1, fitted.first_lag)
+    assert one_step_error([(t, u)], orders, worse) > expected
+
+
+@every_order
+def test_noise_leaves_coefficients_within_their_standard_errors(orders):
+    """Of 60 fits with white noise in the equation, z-scores of all coefficients are normal."""
+    true, scores = seeded_arx(orders), []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        t, u = rng.standard_normal(400), np.zeros(400)
+        for k in range(8, 400):
+            row = textbook_row(t, u, k, orders)
+            u[k] = row @ np.concatenate((-true.a, true.b)) + 0.1 * rng.standard_normal()
+        fitted = fit_one_step([(t[8:], u[8:])], orders)
+        phi, _ = regressors(t[8:], u[8:], orders)
+        errors = 0.1 * np.sqrt(np.diagonal(np.linalg.inv(phi.T @ phi)))
+        scores.append(np.concatenate((fitted.a - true.a, fitted.b - true.b)) / errors)
+    spread = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert spread.min() > 0.7
+    assert spread.max() < 1.4
+
+
+def test_orders_out_of_their_range_are_refused():
+    assert str(Orders(0, 1, 0, direct=True)) == 'n 0, m 1, d 0, direct'
+    for name, wrong in {'n': (-1, 1, 0), 'm': (1, 0, 0), 'd': (1, 1, -1)}.items():
+        with pytest.raises(SettingsError, match=f'^{name} must'):
+            Orders(*wrong)
+
+
+def test_too_few_complete_rows_are_refused():
+    t = np.random.default_rng(0).standard_normal(40)
+    u = t.copy()
+    u[::3] = np.nan
+    with pytest.raises(TooShortError, match='needs more runs of 4 consecutive cells'):
+        fit_one_step([(t, u)], Orders(2, 3, 0))
+    with pytest.raises(TooShortError) as refusal:
+        fit_one_step([(t[:6], t[:6])], Orders(2, 2, 0))
+    assert str(refusal.value) == (
+        'An ARX with 4 coefficients needs more runs of 3 consecutive cells with samples than '
+        'that. Record without gaps, use a longer thermal period, or choose a static method.'
+    )
+
+
+@pytest.mark.parametrize(
+    'poles',
+    [
+        [1.2 * np.exp(0.7j), 1.2 * np.exp(-0.7j)],
+        [1.0 * np.exp(0.1j), 1.0 * np.exp(-0.1j)],
+        [-1.3, 0.5],
+        [1.4, 0.5],
+        [1.5, 1.1, 0.0],
+        [3.0 * np.exp(2j), 3.0 * np.exp(-2j), 0.9],
+    ],
+)
+def test_unstable_poles_come_inside_and_the_size_of_the_static_gain_stays(poles):
+    unstable = Arx(np.real(np.poly(poles))[1:], np.array([0.3, 0.4]), 1)
+    mended, moved = stabilise(unstable)
+    assert moved
+    assert np.abs(mended.poles).max() < 1
+    assert abs(mended.gain) == pytest.approx(abs(unstable.gain), rel=1e-3)
+    assert mended.first_lag == 1
+    assert np.abs(free_run(mended, np.ones(3000))).max() < 1e6
+
+
+@pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 + 1e-9, 1.0 - 1e-9, 1.0 - 1e-12])
+def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(pole):
+    """There is no static gain to keep: what counts is how the output sets out."""
+    mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))
+    assert moved
+    assert 0 < mended.poles[0] <= MAX_POLE_RADIUS
+    set_out = free_run(mended, np.concatenate(([0.0], np.ones(10))))
+    assert 0.008 <= set_out[1] <= 0.0101
+
+
+@every_order
+def test_a_stable_system_is_left_alone(orders):
+    slowest = Arx(np.array([-MAX_POLE_RADIUS]), np.ones(1))
+    for arx in (seeded_arx(orders), slowest):
+        mended, moved = stabilise(arx)
+        assert mended is arx
+        assert not moved

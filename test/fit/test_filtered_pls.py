@@ -1,0 +1,111 @@
+"""Filtered PLS: eq. 11 to 14 written out, PLS as its special case, filters that are found."""
+
+import numpy as np
+import pytest
+from scipy import linalg, signal
+
+from wrist_ft_comp.drift.arx_filter import relaxation
+from wrist_ft_comp.fit.arx_least_squares import Orders
+from wrist_ft_comp.fit.filtered_pls import choose_filters, fit_filtered_pls
+from wrist_ft_comp.fit.pls import fit_pls
+from wrist_ft_comp.fit.xy_block import XyBlock
+
+CELLS, PERIOD_S = 400, 10.0
+
+
+def drawn_block(inputs=4, outputs=2, recordings=2, seed=0):
+    """Correlated inputs that wander, outputs that follow them late and with noise."""
+    rng = np.random.default_rng(seed)
+    x, y = [], []
+    for _ in range(recordings):
+        steps = rng.standard_normal((CELLS, inputs)) @ rng.standard_normal((inputs, inputs))
+        x.append(np.cumsum(steps, axis=0) + 30.0)
+        late = relax(x[-1], 200.0) @ rng.standard_normal((inputs, outputs))
+        y.append(late + rng.standard_normal((CELLS, outputs)) + 50.0 * rng.standard_normal())
+    return XyBlock(tuple(x), tuple(y))
+
+
+def relax(series, time_constant_s):
+    """A relaxation from the rest of the first sample, by scipy."""
+    pole = np.exp(-PERIOD_S / time_constant_s) if time_constant_s else 0.0
+    start = pole * series[:1]
+    return signal.lfilter([1 - pole], [1, -pole], series, axis=0, zi=start)[0]
+
+
+def centred(parts):
+    return np.concatenate([part - part.mean(axis=0) for part in parts])
+
+
+def textbook(block, time_constants_s):
+    """Eq. 11 to 14 as they are read, step by step; returns the sum of all b_r t_r q_rᵀ."""
+    x, y = np.concatenate(block.inputs), centred(block.outputs)
+    e = [(part - x.mean(axis=0)) / x.std(axis=0) for part in block.inputs]
+    f = y / y.std(axis=0)
+    explained = np.zeros_like(f)
+    for tau_s in time_constants_s:
+        filtered = [relax(part, tau_s) for part in e]  # eq. 11: Ẽ = H(E)
+        h = centred(filtered)
+        w = linalg.eigh(h.T @ f @ f.T @ h)[1][:, -1]  # eq. 12
+        t = h @ w
+        p = h.T @ t / (t @ t)
+        q = f.T @ t / np.linalg.norm(f.T @ t)
+        b = (f @ q) @ t / (t @ t)  # eq. 9
+        explained += b * np.outer(t, q)
+        f = f - b * np.outer(t, q)
+        e = [part - np.outer(part @ w, p) for part in e]
+        after = centred([relax(part, tau_s) for part in e])
+        np.testing.assert_allclose(after, h - np.outer(t, p), atol=1e-9)  # the filtered block
+        np.testing.assert_allclose(t @ after, 0, atol=1e-7)
+    return explained * y.std(axis=0)
+
+
+def explained_by(model, block):
+    runs = [model.run(model.start(part[0]), part)[1] for part in block.inputs]
+    return centred(runs)
+
+
+@pytest.mark.parametrize('constants', [(300.0,), (0.0, 200.0), (1000.0, 0.0, 50.0, 200.0)])
+@pytest.mark.parametrize('outputs', [1, 2])
+def test_the_model_is_that_of_the_textbook(constants, outputs):
+    block = drawn_block(outputs=outputs)
+    model, notes = fit_filtered_pls(block, constants, PERIOD_S)
+    expected = textbook(block, constants)
+    np.testing.assert_allclose(explained_by(model, block), expected, atol=1e-10 * 1e3)
+    assert np.abs(expected).max() > 1.0
+    assert len(notes) == len(constants)
+    for latent, tau_s in zip(model.latents, constants, strict=True):
+        poles = relaxation(tau_s, PERIOD_S).poles
+        np.testing.assert_array_equal(latent.poles, poles, 'h_r is of its own latent only')
+
+
+def test_without_filters_it_is_pls():
+    block = drawn_block()
+    for latents in range(1, 5):
+        model, _ = fit_filtered_pls(block, (0.0,) * latents, PERIOD_S)
+        outer = fit_pls(block.x, block.y, latents)
+        np.testing.assert_allclose(np.abs(model.rotations), np.abs(outer.rotations), atol=1e-9)
+        expected = block.x @ outer.coefficients / block.output_weight
+        np.testing.assert_allclose(explained_by(model, block), expected, atol=1e-8)
+
+
+def test_an_exhausted_block_ends_the_latents():
+    block = drawn_block(inputs=2)
+    model, notes = fit_filtered_pls(block, (0.0, 30.0, 100.0), PERIOD_S)
+    assert len(model.latents) == len(notes) == 2
+    silent = XyBlock(block.inputs, tuple(0 * y for y in block.outputs))
+    assert fit_filtered_pls(silent, (0.0,), PERIOD_S) == (None, ())
+
+
+@pytest.mark.parametrize('truth', [0.0, 300.0, Orders(2, 2, direct=True)], ids=str)
+def test_the_filter_that_leaves_least_held_out_is_chosen(make_axis_data, truth):
+    rng = np.random.default_rng(6)
+    x = [np.cumsum(rng.standard_normal((CELLS, 1)), axis=0) for _ in range(3)]
+    y = [
+        signal.lfilter([0.1], [1.0, -1.6, 0.7], part - part[:1], axis=0)  # it swings
+        if isinstance(truth, Orders)
+        else relax(part, truth)
+        for part in x
+    ]
+    noisy = tuple(part + 0.01 * rng.standard_normal(part.shape) for part in y)
+    data = make_axis_data(x, [part[:, 0] for part in noisy])
+    assert choose_filters(data, XyBlock(tuple(x), noisy), 1) == (truth,)

@@ -1,0 +1,121 @@
+"""The outer model: what PLS and PCR must satisfy, and agreement with others."""
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.fit.pls import fit_pcr, fit_pls
+
+
+def made_up(samples, inputs, outputs, seed=1):
+    """Correlated inputs, outputs that depend on them with noise; centred and scaled."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((samples, inputs)) @ rng.standard_normal((inputs, inputs))
+    y = x @ rng.standard_normal((inputs, outputs)) + rng.standard_normal((samples, outputs))
+    return (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean(axis=0)) / y.std(axis=0)
+
+
+shapes = pytest.mark.parametrize(
+    ('inputs', 'outputs', 'latents'),
+    [(m, k, r) for m, k in ((1, 1), (4, 1), (4, 2), (6, 3)) for r in range(1, m + 1)],
+)
+
+
+@shapes
+def test_scores_are_orthogonal_and_explain_their_part_of_the_inputs(inputs, outputs, latents):
+    x, y = made_up(60, inputs, outputs)
+    pls = fit_pls(x, y, latents)
+    assert pls.latents == latents
+    gram = pls.scores.T @ pls.scores
+    assert np.diagonal(gram).min() > 0
+    np.testing.assert_allclose(gram, np.diag(np.diagonal(gram)), atol=1e-10 * gram.max())
+    for directions in (pls.weights, pls.output_loadings):
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-12)
+    remainder = x - pls.scores @ pls.loadings.T  # eq. 3
+    np.testing.assert_allclose(pls.scores.T @ remainder, 0, atol=1e-10)
+    assert np.sum(remainder**2) < np.sum(x**2)
+    if latents == inputs:
+        np.testing.assert_allclose(remainder, 0, atol=1e-10)
+    np.testing.assert_allclose(x @ pls.rotations, pls.scores, atol=1e-10)  # eq. 4
+    np.testing.assert_allclose(
+        x @ pls.coefficients, pls.scores * pls.inner @ pls.output_loadings.T
+    )
+
+
+@pytest.mark.parametrize('outputs', [1, 2, 3])
+def test_full_rank_pls_is_least_squares(outputs):
+    x, y = made_up(50, 4, outputs)
+    expected = np.linalg.lstsq(x, y, rcond=None)[0]
+    for fit in (fit_pls, fit_pcr):
+        np.testing.assert_allclose(fit(x, y, 4).coefficients, expected, atol=1e-10)
+
+
+@shapes
+def test_scikit_learn_predicts_the_same(inputs, outputs, latents):
+    cross = pytest.importorskip('sklearn.cross_decomposition', reason='no scikit-learn')
+    from sklearn.decomposition import PCA  # noqa: PLC0415 -- only where it is installed
+
+    x, y = made_up(60, inputs, outputs)
+    peer = cross.PLSRegression(latents, scale=False, tol=1e-24, max_iter=20_000).fit(x, y)
+    ours = x @ fit_pls(x, y, latents).coefficients
+    np.testing.assert_allclose(ours, peer.predict(x).reshape(ours.shape), atol=1e-9)
+    pcr, scores = fit_pcr(x, y, latents), PCA(latents, svd_solver='full').fit_transform(x)
+    np.testing.assert_allclose(np.abs(pcr.scores), np.abs(scores), atol=1e-9)
+    expected = scores @ np.linalg.lstsq(scores, y, rcond=None)[0]
+    np.testing.assert_allclose(x @ pcr.coefficients, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+def test_units_and_axes_of_the_inputs_change_no_prediction(fit):
+    x, y = made_up(50, 4, 2)
+    expected = x @ fit(x, y, 2).coefficients
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((4, 4)))[0]
+    np.testing.assert_allclose(1e6 * x @ fit(1e6 * x, y, 2).coefficients, expected, atol=1e-9)
+    np.testing.assert_allclose(x @ turn @ fit(x @ turn, y, 2).coefficients, expected, atol=1e-9)
+    np.testing.assert_allclose(x @ fit(x, 1e-6 * y, 2).coefficients, 1e-6 * expected, atol=1e-15)
+    order = np.random.default_rng(4).permutation(50)
+    shuffled = fit(x[order], y[order], 2).coefficients
+    np.testing.assert_allclose(x @ shuffled, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+class TestDegenerateBlocks:
+    def test_lost_rank_gives_fewer_latents_and_still_least_squares(self, fit):
+        full, y = made_up(40, 3, 2)
+        constant = np.insert(full, 2, 0.0, axis=1)
+        repeated = np.column_stack([full, full[:, 0] - full[:, 1], 2 * full[:, 2]])
+        for x in (constant, repeated):
+            outer = fit(x, y, x.shape[1])
+            assert outer.latents == 3
+            expected = x @ np.linalg.lstsq(x, y, rcond=None)[0]
+            np.testing.assert_allclose(x @ outer.coefficients, expected, atol=1e-9)
+        np.testing.assert_allclose(fit(constant, y, 4).coefficients[2], 0, atol=1e-12)
+
+    @pytest.mark.parametrize('silent', ['x', 'y', 'both'])
+    def test_a_silent_block_leaves_nothing(self, fit, silent):
+        x, y = made_up(40, 3, 2)
+        outer = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
+        assert outer.latents == 0
+        assert outer.coefficients.shape == (3, 2)
+        assert not outer.coefficients.any()
+
+    def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit):
+        x, y = made_up(5, 8, 1)
+        outer = fit(x, y, 8)
+        assert outer.latents <= 4
+        np.testing.assert_allclose(x @ outer.coefficients, y, atol=1e-9)
+
+
+def test_pls_stops_when_the_output_is_explained():
+    x, _ = made_up(40, 4, 1)
+    direction = np.linalg.svd(x, full_matrices=False)[2][0]
+    outer = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
+    assert outer.latents == 1
+    np.testing.assert_allclose(outer.coefficients[:, 0], direction, atol=1e-10)
+
+
+@pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
+def test_the_largest_weight_is_positive_whatever_the_signs_of_the_data(fit):
+    x, y = made_up(40, 4, 2)
+    for outer in (fit(x, y, 3), fit(x, -y, 3)):
+        peaks = outer.weights[np.argmax(np.abs(outer.weights), axis=0), range(3)]
+        assert (peaks > 0).all()

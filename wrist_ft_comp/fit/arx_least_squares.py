@@ -1,0 +1,140 @@
+"""
+The inner model of one latent, identified by least squares on the one-step error (eq. 20 to 22).
+
+    u(k) = φ(k) θ,  φ(k) = [u(k-1) … u(k-n), t(k-d-1) … t(k-d-m)],  θ = [-a_1 … -a_n, b_1 … b_m]ᵀ
+
+With a direct term φ's second half begins one cell later in time, at t(k-d).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.signals import FloatArray
+
+#: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
+MAX_POLE_RADIUS = 1.0 - 1e-5
+#: Score t_r and output u_r of a recording, shapes (N_i,), u_r with an unknown constant.
+Segment = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Orders of one latent's ARX, determined before its coefficients (last sentence of 3.2)."""
+
+    #: n, how many past outputs of its own it feeds back, and m, how many inputs it takes.
+    n: int
+    m: int
+    #: d_r, cells: the newest input is t(k-d-1) ...
+    d: int = 0
+    #: ... or t(k-d), as a model without delay needs it.
+    direct: bool = False
+
+    def __post_init__(self) -> None:
+        for name, least in (('n', 0), ('m', 1), ('d', 0)):
+            check_range(name, getattr(self, name), least)
+
+    def __str__(self) -> str:
+        return f'n {self.n}, m {self.m}, d {self.d}{", direct" if self.direct else ""}'
+
+    @property
+    def first_lag(self) -> int:
+        """Cells between the output and the newest input: d + 1, or d with a direct term."""
+        return self.d if self.direct else self.d + 1
+
+    @property
+    def longest_lag(self) -> int:
+        """L: how many past cells the output depends on."""
+        return max(self.n, self.first_lag + self.m - 1)
+
+
+#: u_r = b_r t_r (eq. 10): no memory.
+STATIC = Orders(n=0, m=1, d=0, direct=True)
+
+
+def regressors(t: FloatArray, u: FloatArray, orders: Orders) -> tuple[FloatArray, FloatArray]:
+    """
+    Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k).
+
+    Score t and measured output u have shape (N,); where N <= L, TooShortError is raised. With g,
+    the first lag:
+
+        k = L:    u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
+        …
+        k = N-1:  u(N-2) …        | t(N-1-g) …
+    """
+    longest, first = orders.longest_lag, orders.first_lag
+    rows = len(t) - longest
+    if rows <= 0:
+        raise TooShortError(
+            f'An ARX with a longest lag of {longest} cells needs more samples than that; '
+            f'got {len(t)}. Record longer, or lower the orders.'
+        )
+    columns = [u[longest - j : longest - j + rows] for j in range(1, orders.n + 1)]
+    columns += [t[longest - first - i : longest - first - i + rows] for i in range(orders.m)]
+    return np.stack(columns, axis=1), u[longest:]
+
+
+def stack_regressors(segments: Sequence[Segment], orders: Orders) -> tuple[FloatArray, FloatArray]:
+    """
+    Stack φ, (K, n + m), and u, (K,), of several recordings, each centred by itself.
+
+    Rows that touch a NaN are left out. TooShortError is raised where a segment is shorter than
+    the longest lag, or where too few rows are complete.
+    """
+    parts = []
+    for t, u in segments:
+        rows, outputs = regressors(t, u, orders)
+        complete = np.isfinite(rows).all(axis=1) & np.isfinite(outputs)
+        if complete.any():
+            rows, outputs = rows[complete], outputs[complete]
+            parts.append((rows - rows.mean(axis=0), outputs - outputs.mean()))
+    if sum(len(outputs) for _, outputs in parts) <= orders.n + orders.m:
+        raise TooShortError(
+            f'An ARX with {orders.n + orders.m} coefficients needs more runs of '
+            f'{orders.longest_lag + 1} consecutive cells with samples than that. '
+            'Record without gaps, use a longer thermal period, or choose a static method.'
+        )
+    phi, target = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return phi, target
+
+
+def fit_one_step(segments: Sequence[Segment], orders: Orders) -> Arx:
+    """
+    Fit by least squares on the one-step error over one or several recordings (eq. 21 and 22).
+
+    Segments and errors are those of ``stack_regressors``. Measurement noise biases the fit, and
+    its poles may lie outside the unit circle: see ``stabilise``.
+    """
+    phi, target = stack_regressors(segments, orders)
+    # θ (n + m,) = (φᵀφ)⁻¹ φᵀ u  (eq. 22), by an orthogonal factorisation
+    theta = np.asarray(np.linalg.lstsq(phi, target, rcond=None)[0], dtype=np.float64)
+    return Arx(a=-theta[: orders.n], b=theta[orders.n :], first_lag=orders.first_lag)
+
+
+def one_step_error(segments: Sequence[Segment], orders: Orders, arx: Arx) -> float:
+    """Compute J_r of eq. 19 and 21: half the sum of squares of the one-step error."""
+    phi, target = stack_regressors(segments, orders)
+    return 0.5 * float(np.sum((target - phi @ np.concatenate((-arx.a, arx.b))) ** 2))
+
+
+def stabilise(arx: Arx) -> tuple[Arx, bool]:
+    """
+    Mirror poles outside the unit circle into it; tell whether any was moved.
+
+    The magnitude of the frequency response stays, and with it that of the static gain. A real
+    pole above 1 turns the static gain's sign: the sign in which the response sets out stays.
+    """
+    poles = arx.poles
+    radius = np.abs(poles).clip(1e-300)  # a pole at 0 has no direction, and stays
+    if not len(poles) or radius.max() <= MAX_POLE_RADIUS:
+        return arx, False
+    inside = poles / radius * np.minimum(np.minimum(radius, 1 / radius), MAX_POLE_RADIUS)
+    a = np.real(np.poly(inside))[1:]
+    # Mirrored at the circle, 1/|z - p| keeps its shape and grows by |p|.
+    b = arx.b / np.prod(np.maximum(radius, 1.0))
+    return Arx(a=a, b=b, first_lag=arx.first_lag), True
