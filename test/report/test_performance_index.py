@@ -19,7 +19,9 @@ def test_k_s_is_eq_23_term_by_term():
         temperature_c, np.array([7.0, 5.0, 2.0]), np.array([105.0, 105.0, 105.0]), 20.0
     )
     np.testing.assert_allclose(k_s, [-2 / 20, np.nan, 3 / -10], rtol=1e-12)
-    negative = thermal_sensitivity_drift(temperature_c, -np.ones(3), np.array([-3.0, -2, -2]), 20.0)
+    negative = thermal_sensitivity_drift(
+        temperature_c, -np.ones(3), np.array([-3.0, -2, -2]), 20.0
+    )
     np.testing.assert_allclose(negative, [100 / 20, np.nan, 0.0])
 
 
@@ -31,7 +33,9 @@ def test_a_is_the_largest_error_by_full_scale():
 
 @pytest.mark.parametrize('reference_c', [25.0, 40.0])
 def test_a_reference_that_says_nothing_is_refused(reference_c):
-    with pytest.raises(SettingsError, match=rf'must be one of \[20.0, 40.0\] .*{reference_c:g} °C'):
+    with pytest.raises(
+        SettingsError, match=rf'must be one of \[20.0, 40.0\] .*{reference_c:g} °C'
+    ):
         thermal_sensitivity_drift(
             np.array([20.0, 40.0]), np.zeros(2), np.array([1.0, 0.0]), reference_c
         )

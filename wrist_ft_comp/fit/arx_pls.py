@@ -50,25 +50,10 @@ def orders_to_try(period_s: float) -> list[Orders]:
 
 def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
-    Fit as many latents as there are orders, or fewer where a block is exhausted.
+    Fit a latent for each of the orders, n_r, m_r and d_r, or fewer where a block is exhausted.
 
-    Parameters
-    ----------
-    block : XyBlock
-        Inputs and outputs of all recordings.
-    orders : sequence of Orders
-        n_r, m_r and d_r of each latent.
-
-    Returns
-    -------
-    tuple of ArxPls or None, and tuple of str
-        The model; None where the inputs explain nothing. Then orders and J_r of each latent.
-
-    Raises
-    ------
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
+    The model is None where the inputs explain nothing; beside it stand orders and J_r of each
+    latent, in words. TooShortError is raised where an ARX finds too few consecutive samples.
     """
     outer = fit_pls(block.x, block.y, len(orders))
     if not outer.latents:
@@ -98,22 +83,10 @@ def latent_segments(
     block: XyBlock, outer: Pls, outputs: Sequence[FloatArray]
 ) -> list[list[Segment]]:
     """
-    Compute t_r and u_r of every latent and recording: eq. 4, and u_r = F_{r-1} q_r.
+    Compute t_r (eq. 4) and u_r = F_{r-1} q_r by latent, then by recording, shapes (N_i,).
 
-    Parameters
-    ----------
-    block : XyBlock
-        What the outer model was fitted to.
-    outer : Pls
-        The outer model.
-    outputs : sequence of ndarray, shape (N_i, M)
-        F_0, scaled by W_y.
-
-    Returns
-    -------
-    list of list of tuple
-        By latent, then by recording, t_r and u_r, shapes (N_i,); NaN where F_0 is.
-
+    The outer model was fitted to the block; outputs are F_0, (N_i, M), scaled by W_y, and where
+    they are NaN, u_r is.
     """
     scores = [scaled @ outer.rotations for scaled in block.scaled_inputs]  # eq. 4
     segments = []
@@ -125,22 +98,9 @@ def latent_segments(
 
 def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders, ...]:
     """
-    Choose n_r, m_r and d_r of each latent by what the free run of H_r leaves of u_r held out.
+    Choose orders of R latents by what the free run of H_r leaves of u_r on held-out folds.
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis, with its folds.
-    block : XyBlock
-        Its inputs and outputs.
-    latents : int
-        R.
-
-    Returns
-    -------
-    tuple of Orders
-        R of them, or fewer where a block is exhausted; static where nothing can be held out.
-
+    They are fewer where a block is exhausted, and static where nothing can be held out.
     """
     by_fold = {}
     for fold in data.fold_numbers:
@@ -174,5 +134,5 @@ def _left_held_out(
     ]
     h, _ = stabilise(fit_one_step(seen, orders))
     left = part_errors(fold_bins(data, [u - free_run(h, t) for t, u in segments], fold))
-    whole = part_errors(fold_bins(data, [u for _, u in segments], fold))
-    return np.asarray(np.maximum(left, _ROUNDING**2 * whole.mean()))
+    whole = part_errors(fold_bins(data, [u for _, u in segments], fold)).mean()
+    return np.asarray(np.maximum(left, _ROUNDING**2 * whole))

@@ -56,27 +56,10 @@ def fit_filtered_pls(
     block: XyBlock, filters: Sequence[Filter], period_s: float
 ) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
-    Fit one latent behind each filter, until a block is exhausted.
+    Fit a latent behind each filter, h_1 … h_R, or fewer where a block is exhausted.
 
-    Parameters
-    ----------
-    block : XyBlock
-        Inputs and outputs of all recordings.
-    filters : sequence of Filter
-        h_1 … h_R.
-    period_s : float
-        Length of a cell, s.
-
-    Returns
-    -------
-    tuple of ArxPls or None, and tuple of str
-        The model; None where the inputs explain nothing. Then h_r of each latent, in words.
-
-    Raises
-    ------
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
+    The model is None where the inputs explain nothing; beside it stands h_r of each latent, in
+    words. TooShortError is raised where an ARX finds too few consecutive samples.
     """
     deflation, remaining = np.eye(len(block.input_weight)), block.scaled_outputs
     latents: list[_Latent] = []
@@ -98,28 +81,11 @@ def fit_filtered_pls(
     return model, tuple(f'latent {r}: h is {latent.note}' for r, latent in enumerate(latents, 1))
 
 
-def choose_filters(
-    data: AxisData, block: XyBlock, latents: int, options: Sequence[Filter] = FILTERS
-) -> tuple[Filter, ...]:
+def choose_filters(data: AxisData, block: XyBlock, latents: int) -> tuple[Filter, ...]:
     """
-    Choose h_1 … h_R, each by what its latent leaves of F on the folds that it did not see.
+    Choose filters of R latents, each by what its latent leaves of F on held-out folds.
 
-    Parameters
-    ----------
-    data : AxisData
-        The axis, with its folds.
-    block : XyBlock
-        Its inputs and outputs.
-    latents : int
-        R.
-    options : sequence of Filter
-        What competes, the simplest first.
-
-    Returns
-    -------
-    tuple of Filter
-        R of them, or fewer where a block is exhausted; none where nothing can be held out.
-
+    They are fewer where a block is exhausted, and none where nothing can be held out.
     """
     parts = {fold: block.without(data.folds, fold) for fold in data.fold_numbers}
     seen = {fold: part for fold, part in parts.items() if part.observed}
@@ -135,25 +101,33 @@ def choose_filters(
     }
     chosen: list[Filter] = []
     while len(chosen) < latents:
-        tried: list[tuple[Filter, dict[int, _Latent], FloatArray]] = []
-        for option in options:
-            with suppress(TooShortError):  # another filter does for what is short
-                found = {
+        found: dict[Filter, dict[int, _Latent | None]] = {}
+        for option in FILTERS:
+            with suppress(TooShortError):  # an ARX that is too long does not compete
+                found[option] = {
                     fold: _extract(part, option, *state[fold], data.period_s)
                     for fold, part in seen.items()
                 }
-                extracted = {fold: latent for fold, latent in found.items() if latent is not None}
-                if len(extracted) == len(found):
-                    left = [
-                        squares_left(data, latent.remaining, fold)
-                        for fold, latent in extracted.items()
-                    ]
-                    tried.append((option, extracted, np.concatenate(left)))
-        if not tried:
+        left = {
+            option: np.concatenate(
+                [
+                    squares_left(data, latent.remaining, fold)
+                    for fold, latent in by_fold.items()
+                    if latent
+                ]
+            )
+            for option, by_fold in found.items()
+            if all(by_fold.values())
+        }
+        if not left:
             break
-        option, best, _ = tried[simplest_good([errors for _, _, errors in tried])]
+        option = list(left)[simplest_good(list(left.values()))]
         chosen.append(option)
-        state = {fold: (latent.deflation, latent.remaining) for fold, latent in best.items()}
+        state = {
+            fold: (latent.deflation, latent.remaining)
+            for fold, latent in found[option].items()
+            if latent
+        }
     return tuple(chosen)
 
 
