@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
+import shlex
 import subprocess
 import sys
 
 import pytest
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings.recordings import describe_recording, read_recording
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / 'examples/paper/chamber_table.py'
@@ -89,3 +91,39 @@ def test_a_copied_column_may_be_kept_and_no_file_is_overwritten(tmp_path):
     assert read_recording(out).duration_s == 1800 * 8
     assert 'exists' in convert(table, '-o', out)[1]
     assert out.read_text() == kept
+
+
+@pytest.mark.parametrize('door', [read_recording, describe_recording])
+def test_a_table_is_refused_with_a_command_that_converts_it(door, tmp_path):
+    table = tmp_path / 'of a "chamber".csv'
+    table.write_bytes((KELLER / 'table2_sensor_b_raw.csv').read_bytes())
+    with pytest.raises(RecordingError, match='is a table of a chamber test') as refused:
+        door(table)
+    python, script, *words = shlex.split(str(refused.value).split('Make a recording of it: ')[1])
+    assert (python, script) == ('python', SCRIPT.relative_to(ROOT).as_posix())
+    folder = tmp_path / 'empty'
+    folder.mkdir()
+    assert not convert(*words, folder=folder)[1]
+    (made,) = folder.iterdir()
+    assert read_recording(made).duration_s == 1800 * 8
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'calibrate {} -o {out}.yaml',
+        'show {}', 'evaluate {model} {}', 'compensate {model} {} -o {out}',
+    ],
+)  # fmt: skip
+def test_every_command_refuses_a_table(words, tmp_path, capsys):
+    model, out, recording = (tmp_path / name for name in ('model.yaml', 'out.csv', 'oven.csv'))
+    table = KELLER / 'table2_sensor_b_raw.csv'
+    if 'model' in words:
+        convert(table, '-o', recording)
+        learnt = ['--reference', 'recorded', '--method', 'pls', '-o', str(model)]
+        assert main(['calibrate', str(recording), *learnt]) == 0
+    capsys.readouterr()
+    assert main(words.format(table, model=model, out=out).split()) == 1
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert f'examples/paper/chamber_table.py {table} -o table2_sensor_b_raw_rec' in sentence
+    assert not list(tmp_path.glob('out*'))

@@ -28,7 +28,6 @@ from wrist_ft_comp.recordings.recordings import (
     read_recording,
     RecordingSummary,
     REFERENCE,
-    TABLE,
 )
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
@@ -246,8 +245,6 @@ def _read(
         return f'It holds no {what}{named}, so nothing can be learnt from it.', ()
     if summary.refusal and not summary.candidates:
         return f'Nothing can be learnt from it. {summary.refusal}', ()
-    if summary.kind == TABLE:
-        return '', ()
     try:
         recording = read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:
