@@ -29,6 +29,7 @@ from wrist_ft_comp.report.evaluation import (
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.signals import (
     AXES,
+    axis_unit,
     FloatArray,
     IntArray,
     NANOSECONDS,
@@ -75,7 +76,7 @@ class AxisView:
     """One axis."""
 
     axis: str
-    #: N, N m, or what its recordings are in; so are the figures.
+    #: N or N m; so are the figures.
     unit: str
     verdict: Verdict
     errors: AxisEvaluation
@@ -218,7 +219,7 @@ def evaluation_view(
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
         series = _evaluated_series(evaluated, AXES.index(axis), coverage.leading)
         evidence = Evidence(
-            unit=recordings[0].unit_of(axis), before=errors.rms_before, after=errors.rms_after,
+            unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=_moved_k(evaluated, AXES.index(axis)),
             compensated=axis in stored.model.axes, block_name='recording',
             blocks=FoldErrors(

@@ -19,7 +19,7 @@ from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.drift.prediction import NO_LIMIT_K, Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.signals import axis_unit, FloatArray, SENSOR_FACTS
+from wrist_ft_comp.signals import FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
@@ -34,7 +34,7 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: What is written of an axis.
 _KEPT = (
-    'chosen', 'unit', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
+    'chosen', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
     'time_constants_s', 'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
 )  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
@@ -98,11 +98,6 @@ def _parse(content: bytes) -> Any:
 
 def _build_model(document: Document) -> DriftModel:
     thermometers = len(document['thermometers'])
-    others = (
-        entry['unit']
-        for axis, entry in document['axes'].items()
-        if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
-    )
     return DriftModel(
         period_ns=document['period_ns'], thermometers=thermometers,
         axes={
@@ -116,7 +111,7 @@ def _build_model(document: Document) -> DriftModel:
             for axis, entry in document['axes'].items()
             if entry.get('day_limit') is not None
         },
-        start_s=document.get('start_s', 0.0), unit=next(others, ''),
+        start_s=document.get('start_s', 0.0),
         prediction=_build_prediction(document['thermometers']))  # fmt: skip
 
 
