@@ -23,7 +23,7 @@ def remember(node_or_directory, *names):
     directory = getattr(node_or_directory, 'directory', node_or_directory)
     directory.mkdir(exist_ok=True, parents=True)
     entries = [name and f'models/{name}' for name in names]
-    (directory / 'active.json').write_text(json.dumps(entries))
+    (directory / 'active.json').write_text(json.dumps({'history': entries}))
 
 
 class TestRollback:
@@ -69,7 +69,13 @@ class TestRestart:
 
     @pytest.mark.parametrize(
         'content',
-        ['{', r'["models/a\u0000.yaml"]', r'["models/\ud800.yaml"]', r'["models/\udcff.yaml"]'],
+        [
+            '{',
+            '["models/a.yaml"]',
+            r'{"history": ["models/a\u0000.yaml"]}',
+            r'{"history": ["models/\ud800.yaml"]}',
+            r'{"history": ["models/\udcff.yaml"]}',
+        ],
     )
     def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd, content):
         model = make_model('a.yaml')
