@@ -39,7 +39,7 @@ ROOMS = {
         'test/cli/test_show.py',
         'test/node/compensator/learning/test_diary.py',
     ),
-    'stored': ('test/test_fixtures.py',),
+    'stored': ('test/test_old_files.py',),
 }
 SEED = 11
 LEAST_KILLED, MOST_LISTED = 0.9, 0.05

@@ -16,7 +16,8 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = ('.', 'docs', 'data/keller_pa10', '.github/ISSUE_TEMPLATE')
 DOCUMENTS = sorted(path for folder in FOLDERS for path in (ROOT / folder).glob('*.md'))
 CODE = [
-    'wrist_ft_comp', 'bench', 'docs', 'test', 'requirements', 'config', 'data', '.ci', '.github',
+    'wrist_ft_comp', 'bench', 'docs', 'examples', 'test', 'requirements', 'config', 'data', '.ci',
+    '.github',
 ]  # fmt: skip
 every_document = pytest.mark.parametrize(
     'document', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT))

@@ -27,8 +27,7 @@ SIGNATURES = {
     'compensate': '(model, table, *others, tare_s=0.0)',
     'evaluate': "(model, recordings, *, reference='unloaded', tare_s=60.0)",
     'load_model': '(path)',
-    'read_recording': '(path, *, period_s=1.0, topics=None, max_bad_share=0.01, '
-    'keep_copied_columns=False, progress=None)',
+    'read_recording': '(path, *, period_s=1.0, topics=None, max_bad_share=0.01, progress=None)',
     'recording_from_columns': "(*tables, name='table', period_s=1.0, max_bad_share=0.01)",
     'save_model': '(path, calibration, provenance=None)',
     'summarise': '(calibration)',

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TABLE = ROOT / 'data/keller_pa10/table2_sensor_b_raw.csv'
+TABLE, CONVERTER = 'data/keller_pa10/table2_sensor_b_raw.csv', 'examples/paper/chamber_table.py'
 NEEDED = ('numpy', 'scipy', 'yaml', 'jsonschema', 'matplotlib', 'jinja2', 'tqdm', 'rosbags')
 ROS = {
     'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs',
@@ -48,17 +48,27 @@ def run(site, *words):
 
 def test_the_command_line_gives_its_results(site, tmp_path):
     assert "No module named 'rclpy'" in run(site, '-c', 'import numpy, rclpy').stderr
-    model, out = tmp_path / 'b.yaml', tmp_path / 'out.csv'
+    oven, model, out = (tmp_path / name for name in ('oven.csv', 'b.yaml', 'out.csv'))
+    assert not run(site, ROOT / CONVERTER, ROOT / TABLE, '-o', oven).stderr
     for words in (
-        ['calibrate', TABLE, '-o', model, '--report', tmp_path / 'b.html'],
+        [
+            'calibrate',
+            oven,
+            '--reference',
+            'recorded',
+            '-o',
+            model,
+            '--report',
+            tmp_path / 'b.html',
+        ],
         ['show', model],
-        ['evaluate', model, TABLE],
-        ['compensate', model, TABLE, '-o', out],
+        ['evaluate', model, oven],
+        ['compensate', model, oven, '-o', out],
     ):
         done = run(site, '-m', 'wrist_ft_comp', *map(str, words))
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) > 0
-    assert out.read_text('utf-8').count('\n') == TABLE.read_text('utf-8').count('\n')
+    assert out.read_text('utf-8').count('\n') == oven.read_text('utf-8').count('\n')
 
 
 def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site):

@@ -163,8 +163,6 @@ class Recording:
     reference: FloatArray
     #: What was dropped while reading, in sentences.
     warnings: tuple[str, ...] = field(default=())
-    #: Of every axis where it is not N and N m; else empty.
-    unit: str = ''
     #: Mean specific force as it was measured, shape (N, 3), NaN where there was no sample; None
     #: where none was recorded. Scale and bias of the accelerometer are still in it.
     specific_force: FloatArray | None = None
@@ -207,10 +205,6 @@ class Recording:
     def __len__(self) -> int:
         """N."""
         return len(self.temperature_c)
-
-    def unit_of(self, axis: str) -> str:
-        """Return the unit of an axis."""
-        return self.unit or axis_unit(axis)
 
     @property
     def period_s(self) -> float:

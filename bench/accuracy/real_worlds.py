@@ -1,43 +1,21 @@
 """
-Sensors that are real: a load cell, an inertial sensor in a climate chamber, the paper's tables.
+Sensors that are real: a load cell, and an inertial sensor in a climate chamber.
 
 Load cell: hmd83, TANEN project, CC BY 4.0. Inertial sensor: Copyright (c) 2024 tofupilot, MIT.
 """
-
-from contextlib import suppress
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scenarios import LOAD_CELL, load_cell, with_zero_reference
 from worlds_drawn import World
 
-from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.recordings.chamber_table import (
-    chamber_figures,
-    ChamberFigures,
-    compensate_table,
-    leave_one_temperature_out,
-    read_chamber_table,
-    table_recording,
-)
 from wrist_ft_comp.signals import AXES, Recording, Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 
 IMU = LOAD_CELL.parents[1] / 'imu_chamber' / 'imu_chamber.csv'
-TABLES = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 CREDITS = {
     'load cell': 'load cell: hmd83, TANEN project, CC BY 4.0',
     'six axes': 'six axes: inertial sensor, Copyright (c) 2024 tofupilot, MIT',
-}
-#: The default for chamber tables in 0.1.0, and everybody else's default.
-CHAMBER_METHODS = {
-    'pls on hats': IdentificationSettings(method='pls', features='hats'),
-    'auto': IdentificationSettings(),
 }
 #: Learnt on rows from 1 up to one of these, judged on the rest.
 SPLITS = (6180, 4800, 5400, 5900, 6400, 6600, 7200)
@@ -75,29 +53,3 @@ def load_cell_world() -> World | None:
     if both is None:
         return None
     return World([both[0]], both[1], np.zeros_like(both[1].wrench), 'constant')
-
-
-def learnt_from_one(settings: CalibrationSettings, recording: Recording) -> DriftModel:
-    """Calibrate from one recording."""
-    return calibrate([recording], settings).model
-
-
-def chamber_rows() -> dict[str, ChamberFigures | None]:
-    """Figures of the paper's tables: raw, fitted, every temperature left out; None if refused."""
-    result: dict[str, ChamberFigures | None] = {}
-    for sensor, name in (('A', 'table1_sensor_a_raw.csv'), ('B', 'table2_sensor_b_raw.csv')):
-        table = read_chamber_table(TABLES / name)
-        result[f'{sensor}, raw'] = chamber_figures(table)
-        for title, identification in CHAMBER_METHODS.items():
-            settings = CalibrationSettings(reference='recorded', identification=identification)
-            fitted, left_out = (
-                None,
-                leave_one_temperature_out(table, partial(learnt_from_one, settings), 1.0),
-            )
-            with suppress(WristFtCompError):
-                model = learnt_from_one(settings, table_recording(table, 1.0))
-                fitted = compensate_table(table, model)
-            for what, judged in (('in sample', fitted), ('left out', left_out)):
-                figures = None if judged is None else chamber_figures(judged)
-                result[f'{sensor}, {title}, {what}'] = figures
-    return result

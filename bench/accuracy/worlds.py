@@ -32,7 +32,7 @@ from judging import (
 import numpy as np
 from other_tree import answer_of_tree
 from peers import day_of, Peer, PEERS
-from real_worlds import chamber_rows, CREDITS, load_cell_world, six_axes, SPLITS
+from real_worlds import CREDITS, load_cell_world, six_axes, SPLITS
 from worlds_drawn import FAMILIES, family, World
 
 from wrist_ft_comp.errors import WristFtCompError
@@ -226,16 +226,6 @@ def print_real(methods: Sequence[str]) -> None:
         print(f'{method:16}{np.nanstd(remaining[:, 2]):8.2f}', flush=True)
 
 
-def print_chamber() -> None:
-    """Print the paper's tables, fitted and with every temperature left out in turn."""
-    print("\nthe paper's chamber tables, %FS: max |K_s| per °C, zero spread")
-    for title, figures in chamber_rows().items():
-        if figures is None:
-            print(f'{title:28} refused')
-        else:
-            print(f'{title:28}{figures.max_sensitivity_drift:9.4f}{figures.zero_spread:9.3f}')
-
-
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = bench_parser(__doc__, 'worlds', 20)
@@ -274,7 +264,6 @@ def main() -> None:
         print_family('all families', pooled(drawn_families), OVERALL_PEER)
     if not options.no_real:
         print_real([method for method in methods if method != TRUTH])
-        print_chamber()
 
 
 if __name__ == '__main__':

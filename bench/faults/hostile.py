@@ -84,7 +84,7 @@ FILES = (
 )  # fmt: skip
 RUBBISH = (
     b'', b'{', b'[]', b'null', b'\xff\xfe\0', b'[' * 2000, b'{"a": ' + b'9' * 5000 + b'}',
-    b'format: wrist_ft_comp drift model\nversion: 1\n', b'stamp_s,force_z\n1,x\n', b'NaN\n' * 100,
+    b'format: wrist_ft_comp drift model\nversion: 2\n', b'stamp_s,force_z\n1,x\n', b'NaN\n' * 100,
 )  # fmt: skip
 #: What is put in a file's place, if anything.
 REPLACEMENTS = ('nothing', 'folder', 'link', 'pipe') * 2

@@ -38,10 +38,7 @@ that this package made; each is known by its content. An empty file may be repla
 stays, and so do the files that the command reads, by whatever spelling or link. An option that
 does nothing for what was given is a warning on standard error.
 """
-CHAMBER = """
-A chamber table of static tests is a CSV file with one row per load step: `load_<unit>` and one
-column `output_at_<T>_c` per temperature; other columns are carried along.
-
+MODEL_FILE = """
 ## Model file
 
 YAML, checked against this schema when it is loaded; another version is refused. `[]` stands for an
@@ -160,6 +157,6 @@ def file_formats() -> Iterator[str]:
     """Describe recordings and model files."""
     yield FORMATS
     yield csv_columns()
-    yield CHAMBER
+    yield MODEL_FILE
     schema = json.loads(SCHEMA.read_text('utf-8'))
     yield table(('entry', 'type', 'allowed', 'what it is'), schema_rows(schema, schema, ''))

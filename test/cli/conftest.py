@@ -1,6 +1,5 @@
 """Recordings with a known drift, and the command line run in this process."""
 
-from pathlib import Path
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -10,8 +9,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli.main import main
-
-KELLER = Path(__file__).parents[2] / 'data' / 'keller_pa10'
 
 
 class Outcome(NamedTuple):
@@ -162,4 +159,4 @@ def bags(tmp_path_factory, messages):
 @pytest.fixture(scope='session')
 def make():
     """The builders above, for tests: fixtures are what importlib mode shares."""
-    return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded, keller=KELLER)
+    return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded)

@@ -375,7 +375,6 @@ ROW = ','.join(['20'] * 97)
 HUNGRY = {
     'a line without an end': (b'\0', 3 << 30, 'more than 1000000 characters'),
     'a last line without an end': (HEADER.encode() + b'0,1,20\n', 3 << 30, 'characters'),
-    'a chamber table of gigabytes': (b'step,load_n,output_at_20_c\n', 3 << 30, 'no chamber table'),
     'seven weeks in two rows': (f'{HEADER}0,1,20\n4000000,1,30\n'.encode(), 0, 'at most'),
     'hundred thermometers, a week': (
         f'{HEADER.strip()},{MANY}\n0,1,20,{ROW}\n600000,1,30,{ROW}\n'.encode(), 0, 'at most'),

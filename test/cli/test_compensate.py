@@ -43,12 +43,8 @@ def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_pa
     assert written == before
 
 
-@pytest.mark.parametrize('kind', ['csv', 'table'])
-def test_a_compensated_recording_is_not_compensated_again(kind, run, make, model, tmp_path):
+def test_a_compensated_recording_is_not_compensated_again(run, make, model, tmp_path):
     path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
-    if kind == 'table':
-        path, model = make.keller / 'table2_sensor_b_raw.csv', tmp_path / 'table.yaml'
-        assert run('calibrate', path, '-o', model, '--method', 'pls').code == 0
     once = tmp_path / 'once.csv'
     assert run('compensate', model, path, '-o', once).code == 0
     refused = run('compensate', model, once, '-o', tmp_path / 'twice.csv').sentence

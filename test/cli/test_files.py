@@ -12,7 +12,6 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.stored.model_file import KIND
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
-TABLE = 'step,load_kpa,output_at_20_c\n0,0,1\n'
 
 
 @pytest.mark.parametrize('command', ['calibrate', 'evaluate', 'evaluate by', 'compensate', 'show'])
@@ -68,7 +67,7 @@ def test_a_model_is_one_by_its_content(name, tmp_path):
 
 @pytest.mark.parametrize(
     ('name', 'content'),
-    [('a.csv', 'stamp_s\n'), ('a.mcap', 'x'), ('a.db3', 'x'), ('a.txt', TABLE), ('folder', None)],
+    [('a.csv', 'stamp_s\n'), ('a.mcap', 'x'), ('a.db3', 'x'), ('folder', None)],
 )
 def test_a_recording_is_one_by_its_name_or_header(name, content, tmp_path):
     path = tmp_path / name
@@ -224,21 +223,10 @@ def test_a_foreign_payloads_json_is_found_before_the_work(run, drift_csv, tmp_pa
 
 
 @pytest.fixture
-def fill_in(done, make, model, tmp_path):
-    """Fill paths into words; ``{tables}`` is the model of a chamber table."""
-    table, short = tmp_path / 'table.csv', tmp_path / 'short.csv'
-    make.csv(short, make.drifting(120))
-    rows = (make.keller / 'table2_sensor_b_raw.csv').read_text().splitlines()
-    table.write_text('\n'.join(','.join(row.split(',')[:8]) for row in rows))
-    paths = {'csv': short, 'model': model, 'table': table, 'out': tmp_path / 'out'}
-
-    def fill(word):
-        if word == '{tables}':
-            paths['tables'] = tmp_path / 'b.yaml'
-            done('calibrate', table, '-o', paths['tables'], '--method', 'pls')
-        return word.format(**paths)
-
-    return fill
+def fill_in(make, model, tmp_path):
+    """Fill paths into words."""
+    short = make.csv(tmp_path / 'short.csv', make.drifting(120))
+    return lambda word: word.format(csv=short, model=model, out=tmp_path / 'out')
 
 
 @pytest.mark.parametrize(
@@ -251,14 +239,9 @@ def fill_in(done, make, model, tmp_path):
         ('calibrate {csv} -o {out} --method arx_pls_oe --latents 2', ['--latents']),
         ('calibrate {csv} -o {out} --features hats --degree 2 --hat-temperatures 20,26,32',
          ['--degree']),
-        ('calibrate {csv} -o {out} --method pls --keep-copied-columns',
-         ['--keep-copied-columns']),
-        ('calibrate {table} -o {out} --features powers', ['--features']),
-        ('calibrate {table} -o {out} --features powers --method pls', []),
         ('evaluate {model} {csv} --imu-topic i', ['--imu-topic']),
         ('evaluate {model} {csv} --tare 3', []),
         ('compensate {model} {csv} -o {out} --tare 9 --output-topic /o', ['--output-topic']),
-        ('compensate {tables} {table} -o {out} --tare 9', ['--tare']),
         ('show {csv} --gravity-frame base', ['--gravity-frame']),
         ('show {model} --wrench-topic w', ['--wrench-topic']),
     ],

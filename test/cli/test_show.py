@@ -173,7 +173,7 @@ def folder(tmp_path):
                  incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
         DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all is well'),
     )  # fmt: skip
-    changes = (Decision('day_00001.csv', 'model_x.yaml was adopted'),)
+    changes = (Decision('day_00001.csv', 'model_x.yaml was adopted', 'person'),)
     save_diary(folder, Diary(days, changes, 'zero of force_z jumped'))
     save_memory(folder, Memory(change='2026-05-02: model_x.yaml was adopted', offered='m.yaml'))
     files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')

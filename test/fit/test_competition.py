@@ -79,7 +79,7 @@ def choose(problem, errors, chosen, competing=None, model=None):
 class TestReasons:
     def test_the_reason_says_that_the_best_won(self, make_problem):
         errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
-        fit = choose(replace(make_problem(), unit='N m'), errors, 'lag')
+        fit = choose(replace(make_problem(), axis='torque_z'), errors, 'lag')
         assert fit.reason == (
             'lag leaves 0.5 N m RMS on held-out data, no compensation 2 N m; of 3 candidates it '
             'is the best.'

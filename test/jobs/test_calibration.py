@@ -35,7 +35,6 @@ OTHER = CalibrationJob(
         ('2..3',),
     ),
     skip_unusable=True,
-    keep_copied_columns=True,
     report=Path('out/report.html'),
     learning=Learning(
         Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml',

@@ -374,6 +374,6 @@ def test_a_job_that_is_killed_leaves_files_that_load(sensor, answers, tmp_path):
         time.sleep(rng.uniform(0.2, 2.5))
         process.kill()
         process.communicate()
-        assert json.loads(diary_path(sensor).read_text())['version'] == 1
+        assert json.loads(diary_path(sensor).read_text())['version'] == 2
         for path in sensor.glob('models/*.yaml'):
             load_model(path)

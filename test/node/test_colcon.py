@@ -92,7 +92,10 @@ def test_documents_and_configurations_are_in_share(prefix):
 def test_the_installed_command_calibrates(prefix, sourced, tmp_path):
     command = str(prefix / 'lib' / NAME / NAME)
     table = str(prefix / 'share' / NAME / 'data/keller_pa10/table2_sensor_b_raw.csv')
-    run([command, 'calibrate', table, '-o', 'b.yaml'], tmp_path, sourced)  # with its schema
+    converter = str(ROOT / 'examples/paper/chamber_table.py')
+    run([sys.executable, converter, table, '-o', 'b.csv'], tmp_path, sourced)
+    words = ['b.csv', '--reference', 'recorded', '-o', 'b.yaml']
+    run([command, 'calibrate', *words], tmp_path, sourced)  # with its schema
     assert 'b.yaml: a drift model' in run([command, 'show', 'b.yaml'], tmp_path, sourced)
     module = [sys.executable, '-m', NAME, '--version']
     assert run(module, tmp_path, sourced).strip() == wrist_ft_comp.__version__

@@ -1,8 +1,5 @@
 """The front door: every kind of recording onto the grid, rewritten, described."""
 
-from pathlib import Path
-import shutil
-
 import numpy as np
 import pytest
 
@@ -19,7 +16,6 @@ from wrist_ft_comp.wire import cdr
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')
-TABLE = Path(__file__).parents[2] / 'data' / 'keller_pa10' / 'table1_sensor_a_raw.csv'
 CSV = (
     'stamp_s;note;force_z;temperature_c;torque_x\n0.0;"a;b";1.50;20.0;\n0.5;;2.50;;7\n1.0;c;;21;\n'
 )
@@ -49,19 +45,6 @@ def test_period_and_share_of_bad_samples_are_passed_on(make_csv):
     recording = read_recording(path, period_s=2.0, max_bad_share=0.1)
     assert len(recording) == 10
     assert len(recording.warnings) == 1
-
-
-def test_a_chamber_table_is_a_recording_too():
-    """One axis, and warnings, come through the front door."""
-    recording = read_recording(TABLE)
-    assert recording.axes_present == ('force_z',)
-    assert recording.duration_s == pytest.approx(7 * 1800, abs=30)
-    assert np.isfinite(recording.wrench[:, 2]).sum() == 7 * 9
-    assert np.isfinite(recording.reference[:, 2]).sum() == 7 * 9
-    assert 'repeats that of -40 °C' in recording.warnings[0]
-    kept = read_recording(TABLE, keep_copied_columns=True)
-    assert kept.warnings == ()
-    assert kept.duration_s > recording.duration_s
 
 
 @pytest.mark.parametrize(
@@ -177,11 +160,9 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
     assert len(raw_messages(target)['/cleaned']) == 200
 
 
-@pytest.fixture(params=['sqlite3', 'mcap', 'csv', 'table'])
-def source(request, make_bag, make_csv, tmp_path):
+@pytest.fixture(params=['sqlite3', 'mcap', 'csv'])
+def source(request, make_bag, make_csv):
     """A recording of each kind."""
-    if request.param == 'table':
-        return Path(shutil.copy(TABLE, tmp_path / 'table.csv'))
     return make_csv(CSV) if request.param == 'csv' else make_bag(request.param, count=200)
 
 
@@ -219,7 +200,7 @@ def test_a_bag_is_described_from_its_index(make_bag):
     assert summary.last_ns - summary.first_ns == 999_000_000
 
 
-def test_a_csv_recording_and_a_table_are_described_by_their_samples(make_csv):
+def test_a_csv_recording_is_described_by_its_samples(make_csv):
     summary = describe_recording(make_csv(CSV))
     assert summary.kind == 'CSV recording'
     assert [(c.name, c.kind, c.samples, c.role) for c in summary.channels] == [
@@ -228,7 +209,3 @@ def test_a_csv_recording_and_a_table_are_described_by_their_samples(make_csv):
         ('temperature_c', '°C', 2, 'temperature'),
     ]
     assert (summary.first_ns, summary.last_ns) == (0, NANOSECONDS)
-    table = describe_recording(TABLE)
-    assert table.kind == 'chamber table'
-    assert {c.name: c.samples for c in table.channels}['force_z'] == 63
-    assert 'left out' in table.warnings[0]

@@ -1,7 +1,7 @@
-"""Reports of every kind: a good sensor, a weak one, none to mend, an evaluation, a chamber."""
+"""Reports of every kind: a good sensor, a weak one, none to mend, an evaluation, plateaus."""
 
+from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,11 +9,6 @@ import pytest
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.recordings.chamber_table import (
-    chamber_figures,
-    read_chamber_table,
-    table_recording,
-)
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, EvaluatedRecording, evaluation_view
@@ -22,7 +17,6 @@ from wrist_ft_comp.stored.model_file import save_model
 
 #: Markup in it, and longer than a line of a telephone.
 NAME = '<b>a_name_without_any_space_' + 'x' * 60 + '.csv & "quotes"'
-TABLE = Path(__file__).parents[2] / 'data/keller_pa10/table2_sensor_b_raw.csv'
 
 
 def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
@@ -51,6 +45,15 @@ def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
     )
 
 
+def make_plateaus():
+    """Eight temperatures of a chamber, the wrench at the end of each only."""
+    day = make_recording(cells=480)
+    temperature_c = np.repeat(np.arange(0.0, 80.0, 10.0), 60)
+    wrench = day.wrench + np.outer(temperature_c, [1, 1, 1, 0, 0, 0])
+    wrench[np.arange(480) % 60 < 50] = np.nan
+    return replace(day, temperature_c=np.stack([temperature_c] * 2, axis=1), wrench=wrench)
+
+
 def learn(recordings, folder, reference='unloaded', **identification):
     settings = CalibrationSettings(
         reference, identification=IdentificationSettings(**identification)
@@ -72,9 +75,7 @@ def evaluated(stored, recording, reference='unloaded'):
 @pytest.fixture(scope='session')
 def make():
     """The builders above, for tests."""
-    return SimpleNamespace(
-        recording=make_recording, evaluated=evaluated, learn=learn, name=NAME, table=TABLE
-    )
+    return SimpleNamespace(recording=make_recording, evaluated=evaluated, learn=learn, name=NAME)
 
 
 @pytest.fixture(scope='session')
@@ -91,14 +92,10 @@ def view(tmp_path_factory, stored, make_working_day):
     @cache
     def build(kind):
         folder = tmp_path_factory.mktemp(kind)
-        if kind == 'chamber':
-            table = read_chamber_table(TABLE)
-            recordings = [table_recording(table, 30.0)]
-            calibration, model = learn(
-                recordings, folder, 'recorded', method='pls', features='hats'
-            )
-            tables = {TABLE.name: dict.fromkeys(('raw', 'left out'), chamber_figures(table))}
-            return calibration_view(calibration, recordings, model, 'recorded', tables)
+        if kind == 'plateaus':
+            recordings = [make_plateaus()]
+            calibration, model = learn(recordings, folder, method='pls', features='hats')
+            return calibration_view(calibration, recordings, model, 'unloaded')
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
             return evaluation_view(stored, [evaluated(stored, make_recording()), second], 60.0)

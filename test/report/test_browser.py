@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber')
+KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus')
 WIDTHS = (1280, 400)
 SCHEMES = ('light', 'dark')
 

@@ -140,13 +140,6 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
     assert 'drift of the gain' not in advice(loaded, reference='recorded')
 
 
-def test_a_chamber_is_asked_for_temperatures_only(seen):
-    text = advice(seen(ramp(20, 35)), {'force_z': 'weak'}, chamber=True)
-    assert 'You have not seen' in text
-    assert 'thermometer' not in text
-    assert 'second day' not in text
-
-
 def test_an_evaluation_beyond_the_model_says_so(seen):
     coverage = seen(ramp(20, 35))
     assert 'thermometer 1 left' in what_was_not_learnt(coverage, [(20.0, 30.0)])

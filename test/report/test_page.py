@@ -8,14 +8,13 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.report.evaluation import judge_errors
 from wrist_ft_comp.report.page import headline, number, page
 from wrist_ft_comp.report.view import calibration_view, evaluation_view
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
-KINDS = ('good', 'weak', 'none', 'evaluation', 'chamber', 'work')
+KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus', 'work')
 MAX_BYTES = 2_000_000
 every_kind = pytest.mark.parametrize('kind', KINDS)
 
@@ -159,7 +158,7 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
 def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 2 recordings was held out' in text('good')
     assert 'cut into 3 blocks' in text('weak')
-    assert 'Each of the 8 plateaus was held out' in text('chamber')
+    assert 'Each of the 8 plateaus was held out' in text('plateaus')
 
 
 def test_pictures_of_a_calibration_show_its_held_out_errors(view):
@@ -187,15 +186,6 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
     assert 'Recording by recording' not in Outline(text('good')).whole
 
 
-def test_a_chamber_table_has_figures_and_units_of_its_own(text):
-    whole = Outline(text('chamber')).whole
-    assert 'max |K_s|' in whole
-    assert 'Left out: every temperature predicted from the others.' in whole
-    assert 'output units RMS' in whole
-    assert ' N RMS' not in whole
-    assert 'force z, N' not in whole
-
-
 @pytest.fixture
 def judge(make, stored):
     """Give the view of an evaluation on one recording."""
@@ -214,21 +204,6 @@ def test_an_evaluation_of_four_hours_at_a_cell_a_second_is_no_larger_and_has_its
     assert len(page(view).encode()) < MAX_BYTES
     expected = judge_errors([make.evaluated(stored, recording).errors])
     assert {axis.axis: axis.errors for axis in view.axes} == expected
-
-
-def test_an_evaluation_beside_a_chamber_table_is_refused(make, stored):
-    judged = make.evaluated(stored, make.recording())
-    other = replace(judged, recording=replace(judged.recording, unit='output units'))
-    with pytest.raises(RecordingError, match='in different units'):
-        evaluation_view(stored, [judged, other], 60.0)
-
-
-def test_an_evaluated_chamber_table_has_its_figures(make, judge, view):
-    figures = {'raw': view('chamber').tables[make.table.name]['raw']}
-    whole = Outline(brief(judge(make.recording('oven.csv'), figures=figures))).whole
-    assert 'Chamber test oven.csv.' in whole
-    assert 'max |K_s|' in whole
-    assert 'Left out' not in whole
 
 
 def test_names_that_are_no_text_do_not_stop_the_report(make, judge):

@@ -242,10 +242,7 @@ def test_every_key_of_a_model_file_is_needed(document, load):
     load(document)
     removed = 0
     for path, _ in one_of_each_kind(document):
-        optional = path[:-1] == ('axes',) or path[-1] in {
-                'start_s', 'beyond', 'weight', 'expected_rms', 'day_limit',
-            }  # fmt: skip
-        if isinstance(path[-1], str) and not optional:
+        if isinstance(path[-1], str) and path[:-1] != ('axes',):
             changed = copy.deepcopy(document)
             del parent_of(changed, path)[path[-1]]
             with pytest.raises(ModelFileError, match=path[-1]):
@@ -254,14 +251,13 @@ def test_every_key_of_a_model_file_is_needed(document, load):
     assert removed > 40
 
 
-def test_a_model_of_an_earlier_version_keeps_its_rules(calibration, document, load):
-    """It starts at its first cell, and beyond the range it is held."""
-    del document['start_s']
+def test_a_model_may_start_at_its_first_cell_and_be_held_beyond_its_range(
+    calibration, document, load
+):
+    document['start_s'] = 0.0
     for entry in document['axes'].values():
-        for candidate in entry['candidates']:
-            del candidate['weight']
         if entry['model']:
-            del entry['model']['features']['beyond']
+            entry['model']['features']['beyond'] = 'clamped'
     axes = {
         axis: replace(axis_model, features=replace(axis_model.features, beyond='clamped'))
         for axis, axis_model in calibration.model.axes.items()
@@ -313,7 +309,7 @@ def test_arrays_have_the_shape_that_fits_the_others(document, load):
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'of version .* reads version 1') for n in (0, 2, '1', 1.5, None, [1])),
+        *(('version', n, 'of version .* reads version 2') for n in (0, 3, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),

@@ -45,20 +45,12 @@ def test_a_name_is_never_given_to_another_payload(path):
     assert {name: json.loads(path.read_text('utf-8'))['payloads'][name] for name in first} == first
 
 
-def test_a_file_without_sources_is_read(path):
-    add_payloads(path, 'day', [TOOL], FRAME)
-    document = json.loads(path.read_text('utf-8'))
-    del document['payloads']['day-1']['source']
-    path.write_text(json.dumps(document), 'utf-8')
-    assert load_payloads(path)['day-1'][1].source == ''
-
-
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
         (lambda _: 'no JSON', 'expected JSON'),
         (lambda text: text.replace('wrist_ft_comp payloads', 'other'), 'not a file of payloads'),
-        (lambda text: text.replace('"version": 1', '"version": 2'), 'of version 2'),
+        (lambda text: text.replace('"version": 2', '"version": 3'), 'of version 3'),
         (
             lambda text: text.replace('1.25', '-1.25'),
             'breaks the schema at payloads/day-1/mass_kg',

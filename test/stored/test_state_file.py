@@ -124,8 +124,8 @@ def load(tmp_path):
             b'9' * 100_000, b'{"format": "other"}',
         )),
         *(
-            ({**plain(example()), 'version': version}, r'of version .* reads version 1')
-            for version in (0, 2, '1', None)
+            ({**plain(example()), 'version': version}, r'of version .* reads version 2')
+            for version in (0, 3, '1', None)
         ),
     ],
     ids=range(14),

@@ -5,20 +5,14 @@ from pathlib import Path
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import chamber_table_text, payloads_json, verdict_text
+from wrist_ft_comp.cli.tables import payloads_json, verdict_text
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.calibrate import summarise
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
-from wrist_ft_comp.jobs.calibration import (
-    ChamberColumns,
-    JobOutcome,
-    judge_chamber_tables,
-    run_job,
-)
+from wrist_ft_comp.jobs.calibration import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.verdict import Verdict
@@ -35,7 +29,6 @@ examples:
   wrist_ft_comp calibrate monday/ tuesday/ -o model.yaml --report report.html
   wrist_ft_comp calibrate day/ --imu-topic imu --reference payload -o tool.yaml
   wrist_ft_comp calibrate loaded.csv --reference recorded -o model.yaml --json
-  wrist_ft_comp calibrate data/keller_pa10/table2_sensor_b_raw.csv -o b.yaml
 """
 
 
@@ -58,8 +51,8 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
     defaults = CalibrationSettings()
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
-        help='powers of temperature, or hat functions at given temperatures '
-        '(default: hats for chamber tables, else powers)')  # fmt: skip
+        help='powers of temperature, or hat functions at given temperatures (default: powers, or '
+        'hats where --hat-temperatures are given)')  # fmt: skip
     parser.add_argument(
         '--degree', type=int,
         help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)')  # fmt: skip
@@ -76,7 +69,6 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
         '--min-temperature-span', type=options.number(0.0),
         default=defaults.min_temperature_span_k, metavar='KELVIN',
         help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
-    options.add_copied_columns(parser)
 
 
 def _temperatures(text: str) -> tuple[float, ...]:
@@ -96,20 +88,17 @@ def run(arguments: argparse.Namespace) -> int:
     options.warn_of_idle(arguments, arguments.recordings)
     with options.progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
-    tables = judge_chamber_tables(job, outcome.stored)
-    view = outcome.view(job, tables)
+    view = outcome.view(job)
     verdicts = {axis.axis: axis.verdict for axis in view.axes}
     if not arguments.json:
         print(summarise(outcome.calibration))
         print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
-        for name, columns in tables.items():
-            print(f'\n{name}\n{chamber_table_text(columns)}')
     if job.report:
         REPORT.write(job.report, page(view))
         if not arguments.json:
             print(f'report: {job.report}')
     if arguments.json:
-        options.print_json(_as_json(outcome, verdicts, tables))
+        options.print_json(_as_json(outcome, verdicts))
     return 0
 
 
@@ -125,13 +114,12 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:
-    """Build the job; chamber tables have their own defaults, and knots mean hats."""
+    """Build the job; given temperatures of hats mean hats."""
     if arguments.hat_temperatures and arguments.features == 'powers':
         raise SettingsError('--hat-temperatures belongs to --features hats; leave one out.')
-    tables = all(path.is_file() and is_chamber_table(path) for path in arguments.recordings)
-    default: FeatureKind = 'hats' if tables or arguments.hat_temperatures else 'powers'
+    default: FeatureKind = 'hats' if arguments.hat_temperatures else 'powers'
     settings = CalibrationSettings(
-        reference=arguments.reference or ('recorded' if tables else 'unloaded'),
+        reference=arguments.reference or 'unloaded',
         min_temperature_span_k=arguments.min_temperature_span,
         identification=IdentificationSettings(
             method=arguments.method, features=arguments.features or default,
@@ -139,13 +127,10 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
             latents=arguments.latents))  # fmt: skip
     return CalibrationJob(
         tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
-        options.topics_from(arguments), keep_copied_columns=arguments.keep_copied_columns,
-        report=arguments.report)  # fmt: skip
+        options.topics_from(arguments), report=arguments.report)  # fmt: skip
 
 
-def _as_json(
-    outcome: JobOutcome, verdicts: dict[str, Verdict], tables: dict[str, ChamberColumns]
-) -> dict[str, object]:
+def _as_json(outcome: JobOutcome, verdicts: dict[str, Verdict]) -> dict[str, object]:
     """Everything a script may want."""
     calibration = outcome.calibration
     names = (
@@ -167,5 +152,4 @@ def _as_json(
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
         'warnings': calibration.warnings,
-        'chamber_tables': tables,
     }

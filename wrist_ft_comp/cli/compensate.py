@@ -7,18 +7,17 @@ from pathlib import Path
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import print_warnings, range_warnings
-from wrist_ft_comp.drift.drift_model import check_sensor, DriftModel, StoredModel
+from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.external import external_correction
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table, read_chamber_table, table_tare
 from wrist_ft_comp.recordings.recordings import (
     check_copy,
     EXTERNAL_TOPIC,
     read_recording,
     rewrite_recording,
 )
-from wrist_ft_comp.signals import AXES, Correction, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.signals import AXES, Correction, NANOSECONDS, Recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
@@ -53,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='OUT')
     parser.add_argument(
         '--tare', type=options.number(0.0), default=0.0, metavar='SECONDS',
-        help='tare on the first SECONDS, which must be unloaded (default: 0, no tare; a chamber '
-        'table is tared without load at its reference temperature)')  # fmt: skip
+        help='tare on the first SECONDS, which must be unloaded (default: 0, no '
+        'tare)')  # fmt: skip
     parser.add_argument(
         '--reference', choices=('payload',),
         help='add what the environment does to the tool: the payload that was mounted is found in '
@@ -85,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done: progress(done / 3))  # fmt: skip
         sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
-        tare = _tare(arguments, model, recording)
+        tare = initial_tare(model, recording, arguments.tare)
         external, external_warnings = _external(arguments, stored, recording)
         rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,
@@ -93,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     warnings = (
-        *([] if arguments.tare or tare.any() else [_UNTARED]),
+        *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,
         *recording.warnings,
         *rewriting_warnings,
@@ -127,10 +126,3 @@ def _external(
         topics=options.topics_from(arguments),
     )
     return external_correction(work.separation, stored.model, fine), work.warnings
-
-
-def _tare(arguments: argparse.Namespace, model: DriftModel, recording: Recording) -> FloatArray:
-    """Find the raw offset to subtract, shape (6,)."""
-    if arguments.recording.is_file() and is_chamber_table(arguments.recording):
-        return table_tare(read_chamber_table(arguments.recording), model)
-    return initial_tare(model, recording, arguments.tare)

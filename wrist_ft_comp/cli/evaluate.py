@@ -15,12 +15,6 @@ from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.chamber_table import (
-    chamber_figures,
-    compensate_table,
-    is_chamber_table,
-    read_chamber_table,
-)
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
 from wrist_ft_comp.report.outputs import REPORT
@@ -51,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
         '60)')  # fmt: skip
-    options.add_copied_columns(parser)
     options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
@@ -80,9 +73,6 @@ def run(arguments: argparse.Namespace) -> int:
         units = {axis.axis: axis.unit for axis in view.axes}
         print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
         print(f'\n{_limit_text(stored, judged)}')
-        for path, evaluated in zip(arguments.recordings, judged, strict=True):
-            if evaluated.figures:
-                print(f'\n{path}\n{tables.chamber_table_text(evaluated.figures)}')
     tables.print_warnings(view.warnings)
     if arguments.report and not arguments.json:
         print(f'report: {arguments.report}')
@@ -97,7 +87,6 @@ def run(arguments: argparse.Namespace) -> int:
                 'axes': errors,
                 'day_limits': dict(stored.model.day_limits),
                 'recordings': [_as_json(path, evaluated) for path, evaluated in by_path.items()],
-                'chamber_tables': {path: e.figures for path, e in by_path.items() if e.figures},
                 'verdicts': {
                     axis: {'level': verdict.level, 'why': verdict.sentence}
                     for axis, verdict in verdicts.items()
@@ -111,16 +100,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _judge(
     arguments: argparse.Namespace, stored: StoredModel, path: Path, progress: Progress
 ) -> EvaluatedRecording:
-    """Read a recording and compare; chamber tables have loads and figures of their own."""
-    keep, topics = arguments.keep_copied_columns, options.topics_from(arguments)
-    period_s = stored.model.period_ns / NANOSECONDS
-    recording = read_recording(
-        path, period_s=period_s, topics=topics, keep_copied_columns=keep, progress=progress
-    )
-    is_table = path.is_file() and is_chamber_table(path)
-    reference: Reference = arguments.reference or (
-        'recorded' if is_table else _learnt_reference(stored, recording)
-    )
+    """Read a recording and compare it, raw and compensated, with its reference."""
+    period_s, topics = stored.model.period_ns / NANOSECONDS, options.topics_from(arguments)
+    recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
+    reference: Reference = arguments.reference or _learnt_reference(stored, recording)
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
@@ -134,12 +117,7 @@ def _judge(
         warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
     errors = tared_errors(stored.model, compared, true, arguments.tare)
     warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
-    figures = {}
-    if is_table:
-        table = read_chamber_table(path, keep_copied_columns=keep)
-        figures['raw'] = chamber_figures(table)
-        figures['compensated'] = chamber_figures(compensate_table(table, stored.model))
-    return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors, figures)
+    return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
 
 
 def _learnt_reference(stored: StoredModel, recording: Recording) -> Reference:

@@ -16,10 +16,9 @@ from tqdm import tqdm
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.chamber_table import is_chamber_table
 from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import log_map
-from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of, TABLE
+from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
 from wrist_ft_comp.stored.model_file import KIND as MODEL
@@ -33,8 +32,7 @@ _OF_BAGS = (
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
-    'a rosbag2 folder, a bare .mcap or .db3, a CSV file, or a chamber table '
-    '(docs/files.md has their columns)'
+    'a rosbag2 folder, a bare .mcap or .db3, or a CSV file (docs/files.md has its columns)'
 )
 
 
@@ -162,18 +160,13 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
     kinds = {kind_of(path) for path in recordings}
     asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
     given = {name for name in asked if asked[name] != arguments.command.get_default(name)}
-    method, tables = asked['method'], kinds == {TABLE}
-    hats = asked['features'] == 'hats' or 'hat_temperatures' in given
-    hats |= tables and (method == 'auto' or asked['features'] is None)
+    method, hats = asked['method'], asked['features'] == 'hats' or 'hat_temperatures' in given
     chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
     for names, idle, why in (
         (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
         (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
-        (['keep_copied_columns'], TABLE not in kinds, 'nothing that was named is a chamber table'),
-        (['tare'], tables and 'output' in asked, 'a chamber table is tared where its load is 0'),
         (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
         (['latents'], chosen_alone, f'the method {method} has none to choose'),
-        (['features'], hats and asked['features'] != 'hats', 'auto takes hats for chamber tables'),
         (['degree'], hats, 'hats have no degree'),
     ):
         for name in sorted(given.intersection(names)) if idle else ():
@@ -185,7 +178,7 @@ def check_model(path: Path) -> None:
     """Refuse a recording in the place of a model, before work that takes minutes."""
     if not path.exists() or MODEL.is_own(path):
         return
-    if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'} or is_chamber_table(path):
+    if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'}:
         raise ModelFileError(
             f'{path} is a recording, where a model file was expected. Name the model first, as '
             'made by wrist_ft_comp calibrate, then the recordings.'
@@ -198,8 +191,8 @@ def check_recordings(paths: Sequence[Path]) -> None:
     for path in paths:
         if MODEL.is_own(path):
             raise RecordingError(
-                f'{path} is a model file, where a recording was expected. Name a bag, a CSV file '
-                'or a chamber table; see what a file holds with wrist_ft_comp show.'
+                f'{path} is a model file, where a recording was expected. Name a bag or a CSV '
+                'file; see what a file holds with wrist_ft_comp show.'
             )
         if resolved.count(path.resolve()) > 1:
             raise RecordingError(f'{path} is named twice; name each recording once.')
@@ -220,14 +213,7 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
         '--reference', choices=get_args(Reference), metavar='WHAT',
         help='the true wrench: unloaded (zero), constant (unknown), payload (the weight of what '
         'is mounted, found by the specific force; contacts are left out) or recorded (beside the '
-        f'raw one); default: recorded for chamber tables, else {default}')  # fmt: skip
-
-
-def add_copied_columns(parser: argparse.ArgumentParser) -> None:
-    """Add whether to use columns that cannot have been measured."""
-    parser.add_argument(
-        '--keep-copied-columns', action='store_true',
-        help='use columns of a chamber table that repeat another one, too')  # fmt: skip
+        f'raw one); default: {default}')  # fmt: skip
 
 
 def add_output_forms(parser: argparse.ArgumentParser) -> None:

@@ -28,11 +28,10 @@ from wrist_ft_comp.recordings.recordings import (
     read_recording,
     RecordingSummary,
     REFERENCE,
-    TABLE,
 )
 from wrist_ft_comp.report.outputs import PICTURE, REPORT
 from wrist_ft_comp.report.view import drifts_removed, model_sources
-from wrist_ft_comp.signals import NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
+from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -157,7 +156,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str]:
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
     header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s']
     rows = [
-        [axis, entry['unit'], rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
+        [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
          drifts_removed(stored.model.axes.get(axis)),
          ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
         for axis, entry in axes.items()
@@ -246,8 +245,6 @@ def _read(
         return f'It holds no {what}{named}, so nothing can be learnt from it.', ()
     if summary.refusal and not summary.candidates:
         return f'Nothing can be learnt from it. {summary.refusal}', ()
-    if summary.kind == TABLE:
-        return '', ()
     try:
         recording = read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:

@@ -17,7 +17,6 @@ from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.payload.set_payload_commands import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.chamber_table import ChamberFigures, FIGURE_TITLES
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
@@ -148,16 +147,6 @@ def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
         _filled(f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}')
         for axis, verdict in verdicts.items()
     )
-
-
-def chamber_table_text(columns: Mapping[str, ChamberFigures]) -> str:
-    """Put the figures of several versions of a chamber table, by title, side by side."""
-    rows = []
-    for name, title in FIGURE_TITLES.items():
-        form = '.4f' if name == 'max_sensitivity_drift' else '.3f'
-        figures = (getattr(version, name) for version in columns.values())
-        rows.append([title, *(f'{figure:{form}}' for figure in figures)])
-    return table_text(['', *columns], rows)
 
 
 def print_warnings(sentences: Iterable[str]) -> None:

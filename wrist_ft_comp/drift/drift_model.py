@@ -17,7 +17,6 @@ from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import (
     AXES,
-    axis_unit,
     FloatArray,
     NANOSECONDS,
     SENSOR_FACTS,
@@ -50,8 +49,6 @@ class DriftModel:
     #: A sensor that starts has soaked at the mean temperatures of this time, s; where it is 0, at
     #: those of the first cell.
     start_s: float = 0.0
-    #: Of every axis where it is not N and N m; else empty.
-    unit: str = ''
     #: What each thermometer should read by the others; None with one, or where it is not known.
     prediction: Prediction | None = None
 
@@ -129,26 +126,13 @@ class StoredModel:
         return str(settings.get('reference', '')) if isinstance(settings, dict) else ''
 
 
-def check_unit(model: DriftModel, unit: str = '', name: object = 'The model') -> None:
-    """Refuse a model, by ModelFileError, of another unit than wrenches; '' is N and N m."""
-    for axis in model.axes:
-        modelled, expected = model.unit or axis_unit(axis), unit or axis_unit(axis)
-        if modelled != expected:
-            raise ModelFileError(
-                f'{name} corrects {axis} in {modelled}, but the wrenches are in {expected}. '
-                f'Calibrate from recordings in {expected}; or, if it is the same, write '
-                f'"unit: {expected}" into the model\'s file.'
-            )
-
-
 def check_fits(model: DriftModel, thermometers: int, name: object = 'The model') -> None:
-    """Refuse a model of other thermometers, by SettingsError, or units than a node has."""
+    """Refuse a model of other thermometers than a node has, by SettingsError."""
     if model.thermometers != thermometers:
         raise SettingsError(
             f'{name} expects {model.thermometers} thermometers, the node has {thermometers} '
             "(temperature_topics). Calibrate with these, or list the model's topics."
         )
-    check_unit(model, name=name)
 
 
 def check_sensor(stored: StoredModel, sensor: SensorNames, where: str = 'here') -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.signals import (
     AXES,
+    axis_unit,
     FloatArray,
     IntArray,
     NANOSECONDS,
@@ -45,8 +46,6 @@ class AxisData:
     """One axis over several recordings: the tuples hold an array for every recording."""
 
     axis: str
-    #: N, N m, or what its recordings are in.
-    unit: str
     #: Cell length h, s.
     period_s: float
     #: Held temperatures, °C, shape (N_i, J).
@@ -64,6 +63,11 @@ class AxisData:
     #: Whether a held-out fold has its own constant, because taring removes it. Plateaus of a
     #: chamber test keep the constant of the others: their difference is the drift.
     tared: bool = True
+
+    @property
+    def unit(self) -> str:
+        """N or N m."""
+        return axis_unit(self.axis)
 
     @property
     def longest_s(self) -> float:
@@ -117,7 +121,7 @@ def build_axis_data(
         no_sensitivity = _why_no_sensitivity(residual, load)
     # Samples that are left out of a working day leave gaps, but no plateaus.
     return AxisData(
-        axis=axis, unit=recordings[0].unit_of(axis), period_s=recordings[0].period_s,
+        axis=axis, period_s=recordings[0].period_s,
         temperature_c=tuple(recording.temperature_c for recording in recordings),
         residual=tuple(residual),
         load=None if no_sensitivity or load is None else tuple(load),

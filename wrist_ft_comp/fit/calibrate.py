@@ -156,8 +156,7 @@ def _learn(
         day_limits={
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
-        start_s=_START_S, unit=recordings[0].unit,
-        prediction=predicted)  # fmt: skip
+        start_s=_START_S, prediction=predicted)  # fmt: skip
     return fits, model
 
 

@@ -13,6 +13,7 @@ from wrist_ft_comp.fit.axis_data import find_plateaus
 from wrist_ft_comp.fit.thermometers import runs_of
 from wrist_ft_comp.signals import (
     AXES,
+    axis_unit,
     BoolArray,
     differ,
     FloatArray,
@@ -57,11 +58,6 @@ def check_alike(recordings: Sequence[Recording]) -> None:
             raise CalibrationRefusedError(
                 f'{first.name} is on thermal cells of {first.period_s} s and {other.name} on '
                 f'{other.period_s} s; they must be the same. Read them with one period.'
-            )
-        if other.unit != first.unit:
-            raise CalibrationRefusedError(
-                f'{first.name} and {other.name} are in different units; they must be the same. '
-                'Calibrate chamber tables and other recordings apart.'
             )
         if problem := order_problem(first.sensor, other.sensor):
             raise CalibrationRefusedError(f'{first.name} and {other.name} differ: {problem}')
@@ -123,7 +119,7 @@ def drop_stuck_cells(
             value = _present(recordings[0].wrench[:, column])[:1]
             sentences.append(
                 f'{axis} reads {float(value[0]) if len(value) else 0.0:.6g} '
-                f'{recordings[0].unit_of(axis)} throughout: the channel is dead, or not '
+                f'{axis_unit(axis)} throughout: the channel is dead, or not '
                 'connected. It is left uncompensated.'
             )
             continue
@@ -197,7 +193,7 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     first_s = int(np.argmax(stuck)) * recording.period_s
     return (
         f'{axis} of {recording.name} {"saturates" if extreme else "freezes"} at '
-        f'{value:.6g} {recording.unit_of(axis)}: {count * recording.period_s:.0f} s '
+        f'{value:.6g} {axis_unit(axis)}: {count * recording.period_s:.0f} s '
         f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
     )
 

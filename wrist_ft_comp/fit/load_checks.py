@@ -9,6 +9,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import MIN_SAMPLES, stamp_of
 from wrist_ft_comp.signals import (
     AXES,
+    axis_unit,
     FloatArray,
     IntArray,
     noise_level,
@@ -72,7 +73,7 @@ def check_loads(
                 sentences.append(
                     f'{axis} of {recording.name} stands out alone in {len(spikes)} of {len(raw)} '
                     f'cells, first at stamp {stamp_of(recording, spikes[0])} with '
-                    f'{raw[spikes[0]]:.3g} {recording.unit_of(axis)}; left out.'
+                    f'{raw[spikes[0]]:.3g} {axis_unit(axis)}; left out.'
                 )
     return sound, sentences
 
@@ -88,7 +89,7 @@ def changed_levels(
             if len(cells := _find_level_changes(raw)):
                 size, after_s, advice = _describe_jumps(recording, raw, cells)
                 sentences.append(
-                    f'{axis} of {recording.name} jumps by {size:.3g} {recording.unit_of(axis)} '
+                    f'{axis} of {recording.name} jumps by {size:.3g} {axis_unit(axis)} '
                     f'after {after_s:.0f} s and keeps the new level ({len(cells)} jumps). If that '
                     'was a tare of the driver or a contact, and no sudden heat, what is learnt is '
                     f'wrong by about as much.{advice}'
@@ -179,7 +180,7 @@ def _refuse_jumps(recording: Recording, axis: str, reference: Reference, cells: 
         stamp_of(recording, cell) for cell in dict.fromkeys(cells[[0, -1]].tolist())
     )
     raise CalibrationRefusedError(
-        f'{axis} of {recording.name} jumps by {size:.3g} {recording.unit_of(axis)} after '
+        f'{axis} of {recording.name} jumps by {size:.3g} {axis_unit(axis)} after '
         f'{after_s:.0f} s, although the load was declared {declared} ({len(cells)} jumps, at '
         f'stamp {stamps}). Record again without contact or payload change, or record the load as '
         f'reference.{advice}'

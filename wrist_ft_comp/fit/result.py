@@ -122,7 +122,7 @@ class AxisFit:
     refusal: str = ''
     #: The errors behind rms_before and rms_after, for pictures.
     held_out: HeldOut | None = None
-    #: N, N m, or what the recordings are in.
+    #: N or N m.
     unit: str = ''
     #: Root mean square that another day is expected to keep; None is rms_after. It is larger where
     #: the averaged fits disagree, and where a day goes further than the recordings.
@@ -130,7 +130,7 @@ class AxisFit:
     #: Error that another day stays below on 95 of 100 days; NaN where nothing can be promised.
     day_limit: float = np.nan
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
-    #: where nothing is tared, as for a chamber table.
+    #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
 
     @property
@@ -167,7 +167,7 @@ class Calibration:
 
     @property
     def acceptance(self) -> list[str]:
-        """Say by axis what another day is accepted by; nothing of a chamber table."""
+        """Say by axis what another day is accepted by; nothing of a chamber test."""
 
         def limit(fit: AxisFit) -> str:
             if fit.model is None:

@@ -23,14 +23,6 @@ from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.recordings.chamber_table import (
-    chamber_figures,
-    ChamberFigures,
-    compensate_table,
-    is_chamber_table,
-    leave_one_temperature_out,
-    read_chamber_table,
-)
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
@@ -39,7 +31,6 @@ from wrist_ft_comp.signals import part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
-ChamberColumns = dict[str, ChamberFigures]
 #: Two recordings are of one day where this many cells at the same time ...
 _FEWEST_STEPS = 50
 #: ... change by the same noise: where their changes correlate by more than this.
@@ -58,10 +49,10 @@ class JobOutcome:
     #: Recordings that were left out, and why, in sentences.
     left_out: tuple[str, ...]
 
-    def view(self, job: CalibrationJob, tables: Mapping[str, ChamberColumns]) -> ReportView:
-        """Make the content of its report; tables are those of judge_chamber_tables."""
+    def view(self, job: CalibrationJob) -> ReportView:
+        """Make the content of its report."""
         reference = job.settings.reference
-        return calibration_view(self.calibration, self.recordings, self.stored, reference, tables)
+        return calibration_view(self.calibration, self.recordings, self.stored, reference)
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
@@ -102,9 +93,7 @@ def _read_one(
     job: CalibrationJob, path: Path, used: Mapping[str, Path], report: Progress
 ) -> tuple[Recording, str]:
     """Read and hash a recording; refuse a copy, and one that cannot be used."""
-    recording = read_recording(
-        path, period_s=job.period_s, topics=job.topics,
-        keep_copied_columns=job.keep_copied_columns, progress=report)  # fmt: skip
+    recording = read_recording(path, period_s=job.period_s, topics=job.topics, progress=report)
     sha256 = hash_recording(path)
     if sha256 in used:
         raise RecordingError(f'{path} is a copy of {used[sha256]}; name one of them only.')
@@ -142,26 +131,6 @@ def _refuse_twice(path: Path, recording: Recording, others: Mapping[Path, Record
                 f'{path} was recorded at the same time as {other_path}, and steps as it does: it '
                 'is the same day in another form. Name one of them only.'
             )
-
-
-def judge_chamber_tables(job: CalibrationJob, stored: StoredModel) -> dict[str, ChamberColumns]:
-    """Judge chamber tables by path: raw, fitted, and every temperature left out in turn."""
-    tables: dict[str, ChamberColumns] = {}
-    for path in job.recordings:
-        if not is_chamber_table(path):
-            continue
-        table = read_chamber_table(path, keep_copied_columns=job.keep_copied_columns)
-        columns = {
-            'raw': chamber_figures(table),
-            'fitted': chamber_figures(compensate_table(table, stored.model)),
-        }
-        left_out = leave_one_temperature_out(
-            table, lambda recording: calibrate([recording], job.settings).model, job.period_s
-        )
-        if left_out is not None:
-            columns['left out'] = chamber_figures(left_out)
-        tables[str(path)] = columns
-    return tables
 
 
 def _answer(job: CalibrationJob) -> dict[str, Any]:
@@ -213,8 +182,7 @@ def _report(job: CalibrationJob, outcome: JobOutcome) -> str:
     if job.report is None:
         return ''
     try:
-        tables = judge_chamber_tables(job, outcome.stored)
-        REPORT.write(job.report, page(outcome.view(job, tables)))
+        REPORT.write(job.report, page(outcome.view(job)))
     except WristFtCompError as error:
         return f'\nwarning: {error}'
     return f'\nreport: {job.report}'

@@ -50,7 +50,7 @@ class Minute:
 class CalibrationJob:
     """What to calibrate from, how, and where the model goes."""
 
-    #: Bags, CSV files or chamber tables.
+    #: Bags or CSV files.
     recordings: tuple[Path, ...]
     #: Model file to make or replace.
     output: Path
@@ -62,8 +62,6 @@ class CalibrationJob:
     #: Leave out, with a warning, recordings that cannot be read, have other thermometers than
     #: topics names, or lack the reference; as long as one is left.
     skip_unusable: bool = False
-    #: Fit columns of a chamber table that repeat another one, too.
-    keep_copied_columns: bool = False
     #: Where a report goes, if one is wanted.
     report: Path | None = None
     #: For a node that learns by itself: recordings are all days that have ended, oldest first.

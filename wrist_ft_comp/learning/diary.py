@@ -19,7 +19,7 @@ from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
 from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=1, schema='diary.schema.json', keeps=True,
+    name='diary', says='wrist_ft_comp diary', version=2, schema='diary.schema.json', keeps=True,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
@@ -106,14 +106,8 @@ class Decision(NamedTuple):
     day: str
     #: What was decided, and why.
     sentence: str
-    #: Whether a better model was learnt, which goes live or is only offered, or a person decided;
-    #: 0.2.0 wrote only the sentence.
-    kind: Literal['learnt', 'offered', 'person', ''] = ''
-
-    def named(self) -> 'Decision':
-        """Give the same with its kind."""
-        learnt = ' was learnt. ' in self.sentence
-        return self._replace(kind=self.kind or ('learnt' if learnt else 'person'))
+    #: Whether a better model was learnt, which goes live or is only offered, or a person decided.
+    kind: Literal['learnt', 'offered', 'person']
 
 
 @dataclass(frozen=True)
@@ -167,8 +161,7 @@ def load_diary(directory: Path) -> Diary:
         if document := KIND.load_json(diary_path(directory)):
             diary: Diary = restored(Diary, document)
             numbered = tuple(day for day in diary.days if day_number(day.name))
-            decisions = tuple(decision.named() for decision in diary.decisions)
-            return replace(diary, days=numbered, decisions=decisions)
+            return replace(diary, days=numbered)
     return Diary()
 
 

@@ -9,7 +9,7 @@ from wrist_ft_comp.learning.day_files import day_number
 from wrist_ft_comp.stored.documents import Kind
 
 KIND = Kind(
-    name='learning state', says='wrist_ft_comp learning', version=1,
+    name='learning state', says='wrist_ft_comp learning', version=2,
     schema='learning.schema.json', keeps=True, max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '

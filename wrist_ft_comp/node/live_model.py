@@ -138,7 +138,7 @@ class LiveModel(Part):
         return None if self.stored is None else self.stored.sha256
 
     def load(self, path: Path) -> StoredModel:
-        """Load a model; refuse other thermometers, another order of them, or other units."""
+        """Load a model; refuse other thermometers, or another order of them."""
         stored, sensor = load_model(path), self._sensor()
         check_fits(stored.model, len(sensor['temperature_topics']), name=path)
         check_sensor(stored, sensor)

@@ -57,7 +57,7 @@ class StateKeeper(Part):
         try:
             state = load_state(self.writer.path)
         except StateFileError as error:
-            self._begin_anew(str(error))
+            self._begin_anew(str(error).removesuffix('.'))
             return
         if state is None:
             return

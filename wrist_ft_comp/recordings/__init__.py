@@ -1,1 +1,1 @@
-"""Recordings in files: CSV, bags, chamber tables; read ``recordings`` first."""
+"""Recordings in files: CSV and bags; read ``recordings`` first."""

@@ -17,6 +17,8 @@ from itertools import islice
 from math import isnan, nan
 import os
 from pathlib import Path
+import re
+import shlex
 from typing import Any
 from urllib.parse import parse_qs, urlencode
 
@@ -59,6 +61,8 @@ from wrist_ft_comp.stored.documents import writing
 
 #: Rows in memory at once.
 ROWS = 10_000
+#: Turns a table of a chamber test into a recording.
+_CONVERTER = 'examples/paper/chamber_table.py'
 #: What to do about a line that is broken.
 _REPAIR = 'Repair or remove the line.'
 #: What to do about a stamp that is no number.
@@ -121,6 +125,7 @@ class CsvRecording:
             )
         #: As this package calls them; the file may call them otherwise.
         self.columns = tuple(names.names.get(cell, cell) for cell in cells)
+        _refuse_chamber_table(path, self.columns)
         line = f'Line {self._above + 1} of {path.name}'
         if all(is_number(column) for column in self.columns if column):
             raise RecordingError(
@@ -327,6 +332,17 @@ class CsvRecording:
 
 def _is_blank(row: Sequence[str]) -> bool:
     return len(row) < 2 and not ''.join(row).strip()
+
+
+def _refuse_chamber_table(path: Path, columns: Sequence[str]) -> None:
+    """Refuse a table of loads by temperatures, and say how a recording is made of it."""
+    header = ','.join(columns)
+    if re.search(r'\bload_\w+', header) and re.search(r'\boutput_at_[^,]+_c\b', header):
+        words = 'python', _CONVERTER, str(path), '-o', f'{path.stem}_recording.csv'
+        raise RecordingError(
+            f'{path.name} is a table of a chamber test, which has no times. Make a recording of '
+            f'it: {shlex.join(words)}'
+        )
 
 
 def _absent(name: str, column: str, cells: Sequence[str], names: LogMap) -> str:

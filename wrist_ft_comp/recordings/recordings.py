@@ -30,12 +30,6 @@ from wrist_ft_comp.recordings.bag_survey import (
     TEMPERATURE,
     TF,
 )
-from wrist_ft_comp.recordings.chamber_table import (
-    is_chamber_table,
-    OUTPUT_UNIT,
-    read_chamber_table,
-    rewrite_table,
-)
 from wrist_ft_comp.recordings.columns import COMPENSATED, require_channels
 from wrist_ft_comp.recordings.csv_file import CsvRecording, rewrite_csv, sensor_in
 from wrist_ft_comp.recordings.csv_header import first_rows
@@ -65,7 +59,7 @@ from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
 from wrist_ft_comp.wire.wrench_source import parse_wrench
 
-BAG, CSV, TABLE = 'rosbag2', 'CSV recording', 'chamber table'
+BAG, CSV = 'rosbag2', 'CSV recording'
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
 EXTERNAL_TOPIC = '/wrench_external'
@@ -80,7 +74,7 @@ _HASHED_AT_ONCE = 1 << 20
 
 
 def kind_of(path: Path) -> str:
-    """Find the kind of a recording from its name and its first line; CSV if in doubt."""
+    """Find the kind of a recording from its name; CSV if in doubt."""
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
@@ -97,24 +91,22 @@ def kind_of(path: Path) -> str:
             f'{path.name} cannot be read alone. Of a compressed bag, name the folder; convert a '
             "ROS 1 bag with 'rosbags-convert'."
         )
-    return TABLE if is_chamber_table(path) else CSV
+    return CSV
 
 
-def read_recording(  # noqa: PLR0913 - settings by keyword, each with its default
+def read_recording(
     path: Path | str,
     *,
     period_s: float = 1.0,
     topics: Topics | None = None,
     max_bad_share: float = 0.01,
-    keep_copied_columns: bool = False,
     progress: Progress | None = None,
 ) -> Recording:
     """
     Read a recording of any kind onto thermal cells of ``period_s``.
 
     Memory grows with the number of cells only. Topics of a bag are the node's own names by
-    default. Columns of a chamber table that repeat another one are left out, unless they are to be
-    kept. The recording's warnings say what was left out. RecordingError when it cannot be read,
+    default. The recording's warnings say what was left out. RecordingError when it cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     path = Path(path)
@@ -129,15 +121,11 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             bag = stack.enter_context(open_bag(path))
             blocks, warnings = read_bag(bag, topics, progress), bag.warnings
             sources = parse_sources(topics.temperatures)
-        elif kind == CSV:
+        else:
             text = CsvRecording(path, map_beside(path, topics.columns, topics.time))
             require_channels(path.name, text.columns)
             sensor = sensor_in(text.columns)
             blocks, warnings = text.samples(progress), text.warnings
-        else:
-            table = read_chamber_table(path, keep_copied_columns=keep_copied_columns)
-            blocks = table.samples()
-            warnings = [f'{reason} It was left out.' for _, reason in table.left_out]
         part = parse_part(topics.begin, topics.end, topics.exclude)
         recording = grid_samples(
             blocks if part.whole else part.of(blocks, path.name),
@@ -150,13 +138,12 @@ def read_recording(  # noqa: PLR0913 - settings by keyword, each with its defaul
             sensor = sensor_of(bag, topics)
     if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
         raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
-    unit = OUTPUT_UNIT if kind == TABLE else ''
     done = filter(None, [_compensated(path)])
     warnings = *done, *recording.warnings, *warnings
-    return replace(recording, warnings=warnings, unit=unit, sensor=sensor)
+    return replace(recording, warnings=warnings, sensor=sensor)
 
 
-def rewrite_recording(  # noqa: PLR0913 - as read_recording
+def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its default
     source: Path | str,
     target: Path | str,
     correct: Correction,
@@ -169,8 +156,8 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
     """
     Copy a recording with its wrench corrected, into the same kind of file; says what was left out.
 
-    A CSV recording and a chamber table get their wrench columns replaced; a bag gets the corrected
-    wrench on a topic of its own, ``output_topic``. What ``external`` makes of the raw wrench comes
+    A CSV recording gets its wrench columns replaced; a bag gets the corrected wrench on a topic of
+    its own, ``output_topic``. What ``external`` makes of the raw wrench comes
     beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The target must not exist;
     for a bag it is a folder, or, with the suffix of the source's storage, one file. ``correct``
     gets consecutive pieces, NaN for absent axes. RecordingError when the source cannot be read or
@@ -190,11 +177,9 @@ def rewrite_recording(  # noqa: PLR0913 - as read_recording
         if kind == BAG:
             with open_bag(source) as bag:
                 warnings = rewrite_bag(bag, made, outputs, topics, progress)
-        elif kind == CSV:
+        else:
             names = map_beside(source, topics.columns, topics.time)
             warnings = rewrite_csv(source, made, correct, external, progress, names)
-        else:
-            warnings = rewrite_table(source, made, correct)
         copy.check_target(target)
         made.rename(target)
     return warnings
@@ -296,11 +281,7 @@ def describe_recording(
     kind = kind_of(path)
     if kind == BAG:
         return _describe_bag(path, topics or Topics(), progress)
-    if kind == CSV:
-        return _describe_csv(path, topics or Topics(), progress)
-    table = read_chamber_table(path)
-    left_out = [f'{reason} It is left out.' for _, reason in table.left_out]
-    return _describe_samples(path.name, TABLE, table.samples(), left_out)
+    return _describe_csv(path, topics or Topics(), progress)
 
 
 def _describe_csv(path: Path, topics: Topics, progress: Progress | None) -> RecordingSummary:
@@ -313,7 +294,7 @@ def _describe_csv(path: Path, topics: Topics, progress: Progress | None) -> Reco
         topics, guessed = replace(topics, columns=columns, time=time), True
         names = log_map(columns, time)
     text = CsvRecording(path, names)
-    summary = _describe_samples(path.name, CSV, text.samples(progress), text.warnings)
+    summary = _describe_samples(path.name, text.samples(progress), text.warnings)
     return replace(summary, topics=topics, guessed=guessed)
 
 
@@ -382,7 +363,7 @@ def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
 
 
 def _describe_samples(
-    name: str, kind: str, blocks: Iterable[Samples], warnings: Iterable[str]
+    name: str, blocks: Iterable[Samples], warnings: Iterable[str]
 ) -> RecordingSummary:
     """Count samples, judge them as read_recording does, and name every channel's unit and role."""
     builder, moments = GridBuilder(name), np.zeros((4, 4))
@@ -404,13 +385,13 @@ def _describe_samples(
     for channels, tally in builder.checks.tallies.items():
         for channel in channels:
             role = _ROLES.get(channel, TEMPERATURE)
-            unit = OUTPUT_UNIT if kind == TABLE else axis_unit(channel.removeprefix('reference_'))
+            unit = axis_unit(channel.removeprefix('reference_'))
             reads = (tally.least, tally.largest) if role == TEMPERATURE else None
             samples = tally.samples + (found[channel].samples if channel in found else 0)
             found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
     return RecordingSummary(
         name,
-        kind,
+        CSV,
         tuple(found.values()),
         ends[0] if ends else None,
         ends[1] if ends else None,

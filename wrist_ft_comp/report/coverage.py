@@ -107,27 +107,19 @@ def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, flo
     return loads
 
 
-def what_to_record_next(  # noqa: PLR0913 -- what a calibration knows, each a plain value
+def what_to_record_next(
     coverage: Coverage,
     levels: Mapping[str, Level],
     reference: Reference,
     durations_s: Sequence[float],
     slowest_s: float,
-    *,
-    chamber: bool = False,
 ) -> list[str]:
-    """
-    Say what another recording should hold, most important first.
-
-    A chamber heats from all sides and to every temperature, so for its tables only temperatures
-    are asked for.
-    """
-    advice = [*_temperatures(coverage)]
-    if not chamber:
-        advice += [*_thermometers_and_ways(coverage, levels), *_lengths(durations_s, slowest_s)]
-        if missing := [axis for axis in AXES if axis not in levels]:
-            names = _names(missing)
-            advice.append(f'No recording holds {names}; what is not recorded is passed through.')
+    """Say what another recording should hold, most important first."""
+    advice = [*_temperatures(coverage), *_thermometers_and_ways(coverage, levels)]
+    advice += _lengths(durations_s, slowest_s)
+    if missing := [axis for axis in AXES if axis not in levels]:
+        names = _names(missing)
+        advice.append(f'No recording holds {names}; what is not recorded is passed through.')
     if reference not in {'recorded', 'payload'} or not coverage.loads:
         advice.append(
             'The drift of the gain is not known. If the sensor works under large loads, record '

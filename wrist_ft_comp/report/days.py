@@ -169,8 +169,6 @@ def _model_changes(diary: Diary) -> Iterator[Event]:
         if n < 0:
             continue
         before, after = lives[n], lives[min(n + 1, last)]
-        if before == after:  # 0.2.0 judged a day that a person ended with the model after it
-            before = lives[max(n - 1, 0)]
         if decision.kind == 'offered':
             name = OFFERED
         elif decision.kind == 'learnt':

@@ -10,7 +10,6 @@ import re
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.recordings.chamber_table import FIGURE_TITLES
 from wrist_ft_comp.report.days import event_line, events, summary
 from wrist_ft_comp.report.outputs import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
@@ -55,7 +54,7 @@ def _environment() -> Environment:
     environment.filters.update(number=number, svg=pictures.svg_text)
     environment.globals.update(
         centers=_centers, days_figure=days_picture.days_figure, event_line=event_line,
-        events=events, figure_titles=FIGURE_TITLES, generator=GENERATOR, learnt=_learnt,
+        events=events, generator=GENERATOR, learnt=_learnt,
         levels=LEVEL_NAMES, model_sources=model_sources, number=number,
         one_after_the_other=one_after_the_other, pictures=pictures, summary=summary)  # fmt: skip
     return environment

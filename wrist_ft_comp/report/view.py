@@ -1,21 +1,19 @@
 """What a report shows: one record, built from a calibration or from an evaluation."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.fit.axis_data import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.chamber_table import ChamberFigures
 from wrist_ft_comp.report.coverage import (
     cover,
     Coverage,
@@ -31,6 +29,7 @@ from wrist_ft_comp.report.evaluation import (
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.signals import (
     AXES,
+    axis_unit,
     FloatArray,
     IntArray,
     NANOSECONDS,
@@ -77,7 +76,7 @@ class AxisView:
     """One axis."""
 
     axis: str
-    #: N, N m, or what its recordings are in; so are the figures.
+    #: N or N m; so are the figures.
     unit: str
     verdict: Verdict
     errors: AxisEvaluation
@@ -119,8 +118,6 @@ class EvaluatedRecording:
     recording: Recording
     reference: Reference
     errors: TaredErrors
-    #: Of a chamber table, by title.
-    figures: Mapping[str, ChamberFigures] = field(default_factory=dict)
 
     def averaged(self, values: FloatArray) -> FloatArray:
         """Average values by cell, (N, …), over the time of every error, (n, …)."""
@@ -150,8 +147,6 @@ class ReportView:
     advice: tuple[str, ...]
     #: What a person should know.
     warnings: tuple[str, ...]
-    #: Figures of chamber tables, by name, then by title.
-    tables: Mapping[str, Mapping[str, ChamberFigures]]
     #: What was learnt at work, if it was.
     work: WorkView | None = None
     #: What another day is accepted by: a heading, and a line per axis.
@@ -182,9 +177,8 @@ def calibration_view(
     recordings: Sequence[Recording],
     stored: StoredModel,
     reference: Reference,
-    tables: Mapping[str, Mapping[str, ChamberFigures]] | None = None,
 ) -> ReportView:
-    """Fill a report's view; figures of chamber tables go by name, then by title."""
+    """Fill a report's view from a calibration."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
     coverage = cover(recordings if work is None else work.drift)
@@ -201,10 +195,7 @@ def calibration_view(
         axis.axis: 'weak' if fits[axis.axis].refusal else axis.verdict.level for axis in axes
     }
     slowest_s = max(map(_slowest_s, fits.values()), default=0.0)
-    chamber = not all(_held_out(fit).tared for fit in fits.values())
-    advice = what_to_record_next(
-        coverage, levels, reference, durations_s, slowest_s, chamber=chamber
-    )
+    advice = what_to_record_next(coverage, levels, reference, durations_s, slowest_s)
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
@@ -213,19 +204,14 @@ def calibration_view(
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        tables=tables or {}, work=_work_view(calibration))  # fmt: skip
+        work=_work_view(calibration))  # fmt: skip
 
 
 def evaluation_view(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
 ) -> ReportView:
-    """Fill a report's view from an evaluation; RecordingError when units differ."""
+    """Fill a report's view from an evaluation."""
     recordings = [judged.recording for judged in evaluated]
-    if len({recording.unit for recording in recordings}) > 1:
-        raise RecordingError(
-            'These recordings are in different units. Evaluate chamber tables and other '
-            'recordings apart.'
-        )
     coverage = cover(recordings)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
     axes = []
@@ -233,7 +219,7 @@ def evaluation_view(
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
         series = _evaluated_series(evaluated, AXES.index(axis), coverage.leading)
         evidence = Evidence(
-            unit=recordings[0].unit_of(axis), before=errors.rms_before, after=errors.rms_after,
+            unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=_moved_k(evaluated, AXES.index(axis)),
             compensated=axis in stored.model.axes, block_name='recording',
             blocks=FoldErrors(
@@ -250,8 +236,7 @@ def evaluation_view(
         axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
         warnings=(
             *dict.fromkeys(w for r in recordings for w in r.warnings),
-            *_beyond_limits(stored, axes)),
-        tables={e.recording.name: e.figures for e in evaluated if e.figures})  # fmt: skip
+            *_beyond_limits(stored, axes)))  # fmt: skip
 
 
 def _beyond_limits(stored: StoredModel, axes: Sequence[AxisView]) -> Iterator[str]:

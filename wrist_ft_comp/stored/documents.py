@@ -334,9 +334,16 @@ class Kind(Output):
                 f'{path} is not a {self.name}: expected "format: {self.says}" in it. '
                 f'{self.made_by}'
             )
-        if document.get('version') != self.version:
+        version = document.get('version')
+        if version in range(1, self.version):
+            remedy = 'it is not used' if self.keeps else self.renewed_by.lower()
             raise self.error(
-                f'{path} is of version {document.get("version")!r}; this package reads version '
+                f'{path} was written by an older version of wrist_ft_comp (format {version}); '
+                f'{remedy}.'
+            )
+        if version != self.version:
+            raise self.error(
+                f'{path} is of version {version!r}; this package reads version '
                 f'{self.version}. {self.renewed_by}, or install the package that wrote it.'
             )
         import jsonschema  # noqa: PLC0415 -- a node without model and state starts faster

@@ -17,9 +17,9 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.drift.prediction import NO_LIMIT_K, Prediction
+from wrist_ft_comp.drift.prediction import Prediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.signals import axis_unit, FloatArray, SENSOR_FACTS
+from wrist_ft_comp.signals import FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
@@ -34,12 +34,12 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: What is written of an axis.
 _KEPT = (
-    'chosen', 'unit', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
+    'chosen', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
     'time_constants_s', 'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
 )  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
-    name='model file', says='wrist_ft_comp drift model', version=1, schema='model.schema.json',
+    name='model file', says='wrist_ft_comp drift model', version=2, schema='model.schema.json',
     max_bytes=4_000_000, endings='.yaml .yml', error=ModelFileError,
     made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
@@ -98,11 +98,6 @@ def _parse(content: bytes) -> Any:
 
 def _build_model(document: Document) -> DriftModel:
     thermometers = len(document['thermometers'])
-    others = (
-        entry['unit']
-        for axis, entry in document['axes'].items()
-        if entry['model'] is not None and entry['unit'] not in {'', axis_unit(axis)}
-    )
     return DriftModel(
         period_ns=document['period_ns'], thermometers=thermometers,
         axes={
@@ -110,22 +105,25 @@ def _build_model(document: Document) -> DriftModel:
             for axis, entry in document['axes'].items()
             if entry['model'] is not None
         },
-        deviation={axis: _expected_rms(entry) for axis, entry in document['axes'].items()},
+        deviation={
+            axis: entry['rms_after'] if entry['expected_rms'] is None else entry['expected_rms']
+            for axis, entry in document['axes'].items()
+        },
         day_limits={
             axis: entry['day_limit']
             for axis, entry in document['axes'].items()
-            if entry.get('day_limit') is not None
+            if entry['day_limit'] is not None
         },
-        start_s=document.get('start_s', 0.0), unit=next(others, ''),
+        start_s=document['start_s'],
         prediction=_build_prediction(document['thermometers']))  # fmt: skip
 
 
 def _build_prediction(entries: Sequence[Document]) -> Prediction | None:
-    """Build what thermometers predict of each other; versions up to 0.2.0 wrote nothing of it."""
+    """Build what thermometers predict of each other; a single one has no others."""
     if not all('prediction' in entry for entry in entries):
         return None
     parts = {
-        part.name: [entry['prediction'].get(part.name, NO_LIMIT_K) for entry in entries]
+        part.name: [entry['prediction'][part.name] for entry in entries]
         for part in fields(Prediction)
     }
     (time_constants_s, *others) = parts.pop('time_constants_s')
@@ -133,12 +131,6 @@ def _build_prediction(entries: Sequence[Document]) -> Prediction | None:
         raise ModelFileError('All predictions must have the same time_constants_s.')
     arrays = {name: _array(name, values) for name, values in parts.items()}
     return Prediction(_array('time_constants_s', time_constants_s), **arrays)
-
-
-def _expected_rms(entry: Document) -> float:
-    """Take what another day is expected to keep; versions up to 0.2.0 have no such figure."""
-    expected = entry.get('expected_rms')
-    return float(entry['rms_after'] if expected is None else expected)
 
 
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:
@@ -149,7 +141,7 @@ def _build_axis(entry: Document, thermometers: int) -> AxisModel:
         Features(
             kind=features['kind'],
             degree=features['degree'],
-            beyond=features.get('beyond', 'clamped'),
+            beyond=features['beyond'],
             knots_c=tuple(_array('knots_c', knots) for knots in features['knots_c']),
             **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
         ),

@@ -35,7 +35,7 @@ _IN_NO_NAME = re.compile('[\0\ud800-\udfff]')
 #: A list of MAX_HISTORY paths is shorter.
 _MAX_LIST_CHARACTERS = 200_000
 _LIST = Output(
-    name='list of models', says=r'"history"|\A\s*\[\s*(null|".*\.ya?ml"|\])', endings='.json',
+    name='list of models', says='"history"', endings='.json',
     keeps=True, error=ModelFileError,
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
@@ -99,7 +99,7 @@ class ModelStore:
             return ''
 
     def _read(self) -> dict[str, Any]:
-        """Read the list; a bare one was written before there was a ``given``."""
+        """Read the list."""
         path = self.directory / 'active.json'
         try:
             pipe = path.exists() and not path.is_file()  # it would never be read
@@ -111,16 +111,15 @@ class ModelStore:
             raise ModelFileError(
                 f'{path} cannot be read ({error}). Remove it and set model_file.'
             ) from error
-        document = {'history': content} if isinstance(content, list) else content
-        entries = document.get('history') if isinstance(document, dict) else None
+        entries = content.get('history') if isinstance(content, dict) else None
         if not isinstance(entries, list) or not all(
             entry is None or (isinstance(entry, str) and not _IN_NO_NAME.search(entry))
             for entry in entries
         ):
             raise ModelFileError(
-                f'{path} must hold a list of model files. Remove it and set model_file.'
+                f'{path} must hold "history", a list of model files. Remove it and set model_file.'
             )
-        return {'given': '', **document}
+        return {'given': '', **content}
 
     def activate(self, history: list[Path | None], given: str | None = None) -> None:
         """

@@ -22,9 +22,10 @@ PAYLOADS = 'payloads.json'
 #: Beginning of the names of payloads that ~/identify_payload found.
 IDENTIFIED = 'identified'
 KIND = Kind(
-    name='file of payloads', says='wrist_ft_comp payloads', version=1,
+    name='file of payloads', says='wrist_ft_comp payloads', version=2,
     schema='payloads.schema.json', max_bytes=10_000_000, error=ModelFileError,
-    made_by='A calibration with --reference payload makes one.', renewed_by='Remove it, calibrate',
+    made_by='A calibration with --reference payload makes one.',
+    renewed_by='Remove it, calibrate again',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
 )  # fmt: skip
 #: By name, oldest first.
@@ -83,7 +84,7 @@ def payload_figures(payload: Payload) -> Document:
 
 def _payload(path: Path, name: str, entry: Document) -> tuple[Payload, ForceFrame]:
     """Build a payload from an entry that was checked."""
-    words = {key: entry.get(key, '') for key in ('source', *FrameIds._fields)}
+    words = {key: entry[key] for key in ('source', *FrameIds._fields)}
     figures = {key: value for key, value in entry.items() if key not in words}
     arrays = {key: np.array(value, dtype=float) for key, value in figures.items()}  # null is NaN
     error_kg, errors_m = float(arrays['mass_error_kg']), np.zeros(3) + arrays['center_error_m']

@@ -50,7 +50,6 @@ def simulate_drift(
             f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
-    drift_model.check_unit(model, recording.unit)
     if before is None:
         return simulate(model, recording.temperature_c, recording.measured)
     between = max(recording.first_cell - before.first_cell - len(before), 0)

@@ -3,7 +3,7 @@ import os
 
 import pytest
 
-from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.errors import SettingsError
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -23,7 +23,7 @@ def remember(node_or_directory, *names):
     directory = getattr(node_or_directory, 'directory', node_or_directory)
     directory.mkdir(exist_ok=True, parents=True)
     entries = [name and f'models/{name}' for name in names]
-    (directory / 'active.json').write_text(json.dumps(entries))
+    (directory / 'active.json').write_text(json.dumps({'history': entries}))
 
 
 class TestRollback:
@@ -69,7 +69,13 @@ class TestRestart:
 
     @pytest.mark.parametrize(
         'content',
-        ['{', r'["models/a\u0000.yaml"]', r'["models/\ud800.yaml"]', r'["models/\udcff.yaml"]'],
+        [
+            '{',
+            '["models/a.yaml"]',
+            r'{"history": ["models/a\u0000.yaml"]}',
+            r'{"history": ["models/\ud800.yaml"]}',
+            r'{"history": ["models/\udcff.yaml"]}',
+        ],
     )
     def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd, content):
         model = make_model('a.yaml')
@@ -173,23 +179,3 @@ class TestModelFile:
             assert words in node.refused_value('model_file', name)
         assert node.set('model_file', '').successful
         assert live(node) == 'live.yaml'
-
-
-class TestUnit:
-    """A chamber table's model is in what the table is in, which newtons need not be."""
-
-    REFUSAL = 'corrects force_z in output units, but the wrenches are in N. Calibrate from rec'
-
-    @pytest.fixture
-    def foreign(self, make_model):
-        path = make_model('foreign.yaml').path
-        path.write_text(path.read_text().replace("unit: ''", 'unit: output units'))
-        return path
-
-    def test_a_model_in_another_unit_is_refused_at_start(self, rig, foreign):
-        with pytest.raises(ModelFileError, match=f'foreign.yaml {self.REFUSAL}'):
-            rig(parameters={'model_file': str(foreign)})
-
-    def test_the_unit_in_the_file_may_be_changed_by_hand(self, rig, foreign):
-        foreign.write_text(foreign.read_text().replace('unit: output units', 'unit: N'))
-        assert live(rig(parameters={'model_file': str(foreign)})) == 'foreign.yaml'

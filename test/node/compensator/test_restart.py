@@ -6,6 +6,8 @@ import time
 import numpy as np
 import pytest
 
+from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.state_file import KIND as STATE
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
@@ -219,3 +221,20 @@ def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
     assert node.diagnosis('output')
     bench.close()
     assert [file.name for file in (tmp_path / 'data').iterdir()] == ['lock']
+
+
+def test_a_node_starts_beside_files_of_an_older_version_and_says_so(rig, tmp_path):
+    folder, old = tmp_path / 'data', 'by an older version of wrist_ft_comp (format 1)'
+    (folder / 'models').mkdir(parents=True)
+    model = folder / 'models/old.yaml'
+    model.write_text(f'format: {MODEL.says}\nversion: 1\n')
+    (folder / 'active.json').write_text('{"history": [null, "models/old.yaml"], "given": ""}')
+    (folder / 'state.json').write_text(f'{{"format": "{STATE.says}", "version": 1}}')
+    node = rig()
+    assert (
+        f'The last model cannot be used: {model} was written {old}'
+        in node.diagnosis('model').message
+    )
+    assert node.ask_output(START, LOAD) == tuple(LOAD)
+    assert f'{old}; it is not used; the drift starts at' in origin(node)
+    assert model.exists()

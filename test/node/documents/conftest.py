@@ -116,7 +116,7 @@ def commands():
 @pytest.fixture
 def terminal(tmp_path, monkeypatch):
     """Give a terminal in a folder that looks like the project's root to the commands."""
-    for name in ('data', 'config'):
+    for name in ('data', 'config', 'examples'):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
     result = Terminal(tmp_path)
