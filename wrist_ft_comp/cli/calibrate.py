@@ -2,12 +2,14 @@
 
 import argparse
 from pathlib import Path
+import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.tables import payloads_json, verdict_text
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.fit.calibrate import summarise
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.jobs.calibration import JobOutcome, run_job
@@ -63,6 +65,11 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
         '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
     )
     parser.add_argument(
+        '--orders', action='append', type=_orders, default=[], metavar='N,M,D[,direct]',
+        help='of arx_pls, once for all latents or once per latent: past outputs, inputs, and '
+        'delay in cells, as in eq. 20 of the paper; direct: the newest input comes a cell sooner '
+        '(default: chosen on held-out blocks)')  # fmt: skip
+    parser.add_argument(
         '--thermal-period', type=options.number(*PERIODS_S), default=1.0, metavar='SECONDS',
         help='length of a thermal cell (default: %(default)s)')  # fmt: skip
     parser.add_argument(
@@ -78,6 +85,17 @@ def _temperatures(text: str) -> tuple[float, ...]:
     if len(temperatures) < 2:
         raise argparse.ArgumentTypeError(f'expected at least two temperatures, got {text!r}')
     return temperatures
+
+
+def _orders(text: str) -> Orders:
+    """Parse the orders of a latent's ARX."""
+    found = re.fullmatch(r'(\d+),(\d+),(\d+)(,direct)?', text)
+    if not found:
+        raise argparse.ArgumentTypeError(f'expected such as 2,2,1 or 1,1,0,direct, got {text!r}')
+    try:
+        return Orders(*map(int, found.groups()[:3]), direct=bool(found[4]))
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -124,7 +142,7 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         identification=IdentificationSettings(
             method=arguments.method, features=arguments.features or default,
             degree=arguments.degree, hat_temperatures_c=arguments.hat_temperatures,
-            latents=arguments.latents))  # fmt: skip
+            latents=arguments.latents, orders=tuple(arguments.orders)))  # fmt: skip
     return CalibrationJob(
         tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
         options.topics_from(arguments), report=arguments.report)  # fmt: skip

@@ -167,6 +167,7 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
         (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
         (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
         (['latents'], chosen_alone, f'the method {method} has none to choose'),
+        (['orders'], method != 'arx_pls', 'only the method arx_pls has any'),
         (['degree'], hats, 'hats have no degree'),
     ):
         for name in sorted(given.intersection(names)) if idle else ():
