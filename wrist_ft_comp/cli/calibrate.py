@@ -93,7 +93,7 @@ def _orders(text: str) -> Orders:
     if not found:
         raise argparse.ArgumentTypeError(f'expected such as 2,2,1 or 1,1,0,direct, got {text!r}')
     try:
-        return Orders(*map(int, found.groups()[:3]), direct=bool(found[4]))
+        return Orders(int(found[1]), int(found[2]), int(found[3]), direct=bool(found[4]))
     except SettingsError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 
