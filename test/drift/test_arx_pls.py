@@ -32,6 +32,17 @@ def general():
     )
 
 
+def test_a_model_is_the_sum_of_its_latents(general):
+    """y = ȳ + W_y⁻¹ Σ_r H_r(t_r) q_r (eq. 15), t = (x - x̄) W_x R, summed up latent by latent."""
+    x = np.random.default_rng(1).standard_normal((100, 3))
+    expected = np.tile(general.output_mean, (100, 1))
+    for r, latent in enumerate(general.latents):
+        t = ((x - general.input_mean) * general.input_weight) @ general.rotations[:, r]
+        u = free_run(latent, t)
+        expected += np.outer(u, general.output_loadings[:, r]) / general.output_weight
+    np.testing.assert_allclose(general.run(general.start(x[0]), x)[1], expected, atol=1e-10)
+
+
 def single(latent):
     """One latent, and nothing around it."""
     one = np.ones(1)

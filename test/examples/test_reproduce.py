@@ -10,6 +10,13 @@ import pytest
 from scipy import signal
 import yaml
 
+#: As they are printed in the paper's 4.2.
+P = [
+    [-0.0311, -0.2423, 0.9985, -0.1724],
+    [-0.1953, 0.5380, 0.0277, -0.8360],
+    [0.9545, 0.1054, 0.0463, -0.0732],
+    [0.2231, -0.8004, -0.0025, -0.5157],
+]
 #: H(z) as it is printed: numerator, and denominator with the z⁻¹ behind the fraction.
 H = [
     ([0.0651, -0.0688], [1, -1.1980, 0.3112, 0]),
@@ -46,12 +53,7 @@ def test_the_published_model_is_in_its_file_as_it_is_printed():
     """Against the paper's section 4.2."""
     printed = yaml.safe_load((PAPER / 'published_model.yaml').read_text(encoding='utf-8'))
     assert printed == {
-        'P': [
-            [-0.0311, -0.2423, 0.9985, -0.1724],
-            [-0.1953, 0.5380, 0.0277, -0.8360],
-            [0.9545, 0.1054, 0.0463, -0.0732],
-            [0.2231, -0.8004, -0.0025, -0.5157],
-        ],
+        'P': P,
         'Q': [[0.5941, 0.9614, 0.5974, 0.9452], [0.8044, -0.2750, -0.8019, 0.3265]],
         'W_x': [0.2868, 0.2710, 0.2446, 0.2936],
         'W_y': [0.2572, 0.2694],
@@ -64,11 +66,10 @@ def test_the_published_model_is_in_its_file_as_it_is_printed():
 
 def test_the_published_model_runs_as_scipy_assembles_it(reproduce):
     model = reproduce.read_published_model(PAPER / 'published_model.yaml')
-    p = np.linalg.inv(model.rotations.T)
     x = np.random.default_rng(0).standard_normal((200, 4))
     x[0] = 0.0
     _, y = model.run(model.start(x[0]), x)
-    scores = np.linalg.solve(p, (x * [0.2868, 0.2710, 0.2446, 0.2936]).T).T  # X W_x = T Pᵀ
+    scores = np.linalg.solve(P, (x * [0.2868, 0.2710, 0.2446, 0.2936]).T).T  # X W_x = T Pᵀ
     expected = np.zeros((200, 2))
     for r, (above, below) in enumerate(H):
         _, u = signal.dlsim(signal.dlti(above, below, dt=1.0), scores[:, r])
