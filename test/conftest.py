@@ -20,7 +20,8 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
+from wrist_ft_comp.fit.axis_data import build_axis_data
+from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Recording
 
 # Machines are shared and noisy: no test fails because it took long.
@@ -303,47 +304,16 @@ def stack_samples():
 
 
 @pytest.fixture(scope='session')
-def whiten():
-    """
-    Make every recording's errors independent, as generalised least squares does.
+def centre():
+    """Centre what was stacked by recording: each has an offset of its own."""
 
-    Beside noise of variance 1 there are a constant, a random walk in cosines and the transients of
-    a start; relative to the variance of the mean of all noise theirs are infinite, 1 / m² and 30.
-    """
-
-    def make(values, places, problem, *, soaked=False):
-        white = np.array(values, dtype=float)
-        for i, residual in enumerate(problem.residual):
-            rows, cells = places[:, 0] == i, places[places[:, 0] == i, 1] + 0.5
-            if not rows.any():
-                continue
-            variance = np.eye(len(cells))
-            for m in range(1, 17):
-                cosine = np.cos(np.pi * m * cells / len(residual))
-                variance += np.outer(cosine, cosine) / m**2 / len(cells)
-            for tau in () if soaked else (300.0, 1000.0, 3000.0):
-                transient = np.exp(-cells * problem.period_s / tau)
-                variance += 30 * np.outer(transient, transient) / len(cells)
-            root = np.linalg.cholesky(variance if problem.tared else np.eye(len(cells)))
-            one = np.linalg.solve(root, np.ones(len(cells)))
-            solved = np.linalg.solve(root, white[rows])
-            white[rows] = solved - np.multiply.outer(one, one @ solved) / (one @ one)
-        return white
+    def make(values, places):
+        values = np.array(values, dtype=float)
+        for i in np.unique(places[:, 0]):
+            values[places[:, 0] == i] -= values[places[:, 0] == i].mean(axis=0)
+        return values
 
     return make
-
-
-@pytest.fixture(scope='session')
-def augmented_ridge():
-    """Solve ridge as least squares with a row per penalty, relative to each column's variance."""
-
-    def solve(x, y, strength):
-        penalty = np.sqrt(strength) * np.diag(np.linalg.norm(x, axis=0))
-        stacked = np.concatenate((x, penalty))
-        target = np.concatenate((y, np.zeros(x.shape[1])))
-        return np.linalg.lstsq(stacked, target, rcond=None)[0]
-
-    return solve
 
 
 class Messages:

@@ -27,8 +27,8 @@ from wrist_ft_comp.drift.arx_pls import from_gains
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.axis_data import assign_folds
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometers import predict_each_other
 from wrist_ft_comp.signals import FloatArray, Recording

@@ -1,4 +1,4 @@
-"""Candidates of one axis compete: the choice, the sentence that says why, hats and free lags."""
+"""Candidates of one axis compete: the choice, the sentence that says why, and hats."""
 
 from dataclasses import replace
 
@@ -10,11 +10,8 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.competition import anchor, finish, fit_lags, state_errors
+from wrist_ft_comp.fit.competition import anchor, finish
 from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
-from wrist_ft_comp.fit.model_building import build_features
-from wrist_ft_comp.fit.moments import bin_axis_data
-from wrist_ft_comp.fit.result import AxisFit, OUTPUTS
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
@@ -186,96 +183,3 @@ def test_noise_is_left_alone(chamber):
     data = chamber([0, 20, 40, 60], lambda t: 0 * t, lambda t: 0 * t, noise=1.0)
     fit = identify_axis(data, IdentificationSettings())
     assert (fit.model, fit.chosen) == (None, 'none')
-
-
-@pytest.fixture(scope='module')
-def pose_lags(make_axis_data, warm_up, lagged):
-    """Drift of N/K behind each time constant, with a square and noise."""
-
-    def make(truth, *, loaded=False, thermometers=1, noise=0.05, cells=300, days=2):  # noqa: PLR0913
-        temperatures, raws, loads = [], [], []
-        for i in range(days):
-            rng = np.random.default_rng([40 + i, 5])
-            both = np.stack(
-                [warm_up(cells, 40 + i + 100 * j) for j in range(thermometers)], axis=1
-            )
-            mean_c = both.mean(axis=1)
-            theta = [gain * (lagged(mean_c, tau) - 30) for tau, gain in truth.items()]
-            zero = sum(part + 0.02 * part**2 for part in theta)
-            loads.append(40 * rng.standard_normal(cells))
-            raw = (1 + 2e-3 * zero) * loads[-1] * loaded + zero
-            temperatures.append(both)
-            raws.append(raw + noise * rng.standard_normal(cells))
-        return make_axis_data(temperatures, raws, loads if loaded else None)
-
-    return make
-
-
-class TestFreeTimeConstants:
-    @pytest.mark.parametrize(('loaded', 'thermometers'), [(False, 1), (True, 2)])
-    @pytest.mark.parametrize('kind', ['powers', 'hats'])
-    def test_stated_terms_give_the_drift_of_the_model_that_runs(
-        self, pose_lags, lagged, loaded, thermometers, kind
-    ):
-        """Of every candidate."""
-        problem = pose_lags({250.0: 0.5}, loaded=loaded, thermometers=thermometers)
-        knots = (20.0, 27.0, 35.0, 45.0) if kind == 'hats' else ()
-        settings = IdentificationSettings('arx_pls_oe', kind, hat_temperatures_c=knots)
-        features = build_features(problem.temperature_c, settings)
-        fits = fit_lags(bin_axis_data(problem, 1), features, problem.period_s)
-        assert len(fits) == (3 if kind == 'hats' else 6)
-        temperature_c = problem.temperature_c[0]
-        for fit in fits.values():
-            names = fit.features.names
-            terms = state_errors(AxisFit(None, '', (), 1.0, 1.0), fit, [fit, fit]).terms
-            assert len(terms) == len(fit.time_constants_s) * len(names) * (1 + loaded)
-            expected = np.zeros((len(temperature_c), 1 + loaded))
-            for term in terms:
-                tau_s = term.time_constant_s
-                behind = [lagged(column, tau_s) if tau_s else column for column in temperature_c.T]
-                x = fit.features.expand(np.stack(behind, axis=1))[:, names.index(term.feature)]
-                expected[:, OUTPUTS.index(term.output)] += term.gain * x
-            _, drift = fit.model.run(fit.model.start(temperature_c[0]), temperature_c)
-            spread = np.ptp(drift - expected, axis=0)
-            np.testing.assert_array_less(spread, 1e-9 * np.ptp(expected, axis=0))
-
-    @pytest.mark.parametrize('truth', [{300.0: 0.5}, {120.0: 0.5, 1500.0: -0.5}], ids=str)
-    def test_time_constants_are_found_within_their_standard_errors(self, pose_lags, truth):
-        fit = identify_axis(pose_lags(truth, days=3), IdentificationSettings('arx_pls_oe'))
-        assert fit.chosen.startswith(f'{len(truth)} time constant')
-        assert len(fit.time_constants_s) == len(truth)
-        times = zip(truth, fit.time_constants_s, fit.time_constant_errors_s, strict=True)
-        for true, tau_s, error_s in times:
-            assert abs(tau_s - true) < 3 * error_s < 0.2 * true
-        gains = [term for term in fit.terms if term.feature == 'θ1']
-        for gain, term in zip(truth.values(), gains, strict=True):
-            assert term.gain == pytest.approx(gain, abs=4 * term.error + 0.02)
-            assert 0 < term.error < 0.05
-
-    def test_a_drift_without_a_lag_is_static(self, make_axis_data, warm_up):
-        rng, temperatures = np.random.default_rng(0), [warm_up(CELLS, i) for i in range(2)]
-        raws = [0.5 * t + 0.05 * rng.standard_normal(CELLS) for t in temperatures]
-        data = make_axis_data(temperatures, raws)
-        fit = identify_axis(data, IdentificationSettings('arx_pls_oe'))
-        assert fit.chosen.startswith('static, degree ')
-        assert (fit.time_constants_s, fit.time_constant_errors_s) == ((), ())
-        assert fit.terms[0].gain == pytest.approx(0.5, abs=0.01)
-
-    def test_a_drift_that_lasts_longer_than_the_recordings_is_refused_with_numbers(
-        self, pose_lags
-    ):
-        problem = pose_lags({1e5: 20.0}, noise=0.01)
-        fit = identify_axis(problem, IdentificationSettings('arx_pls_oe'))
-        assert (fit.model, fit.chosen) == (None, 'none')
-        assert fit.refusal.startswith('force_z drifts too slowly for these recordings: ')
-        assert 'its slowest time constant is at least 3000 s, as long as' in fit.refusal
-        assert fit.refusal.endswith('Record at least 1.7 h from cold, or choose the method pls')
-        assert fit.reason == f'{fit.refusal}.'
-        assert fit.rms_after == fit.rms_before
-
-    def test_the_longest_time_constant_that_is_searched_is_named(self, pose_lags):
-        """In a recording that lasts longer still."""
-        fit = identify_axis(pose_lags({3e4: 5.0}, cells=800), IdentificationSettings('arx_pls_oe'))
-        note = 'its slowest time constant is the longest that is searched, 5629 s'
-        assert note in fit.notes
-        assert fit.rms_after < 0.1 * fit.rms_before

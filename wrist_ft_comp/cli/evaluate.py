@@ -10,7 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
-from wrist_ft_comp.fit.axis_data import averaged_s
+from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload

@@ -9,10 +9,11 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
-from wrist_ft_comp.fit.averaging import identify_together
-from wrist_ft_comp.fit.axis_data import assign_folds, AxisData, build_axis_data
-from wrist_ft_comp.fit.competition import identify_lags
-from wrist_ft_comp.fit.cross_validation import largest_drift
+from wrist_ft_comp.fit.arx_pls_oe import identify_lags
+from wrist_ft_comp.fit.auto import identify_together
+from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
+from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
+from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.load_checks import changed_levels, check_loads
 from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
@@ -25,11 +26,6 @@ from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
 #: A start takes the mean temperatures of this time: long enough for the noise of a thermometer,
 #: short for a thermal body, s.
 _START_S = 10.0
-#: On 95 of 100 days the largest error of an axis is below this many times the RMS that is stated
-#: of it, where it was learnt from one recording (bench/accuracy/worlds.py --dev) ...
-_LIMIT_OF_ONE = 9.0
-#: ... and from several.
-_LIMIT_OF_SEVERAL = 6.0
 
 
 def calibrate(
@@ -140,9 +136,12 @@ def _learn(
             )
         axis_data.append(data)
     found = identify(axis_data, settings.identification, progress)
-    ratio = _LIMIT_OF_ONE if len(recordings) == 1 else _LIMIT_OF_SEVERAL
     fits = {
-        axis: _with_limit(fit, data, ratio * fit.stated_rms) if data.tared else fit
+        axis: replace(
+            fit, largest_drift=largest_drift(data), day_limit=day_limit(data, fit.stated_rms)
+        )
+        if data.tared
+        else fit
         for axis, fit, data in zip(axes, found, axis_data, strict=True)
     }
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
@@ -158,12 +157,6 @@ def _learn(
         },
         start_s=_START_S, prediction=predicted)  # fmt: skip
     return fits, model
-
-
-def _with_limit(fit: AxisFit, data: AxisData, limit: float) -> AxisFit:
-    """Promise that another day stays below a limit, unless without a model it would, too."""
-    largest = largest_drift(data)
-    return replace(fit, largest_drift=largest, day_limit=limit if limit <= largest else np.nan)
 
 
 def identify(

@@ -6,15 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.fit.axis_data import averaged_cells, AxisData, FOLDS
-from wrist_ft_comp.fit.moments import BinnedData
+from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.signals import FloatArray, IntArray
 
 #: What is left of a held-out fold is counted from its first minute, as people tare, s.
 _TARE_S = 60.0
-#: What another day is expected to keep is stated of a day of at least this length, s.
-DAY_S = 3 * 3600.0
 #: Parts that each held-out fold is scored in: two recordings alone cannot tell chance from merit.
 JUDGED_PARTS = 4
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
@@ -98,19 +95,6 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def largest_drift(data: AxisData) -> float:
-    """Find the largest drift since a recording's first minute, in means over 10 s; NaN untared."""
-    if not data.tared:
-        return np.nan
-    bin_cells, drifts = averaged_cells(data.period_s), [0.0]
-    for residual in data.residual:
-        cells = np.flatnonzero(np.isfinite(residual))
-        if len(cells):
-            means = bin_means(residual[cells], cells, bin_cells)
-            drifts.append(float(np.abs(tare(means, bin_cells * data.period_s)).max()))
-    return max(drifts)
-
-
 def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
     """Score every fold in parts: mean squares, shape (parts,)."""
     return np.array(
@@ -151,24 +135,6 @@ def standard_error(differences: FloatArray) -> float:
     """Estimate the standard error of a mean; 0 for a single value."""
     count = len(differences)
     return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
-
-
-def day_over_blocks(binned: BinnedData, before: float, day_s: float = 0.0) -> float:
-    """
-    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
-
-    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
-    it grows by the root of how much further drift goes in the whole recording; else by nothing.
-    In a day longer than the recording, s, it goes on as it did from a block to the whole.
-    """
-    if len(binned.sums) > 1 or not binned.tared or before == 0:
-        return 1.0
-    sums = binned.sums[0]
-    rows = sums.count > 0
-    y = tare((sums.residual[rows] / sums.count[rows])[:, np.newaxis], binned.period_s)
-    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
-    longer = max(1.0, day_s / (len(rows) * binned.period_s))
-    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
 def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBins]) -> HeldOut:

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.fit.axis_data import averaged_s
+from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
@@ -83,15 +83,6 @@ def rms_by_fold(held_out: HeldOut) -> FoldErrors:
         for errors in (held_out.before, held_out.after)
     )
     return FoldErrors(before, after)
-
-
-def left_of_a_day(after: float, before: float, factor: float) -> float:
-    """
-    State what is left of a day from what is left of its blocks, RMS, by ``day_over_blocks``.
-
-    A fit that leaves less of the blocks than no compensation does not leave more of a day.
-    """
-    return max(after, min(factor * after, before))
 
 
 @dataclass(frozen=True, eq=False)

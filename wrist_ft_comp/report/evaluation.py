@@ -8,7 +8,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.fit.axis_data import averaged_cells
+from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import AXES, FloatArray, Recording, Reference, require_recordings

@@ -1,4 +1,4 @@
-"""Sums over samples: over bins, the columns they are of, and what no temperature explains."""
+"""Sums over samples: over bins, over folds, and around the constant of each segment."""
 
 from dataclasses import replace
 
@@ -7,15 +7,14 @@ import pytest
 
 from wrist_ft_comp.drift.arx_filter import free_run, relaxation
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.axis_data import assign_folds, build_axis_data
-from wrist_ft_comp.fit.column_pool import least_squares
-from wrist_ft_comp.fit.moments import accumulate, bank_inputs, bin_axis_data
+from wrist_ft_comp.fit.axis_data import build_axis_data
+from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, sum_by_fold
 
 WIDTH = 10
 #: With a last bin of 4 cells.
 CELLS = 24 * WIDTH + 4
 FEATURES = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0), degree=2)
-STATIC = np.zeros(1)
 GRID = np.array([0.0, 50.0, 150.0, 400.0, 1200.0])
 
 
@@ -85,65 +84,47 @@ def test_a_bin_holds_the_mean_of_a_relaxation_and_a_cell_its_end(problem, tau):
         assert (len(static.a), static.b.tolist(), static.first_lag) == (0, [1.0], 0)
 
 
-def moments_of(problem, grid=GRID):
-    cells = bin_axis_data(problem, 1)
-    return accumulate(cells, bank_inputs(cells, FEATURES, grid), len(grid))
+def textbook_columns(problem, textbook_bank, segments, kept, stack_samples):
+    """Stack columns and r - w of some folds, each segment centred by itself."""
+    x, y, places = stack_samples(problem, textbook_bank(problem, GRID), kept)
+    both = np.column_stack((x, y))
+    numbers = np.array([10 * i + np.searchsorted(segments[i], k + 0.5) for i, k in places])
+    for number in np.unique(numbers):
+        both[numbers == number] -= both[numbers == number].mean(axis=0)
+    return both
 
 
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
-@pytest.mark.parametrize('kind', ['tared', 'soaked', 'plateaus'])
-def test_products_are_those_of_generalised_least_squares(  # noqa: PLR0913, PLR0917
-    noisy_problem, textbook_bank, stack_samples, whiten, kept, kind
+@pytest.mark.parametrize('steps', [((), (), ()), ((40,), (), (70, 71, 120))], ids=['', 'stepped'])
+def test_products_are_those_of_columns_that_are_centred_by_segment(
+    noisy_problem, textbook_bank, stack_samples, kept, steps
 ):
-    """Plateaus of a chamber test share one constant, and nothing else is a nuisance."""
-    problem = replace(noisy_problem, tared=kind != 'plateaus')
-    precision = bin_axis_data(problem, 1).nuisance_precision(soaked=kind == 'soaked')
-    moments = replace(moments_of(problem), precision=precision)
-    x, y, places = stack_samples(problem, textbook_bank(problem, GRID), kept)
-    both = whiten(np.column_stack((x, y)), places, problem, soaked=kind == 'soaked')
-    products = moments.centred(np.isin(range(3), [*kept]))
-    np.testing.assert_allclose(products, both.T @ both, rtol=1e-8, atol=1e-6)
+    """A tare within a recording begins a segment with a constant of its own."""
+    problem = replace(noisy_problem, steps=steps)
+    sums = sum_by_fold(*columns_of(problem))
+    expected = textbook_columns(problem, textbook_bank, steps, kept, stack_samples)
+    products = sums.centred(np.isin(sums.fold, [*kept]))
+    np.testing.assert_allclose(products, expected.T @ expected, rtol=1e-8, atol=1e-6)
 
 
-def test_columns_are_numbered_by_relaxation_then_feature(noisy_problem):
-    moments = moments_of(noisy_problem)
-    zero = [1 * 2, 3 * 2]
-    expected = zero if noisy_problem.load is None else [*zero, 10 + 2, 10 + 6, 20]
-    np.testing.assert_array_equal(moments.columns([1, 3], 1, 1), expected)
+def columns_of(problem):
+    """Cells of a problem, and the features of its temperatures behind a bank."""
+    cells = bin_axis_data(problem, 1)
+    lags = [cells.relaxation(tau) for tau in GRID]
+    columns = [
+        np.concatenate([FEATURES.expand_within(free_run(lag, own_c)) for lag in lags], axis=1)
+        for own_c in cells.temperature_c
+    ]
+    return cells, columns
 
 
-class TestNuisances:
-    @pytest.fixture
-    def still(self, make_axis_data):
-        """Pose what is left of values when nothing but nuisances explains them."""
-
-        def left(values, steps=(), **more):
-            data = make_axis_data([np.full(400, 30.0)], [values])
-            cells = bin_axis_data(replace(data, steps=(steps,)), 1)
-            moments = accumulate(cells, bank_inputs(cells, FEATURES, STATIC), 1)
-            moments = replace(moments, precision=cells.nuisance_precision(**more))
-            return moments.centred()[-1, -1] / np.sum((values - values.mean()) ** 2)
-
-        return left
-
-    def test_cosines_are_a_random_walk(self, make_axis_data):
-        """Its steps have a variance that grows as the time between them."""
-        cells = bin_axis_data(make_axis_data([np.zeros(400)], [np.zeros(400)]), 1)
-        cosines = cells.nuisances(0)[:, 1:17] / np.sqrt(cells.nuisance_precision()[1:17])
-        for lag in (60, 100, 200, 300):
-            steps = cosines[lag:] - cosines[:-lag]
-            variance = (steps**2).sum(axis=1).mean()
-            assert variance / (lag / 400) == pytest.approx(np.pi**2 / 2, rel=0.1)
-
-    @pytest.mark.parametrize('tau', [300.0, 700.0, 2500.0])
-    def test_a_start_that_was_not_soaked_is_no_drift_unless_it_was(self, still, tau):
-        transient = np.exp(-10.0 * np.arange(400) / tau)
-        assert still(transient) < 0.4 * still(transient, soaked=True)
-
-    def test_a_constant_begins_anew_after_every_step(self, still):
-        stepped = np.repeat([0.0, 7.0, -3.0], [150, 100, 150])
-        assert still(stepped, steps=(150, 250)) < 1e-6
-        assert still(stepped, steps=(250,)) > 0.01
+def test_a_step_between_two_tares_is_no_drift(make_axis_data):
+    stepped = np.repeat([0.0, 7.0, -3.0], [150, 100, 150])
+    problem = make_axis_data([np.full(400, 30.0)], [stepped])
+    for steps, share in (((150, 250), 0.0), ((), 1.0)):
+        sums = sum_by_fold(*columns_of(replace(problem, steps=(steps,))))
+        left = sums.centred(sums.fold >= 0)[-1, -1]
+        assert left == pytest.approx(share * np.sum((stepped - stepped.mean()) ** 2), abs=1e-6)
 
 
 def test_a_column_that_only_differs_between_recordings_holds_nothing(make_recording, warm_up):
@@ -154,15 +135,9 @@ def test_a_column_that_only_differs_between_recordings_holds_nothing(make_record
         raw = 0.5 * temperature_c[:, 0] + 7.0 * i
         recordings.append(make_recording(temperature_c, {'force_z': raw}))
     problem = build_axis_data(recordings, 'force_z', 'unloaded', assign_folds(recordings))
-    features = Features('powers', np.full(2, 23.0), np.zeros(2), np.full(2, 99.0))
-    taus = np.array([0.0, 300.0])
     cells = bin_axis_data(problem, 1)
-    moments = accumulate(cells, bank_inputs(cells, features, taus), len(taus))
-    products = moments.centred(np.ones(3, dtype=bool))
-    room = [1, 3]
-    assert not products[room].any()
-    assert not products[:, room].any()
-    assert (np.diagonal(products)[[0, 2, 4]] > 1).all()
-    gains = least_squares(products)[0]
-    np.testing.assert_array_equal(gains[room], 0.0)
-    np.testing.assert_allclose(gains[[0, 2]].sum(), 0.5, rtol=1e-4)
+    sums = sum_by_fold(cells, cells.temperature_c)
+    products = sums.centred(sums.fold >= 0)
+    assert not products[1].any()
+    assert not products[:, 1].any()
+    assert (np.diagonal(products)[[0, 2]] > 1).all()

@@ -1,0 +1,247 @@
+"""
+Method ``auto``: an average of 30 ridge fits, weighted by what they leave of recordings held out.
+
+Picking the best of many fits on three or four recordings is itself an overfit, so none is picked.
+All fits are vectors of gains on one pool of columns (``ridge_bank``), and so is their average.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.drift.arx_filter import free_run
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.cross_validation import bin_means, keep_errors, tare
+from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
+from wrist_ft_comp.fit.model_building import (
+    anchored,
+    build_axis_model,
+    build_features,
+    by_relaxation,
+)
+from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
+from wrist_ft_comp.fit.ridge_bank import candidates, Pool, POOL_S, RidgeFit
+from wrist_ft_comp.fit.settings import IdentificationSettings
+from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData, sum_by_fold
+from wrist_ft_comp.signals import FloatArray, Progress
+
+COMBINATION = 'combination'
+#: An average that lowers what is left of held-out recordings by less than this share is not run.
+_WORTH_RUNNING = 0.02
+#: A fit's weight is what it leaves of the folds to the power of minus this.
+_SHARPNESS = 8.0
+#: Below every square, so that logarithms exist.
+_TINY = 1e-300
+#: Errors of an axis that never changes are rounding, up to this share of its readings.
+_ROUNDING = 1e-14
+#: Fits are compared by means over this time, or all look alike where a robot moves, s ...
+_COMPARED_S = 120.0
+#: ... but a fold has at least this many means.
+_FEWEST_COMPARED = 8
+#: What a body forgets that did not start at rest, s: it is set aside before fits are compared ...
+_TRANSIENTS_S = (300.0, 1000.0, 3000.0)
+#: ... as far as its variance is below this many times that of the mean of all errors.
+_TRANSIENT_VARIANCE = 30.0
+
+
+class LeftOfFold(NamedTuple):
+    """What no compensation and the C - 1 fits, made from the other folds, leave of a fold."""
+
+    recording: int
+    fold: int
+    #: Middle of every bin that has a sample, in cells of the recording, (n,).
+    cells: FloatArray
+    #: Errors of every fit, tared, (n, C).
+    tared: FloatArray
+    #: Mean square of each fit by which they are compared, start set aside, (C,).
+    compared: FloatArray
+
+
+def identify_together(
+    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress = lambda _: None
+) -> list[AxisFit]:
+    """Learn the drift of all axes of a sensor, which share their temperatures."""
+    binned = [bin_axis_data(data, data.bin_cells[0]) for data in axes]
+    bins = binned[0]
+    features = build_features(bins.temperature_c, settings, beyond='tangents')
+    lags = [bins.relaxation(float(tau)) for tau in POOL_S]
+    # Temperatures of each recording behind every relaxation, (n_i, K, J).
+    relaxed_c = [
+        np.stack([free_run(lag, temperature_c) for lag in lags], axis=1)
+        for temperature_c in bins.temperature_c
+    ]
+    inputs = [_columns(features, of_recording) for of_recording in relaxed_c]
+    fits = candidates(settings.highest_degree)
+    found = []
+    for number, (data, of_axis) in enumerate(zip(axes, binned, strict=True), 1):
+        pool = Pool(settings.highest_degree, features.thermometers, of_axis.loaded)
+        sums = sum_by_fold(of_axis, inputs)
+        left = []
+        for fold in data.fold_numbers:
+            gains = _fit_all(pool, fits, sums.centred(sums.fold != fold))
+            left.append(_left_of_fold(of_axis, features, relaxed_c, fold, gains))
+        weights = _weigh(left)
+        model = None
+        if weights[0] < 1:
+            gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
+            model = _model(data, features, pool, inputs, gains)
+        found.append(replace(_axis_fit(data, fits, weights, left, bins.period_s), model=model))
+        progress(number / len(axes))
+    return found
+
+
+def _columns(features: Features, relaxed_c: FloatArray) -> FloatArray:
+    """Compute the pool's columns, without load, of relaxed temperatures (n, K, J): (n, K·F)."""
+    return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
+
+
+def _fit_all(pool: Pool, fits: Sequence[RidgeFit], normal: FloatArray) -> FloatArray:
+    """Fit no compensation and all candidates: gains of the pool, and -1 for r - w, (C, P + 1)."""
+    none = np.append(np.zeros(len(normal) - 1), -1.0)
+    return np.stack([none, *(pool.fit(candidate, normal) for candidate in fits)])
+
+
+def _left_of_fold(
+    data: BinnedData,
+    features: Features,
+    relaxed_c: Sequence[FloatArray],
+    fold: int,
+    gains: FloatArray,
+) -> LeftOfFold:
+    """
+    Compute what gains of the pool, (C, P + 1), leave of a fold.
+
+    The features are those that a fit to the other folds would run with: their range is what the
+    others saw, so the rule beyond that range is judged, too.
+    """
+    #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
+    pairs = zip(data.temperature_c, data.folds, strict=True)
+    others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
+    seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
+    i = next(i for i, folds in enumerate(data.folds) if (folds == fold).any())
+    rows = np.flatnonzero((data.folds[i] == fold) & (data.sums[i].count > 0))
+    sums, count = data.sums[i], data.sums[i].count[rows, np.newaxis]
+    w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
+    x = _columns(seen, relaxed_c[i][rows])
+    load = (w * x, w) if data.loaded else ()
+    left = np.concatenate((x, *load, y), axis=1) @ gains.T
+    return LeftOfFold(
+        i, fold, np.asarray((rows + 0.5) * data.cells - 0.5), tare(left, data.period_s),
+        _compared(left, data.period_s))  # fmt: skip
+
+
+def _compared(left: FloatArray, period_s: float) -> FloatArray:
+    """Mean square of errors, (n, C), around a constant and a start transient: (C,)."""
+    time_s = np.arange(len(left)) * period_s
+    transients = np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S))
+    phi = np.concatenate((np.ones((len(left), 1)), transients), axis=1)
+    precision = np.full(phi.shape[1], len(left) / _TRANSIENT_VARIANCE)
+    precision[0] = 0.0
+    level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ left)
+    rest = left - phi @ level
+    width = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
+    means = bin_means(rest, np.arange(len(rest)), width)
+    return np.asarray((means**2).mean(axis=0) + precision @ level**2 / len(left))
+
+
+def _weigh(left: Sequence[LeftOfFold]) -> FloatArray:
+    """
+    Weigh no compensation and all fits by what they leave of the folds: (C,), of sum 1.
+
+    The mean of a logarithm over folds is a geometric mean of errors: no day outvotes the others.
+    """
+    logs = np.log(np.maximum([of_fold.compared for of_fold in left], _TINY)).mean(axis=0) / 2
+    weights = np.exp(-_SHARPNESS * (logs - logs[1:].min()))
+    weights[0] = 0.0
+    weights /= weights.sum()
+    none: FloatArray = np.eye(len(weights))[0]
+    after, before = (np.sqrt(_mean_squares(used, left)).mean() for used in (weights, none))
+    return weights if after < (1 - _WORTH_RUNNING) * before else none
+
+
+def _mean_squares(weights: FloatArray, left: Sequence[LeftOfFold]) -> FloatArray:
+    """Mean square that a weighted average, (C,), leaves of every fold, tared, (folds,)."""
+    return np.array([np.mean((of_fold.tared @ weights) ** 2) for of_fold in left])
+
+
+def _axis_fit(
+    data: AxisData,
+    fits: Sequence[RidgeFit],
+    weights: FloatArray,
+    left: Sequence[LeftOfFold],
+    period_s: float,
+) -> AxisFit:
+    """State what the average of an axis leaves, and what the fits of each name do."""
+    single = np.array([np.mean(of_fold.tared**2, axis=0) for of_fold in left])  # (folds, C)
+    before = float(np.sqrt(single[:, 0]).mean())
+    factor = day_over_blocks(data, before)
+    rounding = _ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
+
+    def stated(average: FloatArray) -> float:
+        rms = left_of_a_day(float(np.sqrt(_mean_squares(average, left)).mean()), before, factor)
+        return rms if rms > rounding else 0.0
+
+    none = np.eye(len(weights))[0]
+    rows = [Candidate('none', stated(none), float(weights[0]))]
+    names = np.array(['none', *(candidate.name for candidate in fits)])
+    for name in dict.fromkeys(names[1:].tolist()):
+        members = names == name
+        total = float(weights[members].sum())
+        average = np.where(members, weights if total > 0 else 1.0, 0.0)
+        rows.append(Candidate(name, stated(average / average.sum()), total))
+    used, after = weights[0] < 1, stated(weights)
+    heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
+    reason = (
+        f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, no '
+        f'compensation {rows[0].rms:.3g} {data.unit}; most weight have '
+        + ' and '.join(f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest)
+        + '.'
+        if used
+        else f'Nothing that was tried holds on held-out data: no compensation leaves '
+        f'{rows[0].rms:.3g} {data.unit} RMS.'
+    )
+    expected = expected_rms(data, _mean_squares(weights, left), single @ weights, single[:, 0])
+    return AxisFit(
+        model=None, chosen=COMBINATION if used else 'none', candidates=tuple(rows),
+        rms_before=rows[0].rms, rms_after=after,
+        notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
+        reason=reason, unit=data.unit, held_out=_held_out(data, left, weights, period_s),
+        expected_rms=expected if after else 0.0)  # fmt: skip
+
+
+def _held_out(
+    data: AxisData, left: Sequence[LeftOfFold], weights: FloatArray, period_s: float
+) -> HeldOut:
+    """Keep an axis' errors on every fold, without compensation and of the average."""
+    parts = [
+        np.stack(
+            (
+                np.full(len(of_fold.cells), of_fold.recording),
+                np.full(len(of_fold.cells), of_fold.fold),
+                np.minimum(of_fold.cells, len(data.residual[of_fold.recording]) - 1),
+                -of_fold.tared[:, 0],
+                -of_fold.tared @ weights,
+            )
+        )
+        for of_fold in left
+    ]
+    return keep_errors(np.concatenate(parts, axis=1), period_s, tared=True)
+
+
+def _model(
+    data: AxisData,
+    features: Features,
+    pool: Pool,
+    inputs: Sequence[FloatArray],
+    gains: FloatArray,
+) -> AxisModel | None:
+    """Write gains of the pool, (P + 1,), as a model whose zero drift is none at rest at T_ref."""
+    by_tau = by_relaxation(gains[:-1], len(POOL_S), pool.inputs, loaded=pool.loaded)
+    model = build_axis_model(features, POOL_S, by_tau, inputs, data.period_s)
+    if model is None:
+        return None
+    return anchored(model, [0.0, float(gains[-2])] if pool.loaded else [0.0])

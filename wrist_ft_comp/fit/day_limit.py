@@ -1,0 +1,85 @@
+"""What is expected of another day, RMS, and the limit that its largest error stays below."""
+
+import numpy as np
+
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.cross_validation import bin_means, tare
+from wrist_ft_comp.fit.folds import averaged_cells, FOLDS
+from wrist_ft_comp.signals import FloatArray
+
+#: What another day is expected to keep is stated of a day of at least this length, s.
+DAY_S = 3 * 3600.0
+#: On 95 of 100 days the largest error of an axis is below this many times the RMS that is stated
+#: of it, where it was learnt from one recording (bench/accuracy/worlds.py --dev) ...
+_LIMIT_OF_ONE = 9.0
+#: ... and from several.
+_LIMIT_OF_SEVERAL = 6.0
+#: What n recordings leave, by what n - 1 of them leave, is taken as 1 - 1/n to this power. So the
+#: median of 1270 axes that were learnt from two to six drawn days kept 0.86 of what was expected.
+_LEARNING_EXPONENT = 1 / 3
+#: Below every mean square of a drift, so that weights do not sum to 0.
+_TINY = 1e-300
+
+
+def expected_rms(
+    data: AxisData, average: FloatArray, members: FloatArray, uncompensated: FloatArray
+) -> float:
+    """
+    Root mean square that an average of fits is expected to leave of another day.
+
+    Mean squares on held-out folds, (folds,), are those of the average, those of its members in
+    their weighted mean, and those without compensation. Half of the members' spread around the
+    average is added, because what they disagree about is not known. Of several recordings each
+    counts by how much it drifts uncompensated, because another day may be like the one that
+    drifted most; and what is learnt from all of them leaves less than what each was held out from.
+    """
+    left = (average + members) / 2
+    if len(data.residual) > 1:
+        learnt_more = (1 - 1 / len(left)) ** _LEARNING_EXPONENT
+        return float(learnt_more * np.sqrt(np.average(left, weights=uncompensated + _TINY)))
+    before = float(np.sqrt(uncompensated).mean())
+    return day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
+
+
+def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
+    """
+    Say how many times more is left of a day than of blocks that, uncompensated, leave some RMS.
+
+    A single recording is held out in blocks. What a model leaves wanders like a random walk, so
+    it grows by the root of how much further drift goes in the whole recording; else by nothing.
+    In a day longer than the recording, s, it goes on as it did from a block to the whole.
+    """
+    if len(data.residual) > 1 or not data.tared or before == 0:
+        return 1.0
+    width = data.bin_cells[0]
+    rows = np.flatnonzero(np.isfinite(data.residual[0]))
+    y = tare(bin_means(data.residual[0][rows], rows, width), width * data.period_s)
+    further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
+    longer = max(1.0, day_s / data.longest_s)
+    return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
+
+
+def left_of_a_day(after: float, before: float, factor: float) -> float:
+    """
+    State what is left of a day from what is left of its blocks, RMS, by ``day_over_blocks``.
+
+    A fit that leaves less of the blocks than no compensation does not leave more of a day.
+    """
+    return max(after, min(factor * after, before))
+
+
+def largest_drift(data: AxisData) -> float:
+    """Find the largest drift since a recording's first minute, in means over 10 s."""
+    width, drifts = averaged_cells(data.period_s), [0.0]
+    for residual in data.residual:
+        cells = np.flatnonzero(np.isfinite(residual))
+        if len(cells):
+            means = bin_means(residual[cells], cells, width)
+            drifts.append(float(np.abs(tare(means, width * data.period_s)).max()))
+    return max(drifts)
+
+
+def day_limit(data: AxisData, stated_rms: float) -> float:
+    """Limit that the largest error of another day stays below; NaN where drift does so, too."""
+    limit = stated_rms * (_LIMIT_OF_ONE if len(data.residual) == 1 else _LIMIT_OF_SEVERAL)
+    return limit if limit <= largest_drift(data) else np.nan
