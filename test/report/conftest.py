@@ -103,11 +103,11 @@ def view(tmp_path_factory, stored, make_working_day):
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')
             return calibration_view(calibration, recordings, model, 'payload')
-        drifts = {'good': (1.0, 0.0), 'weak': (0.05, 0.1), 'none': (0.0, 0.0)}
-        slope, hidden = drifts[kind]
+        drifts = {'good': (1.0, 0.0, 0), 'weak': (0.05, 0.1, 0), 'none': (0.0, 0.0, 2)}
+        slope, hidden, seed = drifts[kind]
         recordings = [
             make_recording(name, k, slope=slope, hidden=hidden)
-            for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'])
+            for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'], seed)
         ]
         calibration, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
         return calibration_view(calibration, recordings, model, 'unloaded')
