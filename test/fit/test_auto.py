@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.auto import _weigh, COMBINATION, identify_together, LeftOfFold
+from wrist_ft_comp.fit.auto import _weigh, COMBINATION, identify_auto, LeftOfFold
 from wrist_ft_comp.fit.folds import FOLDS
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings
@@ -42,7 +42,7 @@ class TestWhatIsFound:
     def test_an_axis_that_never_changes_has_a_drift_of_0(self, pose):
         still = pose(0.0, noise=0.0)
         still = replace(still, residual=tuple(r + 0.1 for r in still.residual))  # no sum is exact
-        (single,) = identify_together([still], LINE)
+        single = identify_auto(still, LINE)
         assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
 
     def test_a_day_that_drifts_much_decides_what_another_day_is_expected_to_keep(self, pose):
@@ -51,14 +51,14 @@ class TestWhatIsFound:
         unseen = 2.0 * np.sin(np.arange(CELLS) / 15)
         calm = [0.2 * residual for residual in made.residual[:2]]
         unequal = replace(made, residual=(*calm, made.residual[2] + unseen))
-        (single,) = identify_together([unequal], IdentificationSettings())
+        single = identify_auto(unequal, IdentificationSettings())
         kept = rms_by_fold(single.held_out).after
         assert kept[2] > 1.2
         assert 0.7 * kept[2] < single.expected_rms < 1.1 * kept[2]
         assert single.expected_rms > 1.1 * single.rms_after
 
     def test_a_single_lag_is_found_and_the_heaviest_fits_are_named(self, pose):
-        (single,) = identify_together([pose(0.5, days=3)], IdentificationSettings())
+        single = identify_auto(pose(0.5, days=3), IdentificationSettings())
         assert single.chosen == COMBINATION
         assert single.rms_after < 1.3 * 0.01
         assert single.rms_before > 100 * single.rms_after
@@ -73,7 +73,7 @@ class TestWhatIsFound:
         fits = []
         for seed, days in enumerate((1, 2, 1, 2)):
             problem = pose(0.0, days=days, noise=1.0, seed=seed)
-            fits += identify_together([problem], IdentificationSettings())
+            fits.append(identify_auto(problem, IdentificationSettings()))
         none = [fit for fit in fits if fit.model is None]
         assert len(none) >= 3
         for fit in none:
@@ -90,7 +90,7 @@ class TestWhatIsFound:
         loaded, part = pose(0.5, load_n=20.0, days=3), pose(-1.0, days=3, seed=1)
         part = replace(part, residual=(*part.residual[:2], np.full(CELLS, np.nan)))
         axes = [loaded, part, pose(0.2, load_n=5.0, days=3, seed=2), pose(0.0, days=3, noise=1.0)]
-        *drifting, still = identify_together(axes, LINE)
+        *drifting, still = (identify_auto(data, LINE) for data in axes)
         assert [fit.model.outputs for fit in drifting] == [2, 1, 2]
         assert [len(rms_by_fold(fit.held_out).after) for fit in drifting] == [3, 2, 3]
         assert all(fit.rms_after < 0.02 * fit.rms_before for fit in drifting)
@@ -105,12 +105,12 @@ class TestEvidence:
     def test_held_out_errors_are_those_of_a_model_that_saw_the_other_days(self, pose):
         """One candidate has nearly all the weight here, so the average is a model of its own."""
         days = pose(0.5, days=4, noise=0.0)
-        (whole,) = identify_together([days], LINE)
+        whole = identify_auto(days, LINE)
         two = replace(
             days,
             residual=(*days.residual[:3], np.full(CELLS, np.nan)),
         )
-        (others,) = identify_together([two], LINE)
+        others = identify_auto(two, LINE)
         values = days.residual[3] - run(others.model, days.temperature_c[3])[:, 0]
         tared = values - values[:TARED].mean()
         said = whole.held_out.after[whole.held_out.fold == 3]
@@ -118,7 +118,8 @@ class TestEvidence:
         assert np.sqrt(np.mean(tared**2)) < 0.02 * np.std(days.residual[3])
 
     def test_what_is_stated_is_what_the_average_leaves(self, pose):
-        for fit in identify_together([pose(0.5, days=3), pose(0.1, noise=0.3, days=3)], LINE):
+        for data in (pose(0.5, days=3), pose(0.1, noise=0.3, days=3)):
+            fit = identify_auto(data, LINE)
             before, after = rms_by_fold(fit.held_out)
             assert fit.rms_after == pytest.approx(after.mean())
             assert fit.rms_before == pytest.approx(before.mean())
@@ -126,7 +127,7 @@ class TestEvidence:
     def test_of_a_single_recording_more_is_stated_than_is_left_of_its_blocks(self, pose):
         """A block moves less than the whole: what is left grows as a walk, with the root."""
         problem = pose(0.5, days=1)
-        (fit,) = identify_together([problem], LINE)
+        fit = identify_auto(problem, LINE)
         before, after = rms_by_fold(fit.held_out)
         values = problem.residual[0]
         whole = np.sqrt(np.mean((values - values[:TARED].mean()) ** 2))
@@ -138,7 +139,9 @@ class TestEvidence:
 
 def test_the_model_is_anchored_at_rest_and_goes_on_as_tangents(pose):
     """No drift at rest at T_ref but the gain error of the loaded axis."""
-    loaded, plain = identify_together([pose(0.5, load_n=20.0), pose(-1.0, seed=1)], LINE)
+    loaded, plain = (
+        identify_auto(data, LINE) for data in (pose(0.5, load_n=20.0), pose(-1.0, seed=1))
+    )
     for fit in (loaded, plain):
         at_rest = run(fit.model, fit.model.reference_c[np.newaxis])[0]
         assert at_rest[0] == pytest.approx(0.0, abs=1e-12)

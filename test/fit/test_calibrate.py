@@ -97,12 +97,35 @@ def test_too_small_a_temperature_span_is_refused(good):
     calibrate(calm, replace(STATIC, min_temperature_span_k=0.5))
 
 
+@pytest.mark.parametrize('method', ['auto', 'pls'])
+def test_an_axis_that_is_sound_in_one_recording_is_learnt_from_that_one(good, method):
+    runs = deepcopy(good)
+    runs[0].wrench[140:, 0] = runs[0].wrench[140, 0]  # it freezes
+    settings = CalibrationSettings(identification=IdentificationSettings(method=method))
+    calibration = calibrate(runs, settings)
+    alone = calibrate([good[1]], settings).fits['force_x']
+    fit = calibration.fits['force_x']
+    assert fit.rms_before == pytest.approx(alone.rms_before)
+    assert fit.rms_after == pytest.approx(alone.rms_after, rel=0.2)
+    assert fit.rms_after < 0.2 * fit.rms_before
+    assert set(fit.held_out.recording.tolist()) == {1}
+    assert 'force_x is in one of 2 recordings only, and is learnt from that.' in ' '.join(
+        calibration.warnings
+    )
+    assert calibration.fits['torque_z'].chosen == calibrate(good, settings).fits['torque_z'].chosen
+
+
 def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
     runs = deepcopy(good)
     assert 'torque_x' not in calibrate(runs, STATIC).fits
-    runs[0].wrench[: MIN_SAMPLES // 2, 3] = 0.1
-    runs[1].wrench[: MIN_SAMPLES // 2 - 1, 3] = 0.1
+    runs[0].wrench[: MIN_SAMPLES // 2, 3] = 0.01 * np.arange(MIN_SAMPLES // 2)
+    runs[1].wrench[: MIN_SAMPLES // 2 - 1, 3] = 0.02 * np.arange(MIN_SAMPLES // 2 - 1) ** 1.5
     sentence = f'torque_x has {MIN_SAMPLES - 1} thermal cells .* at least {MIN_SAMPLES} in 2 bl'
+    left = calibrate(runs, STATIC)
+    assert set(left.fits) == {'force_x', 'torque_z'}, 'the other axes do not pay for it'
+    assert any(re.match(sentence, warning) for warning in left.warnings)
+    for run in runs:
+        run.wrench[:, [0, 5]] = np.nan
     with pytest.raises(CalibrationRefusedError, match=sentence):
         calibrate(runs, STATIC)
 

@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.fit.ridge_bank import candidates, Pool, POOL_S, RidgeFit
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData, sum_by_fold
-from wrist_ft_comp.signals import FloatArray, Progress
+from wrist_ft_comp.signals import FloatArray
 
 COMBINATION = 'combination'
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
@@ -61,12 +61,9 @@ class LeftOfFold(NamedTuple):
     compared: FloatArray
 
 
-def identify_together(
-    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress = lambda _: None
-) -> list[AxisFit]:
-    """Learn the drift of all axes of a sensor, which share their temperatures."""
-    binned = [bin_axis_data(data, data.bin_cells[0]) for data in axes]
-    bins = binned[0]
+def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """Learn the drift of an axis from all fits, each as far as it holds unseen."""
+    bins = bin_axis_data(data, data.bin_cells[0])
     features = build_features(bins.temperature_c, settings, beyond='tangents')
     lags = [bins.relaxation(float(tau)) for tau in POOL_S]
     # Temperatures of each recording behind every relaxation, (n_i, K, J).
@@ -76,22 +73,18 @@ def identify_together(
     ]
     inputs = [_columns(features, of_recording) for of_recording in relaxed_c]
     fits = candidates(settings.highest_degree)
-    found = []
-    for number, (data, of_axis) in enumerate(zip(axes, binned, strict=True), 1):
-        pool = Pool(settings.highest_degree, features.thermometers, of_axis.loaded)
-        sums = sum_by_fold(of_axis, inputs)
-        left = []
-        for fold in data.fold_numbers:
-            gains = _fit_all(pool, fits, sums.centred(sums.fold != fold))
-            left.append(_left_of_fold(of_axis, features, relaxed_c, fold, gains))
-        weights = _weigh(left)
-        model = None
-        if weights[0] < 1:
-            gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
-            model = _model(data, features, pool, inputs, gains)
-        found.append(replace(_axis_fit(data, fits, weights, left, bins.period_s), model=model))
-        progress(number / len(axes))
-    return found
+    pool = Pool(settings.highest_degree, features.thermometers, bins.loaded)
+    sums = sum_by_fold(bins, inputs)
+    left = []
+    for fold in data.fold_numbers:
+        gains = _fit_all(pool, fits, sums.centred(sums.fold != fold))
+        left.append(_left_of_fold(bins, features, relaxed_c, fold, gains))
+    weights = _weigh(left)
+    fit = _axis_fit(data, fits, weights, left, bins.period_s)
+    if weights[0] == 1:
+        return fit
+    gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
+    return replace(fit, model=_model(data, features, pool, inputs, gains))
 
 
 def _columns(features: Features, relaxed_c: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.fit.folds import bin_cells, find_plateaus
+from wrist_ft_comp.fit.folds import assign_folds, bin_cells, find_plateaus
 from wrist_ft_comp.signals import (
     AXES,
     axis_unit,
@@ -72,6 +72,11 @@ class AxisData:
         return [int(number) for number in np.unique(np.concatenate(used))]
 
     @property
+    def recordings(self) -> int:
+        """Number of recordings with a sample."""
+        return sum(bool(np.isfinite(residual).any()) for residual in self.residual)
+
+    @property
     def samples(self) -> int:
         """Number of cells with a sample."""
         return sum(int(np.isfinite(residual).sum()) for residual in self.residual)
@@ -102,6 +107,10 @@ def build_axis_data(
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
         no_sensitivity = _why_no_sensitivity(residual, load)
+    holding = [i for i, values in enumerate(residual) if np.isfinite(values).any()]
+    if len(recordings) > 1 and len(holding) == 1:  # it is judged on stretches of that recording
+        folds = [np.full(len(recording), -1) for recording in recordings]
+        folds[holding[0]] = assign_folds([recordings[holding[0]]])[0]
     # Samples that are left out of a working day leave gaps, but no plateaus.
     return AxisData(
         axis=axis, period_s=recordings[0].period_s,

@@ -10,7 +10,7 @@ from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.arx_pls_oe import identify_lags
-from wrist_ft_comp.fit.auto import identify_together
+from wrist_ft_comp.fit.auto import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
 from wrist_ft_comp.fit.folds import assign_folds
@@ -78,13 +78,13 @@ def calibrate(
     progress = progress or (lambda _: None)
     if settings.reference == 'payload':
         work = learn_at_work(recordings)
-        _, model = _learn(work.drift, axes, folds, settings, lambda _: None)
+        _, model, _ = _learn(work.drift, axes, folds, settings, lambda _: None)
         # With a model, drift is separated from payloads better: so once more.
         work = learn_at_work(recordings, (work, model))
-        fits, model = _learn(work.drift, axes, folds, settings, progress)
+        fits, model, skipped = _learn(work.drift, axes, folds, settings, progress)
     else:
         work = None
-        fits, model = _learn(recordings, axes, folds, settings, progress)
+        fits, model, skipped = _learn(recordings, axes, folds, settings, progress)
     sensors = {
         f'in recording {number}, {recording.name}': recording.sensor
         for number, recording in enumerate(recordings, 1)
@@ -95,6 +95,7 @@ def calibrate(
         *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
         *spikes,
         *dropped,
+        *skipped,
         *changed_levels(recordings, axes, settings.reference),
         *unknown,
         *silent,
@@ -124,30 +125,33 @@ def _learn(
     folds: Sequence[IntArray],
     settings: CalibrationSettings,
     progress: Progress,
-) -> tuple[dict[str, AxisFit], DriftModel]:
-    """Learn some axes, or refuse by CalibrationRefusedError."""
-    axis_data = []
-    for axis in axes:
+) -> tuple[dict[str, AxisFit], DriftModel, list[str]]:
+    """Learn some axes, and say which are left out; CalibrationRefusedError where all are."""
+    fits, skipped = dict[str, AxisFit](), list[str]()
+    for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.samples < data_checks.MIN_SAMPLES or len(data.fold_numbers) < 2:
-            raise CalibrationRefusedError(
+            skipped.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {data_checks.MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
-        axis_data.append(data)
-    found = identify(axis_data, settings.identification, progress)
-    fits = {
-        axis: replace(
-            fit, largest_drift=largest_drift(data), day_limit=day_limit(data, fit.stated_rms)
-        )
-        if data.tared
-        else fit
-        for axis, fit, data in zip(axes, found, axis_data, strict=True)
-    }
+            continue
+        if data.recordings == 1 < len(recordings):
+            skipped.append(
+                f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
+            )
+        fit = identify_axis(data, settings.identification)
+        if data.tared:
+            limit = day_limit(data, fit.stated_rms)
+            fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
+        fits[axis] = fit
+        progress(number / len(axes))
+    if not fits:
+        raise CalibrationRefusedError(skipped[0])
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
-    predicted = predict_each_other(recordings, folds) if axis_data[0].tared else None
+    predicted = predict_each_other(recordings, folds) if data.tared else None
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
@@ -156,24 +160,13 @@ def _learn(
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
         start_s=_START_S, prediction=predicted)  # fmt: skip
-    return fits, model
-
-
-def identify(
-    axes: Sequence[AxisData], settings: IdentificationSettings, progress: Progress
-) -> list[AxisFit]:
-    """Identify all axes of a sensor by the method that was chosen."""
-    if settings.method == 'auto' and settings.features == 'powers' and axes[0].tared:
-        return identify_together(axes, settings, progress)
-    fits = []
-    for number, data in enumerate(axes, 1):
-        fits.append(identify_axis(data, settings))
-        progress(number / len(axes))
-    return fits
+    return fits, model, skipped
 
 
 def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Identify one axis by the method that was chosen."""
+    if settings.method == 'auto' and settings.features == 'powers' and data.tared:
+        return identify_auto(data, settings)
     if settings.method == 'auto':
         return identify_hats(data, settings)
     if settings.method == 'arx_pls_oe':

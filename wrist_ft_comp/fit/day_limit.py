@@ -34,7 +34,7 @@ def expected_rms(
     drifted most; and what is learnt from all of them leaves less than what each was held out from.
     """
     left = (average + members) / 2
-    if len(data.residual) > 1:
+    if data.recordings > 1:
         learnt_more = (1 - 1 / len(left)) ** _LEARNING_EXPONENT
         return float(learnt_more * np.sqrt(np.average(left, weights=uncompensated + _TINY)))
     before = float(np.sqrt(uncompensated).mean())
@@ -49,13 +49,14 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     it grows by the root of how much further drift goes in the whole recording; else by nothing.
     In a day longer than the recording, s, it goes on as it did from a block to the whole.
     """
-    if len(data.residual) > 1 or not data.tared or before == 0:
+    if data.recordings > 1 or not data.tared or before == 0:
         return 1.0
     width = data.bin_cells[0]
-    rows = np.flatnonzero(np.isfinite(data.residual[0]))
-    y = tare(bin_means(data.residual[0][rows], rows, width), width * data.period_s)
+    (residual,) = (values for values in data.residual if np.isfinite(values).any())
+    rows = np.flatnonzero(np.isfinite(residual))
+    y = tare(bin_means(residual[rows], rows, width), width * data.period_s)
     further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
-    longer = max(1.0, day_s / data.longest_s)
+    longer = max(1.0, day_s / (len(residual) * data.period_s))
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
@@ -81,5 +82,5 @@ def largest_drift(data: AxisData) -> float:
 
 def day_limit(data: AxisData, stated_rms: float) -> float:
     """Limit that the largest error of another day stays below; NaN where drift does so, too."""
-    limit = stated_rms * (_LIMIT_OF_ONE if len(data.residual) == 1 else _LIMIT_OF_SEVERAL)
+    limit = stated_rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     return limit if limit <= largest_drift(data) else np.nan
