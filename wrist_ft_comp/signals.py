@@ -48,6 +48,8 @@ LARGEST = 1e9
 _ROUNDING = 1e-9
 #: Stamps of two drivers that lie farther apart come from two clocks, s.
 SAME_CLOCK_S = 3600.0
+#: Stamps from this one on are of a clock, ns; those of many logs begin at 0.
+CLOCK_NS = 10**9 * NANOSECONDS
 #: Samples further apart than this many times the usual distance belong to different stretches.
 _GAP_FACTOR = 10.0
 
@@ -173,6 +175,8 @@ class Recording:
     steps: tuple[int, ...] = ()
     #: What the sensor was called.
     sensor: SensorNames = field(default_factory=dict)
+    #: First stamp of the file, from which times count; None where that is the first cell's.
+    origin_ns: int | None = None
 
     def __post_init__(self) -> None:
         if self.period_ns <= 0:
@@ -231,6 +235,19 @@ class Recording:
         """Axes that have at least one wrench sample."""
         present = np.any(np.isfinite(self.wrench), axis=0)
         return tuple(axis for axis, found in zip(AXES, present, strict=True) if found)
+
+
+def time_in(recording: Recording, cell: int) -> str:
+    """Write when a cell begins: since the file's first stamp, and by the clock if it has one."""
+    stamp_ns = (recording.first_cell + int(cell)) * recording.period_ns
+    first_ns = recording.first_cell * recording.period_ns
+    origin_ns = first_ns if recording.origin_ns is None else recording.origin_ns
+    elapsed_s = max(stamp_ns - origin_ns, 0) // NANOSECONDS
+    elapsed = f'{elapsed_s // 3600}:{elapsed_s // 60 % 60:02}:{elapsed_s % 60:02}'
+    if stamp_ns < CLOCK_NS:
+        return elapsed
+    by_clock = str(np.datetime64(stamp_ns // NANOSECONDS, 's')).replace('T', ' ')
+    return f'{elapsed} ({by_clock} UTC)'
 
 
 def require_recordings(given: object) -> None:

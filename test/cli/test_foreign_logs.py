@@ -102,13 +102,15 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, tmp_path):
     assert abs(float(row.split(';')[3].replace(',', '.'))) < 1e-4  # kN, with a decimal comma
 
 
-def test_a_bump_is_left_out_as_the_refusal_proposes(logs, run, done):
+def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, done):
+    """Also where a part is cut off, times count from the file's first stamp."""
     words = ['calibrate', logs[2], '-o', 'model.yaml', '--method', 'pls']
     words += commands(done('show', logs[2]))[0][4:]
-    refusal = run(*words).sentence
-    (stretch,) = re.findall(r'--exclude (\S+)\.', refusal)
-    assert stretch == '2390..2420'
-    assert 'saved as' in done(*words, '--exclude', stretch)
+    for cut in ([], ['--from', '600']):
+        said = done(*words, *cut)
+        assert re.search(r'stands out by up to \S+ N for \d+ s in all, first at 0:40:0', said), (
+            said
+        )
 
 
 def test_a_column_t_beside_a_time_is_a_temperature():

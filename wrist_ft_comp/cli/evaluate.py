@@ -16,7 +16,12 @@ from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors
+from wrist_ft_comp.report.evaluation import (
+    AxisEvaluation,
+    judge_errors,
+    tared_errors,
+    without_steps,
+)
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
@@ -115,6 +120,7 @@ def _judge(
         work = learn_at_work([recording])
         compared, true = work.drift[0], 'recorded'
         warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
+    warnings += tuple(without_steps(compared, true)[1])
     errors = tared_errors(stored.model, compared, true, arguments.tare)
     warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)

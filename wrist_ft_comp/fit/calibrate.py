@@ -14,9 +14,9 @@ from wrist_ft_comp.fit.auto import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.load_checks import changed_levels, check_loads
 from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
+from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometers import predict_each_other
 from wrist_ft_comp.payload.at_work import learn_at_work
@@ -72,8 +72,9 @@ def calibrate(
         )
     silent = data_checks.missing_wrenches(recordings, settings.max_gap_s)
     recordings, unknown = data_checks.drop_unknown_temperatures(recordings, settings.max_gap_s)
-    recordings, spikes = check_loads(recordings, axes, settings.reference)
+    data_checks.check_reference(recordings, settings.reference)
     recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
+    recordings, stepped = segment(recordings, settings.reference)
     folds = assign_folds(recordings)
     progress = progress or (lambda _: None)
     if settings.reference == 'payload':
@@ -93,10 +94,9 @@ def calibrate(
     warnings = [
         *(warning for recording in recordings for warning in recording.warnings),
         *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
-        *spikes,
         *dropped,
+        *stepped,
         *skipped,
-        *changed_levels(recordings, axes, settings.reference),
         *unknown,
         *silent,
         *(

@@ -19,7 +19,9 @@ from wrist_ft_comp.signals import (
     FloatArray,
     noise_level,
     Recording,
+    Reference,
     require_recordings,
+    time_in,
 )
 from wrist_ft_comp.stream.temperature_spikes import jumps
 
@@ -80,6 +82,17 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
             equal = np.abs(ours - theirs) <= _EQUAL_NOISE * noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
     return bool(shares) and min(shares) > _EQUAL_SHARE
+
+
+def check_reference(recordings: Sequence[Recording], reference: Reference) -> None:
+    """Refuse recordings without the reference that was declared recorded."""
+    for recording in recordings:
+        if reference == 'recorded' and not np.isfinite(recording.reference).any():
+            raise CalibrationRefusedError(
+                f'{recording.name} holds no reference wrench, but the reference was declared '
+                'recorded. Record wrench_reference beside the raw wrench, or declare the '
+                'reference unloaded or constant.'
+            )
 
 
 def check_temperatures(recordings: Sequence[Recording], min_span_k: float) -> FloatArray:
@@ -320,18 +333,13 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
             steps_k = np.diff(values_c[at])
             jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
-                stamp = stamp_of(recording, at[jumped[0] + 1])
+                when = time_in(recording, at[jumped[0] + 1])
                 sentences.append(
                     f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumped[0]]:.1f} K at stamp {stamp}, '
+                    f'{steps_k[jumped[0]]:.1f} K at {when}, '
                     f'the first of {len(jumped)}. Is it loose?'
                 )
     return sentences
-
-
-def stamp_of(recording: Recording, cell: int) -> str:
-    """Write the stamp at which a cell begins."""
-    return f'{(recording.first_cell + cell) * recording.period_s:.10g} s'
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:

@@ -27,7 +27,7 @@ from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, ReportView
-from wrist_ft_comp.signals import part_of, Progress, Recording
+from wrist_ft_comp.signals import CLOCK_NS, part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
@@ -35,8 +35,6 @@ from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 _FEWEST_STEPS = 50
 #: ... change by the same noise: where their changes correlate by more than this.
 _SAME_CORRELATION = 0.5
-#: Stamps from this one on, s, are of a clock; those of many logs begin at 0.
-_CLOCK_S = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +115,7 @@ def _refuse_twice(path: Path, recording: Recording, others: Mapping[Path, Record
     """Refuse what another recording holds, too: counted twice, a day seems twice as sure."""
     for other_path, other in others.items():
         begin = max(recording.first_cell, other.first_cell)
-        if recording.period_ns != other.period_ns or begin * recording.period_s < _CLOCK_S:
+        if recording.period_ns != other.period_ns or begin * recording.period_ns < CLOCK_NS:
             continue
         wrenches = [run.wrench[begin - run.first_cell :] for run in (recording, other)]
         count, correlations = min(map(len, wrenches)), []

@@ -1,7 +1,7 @@
 """Recordings of every kind: read them, copy them with another wrench, describe them."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 import hashlib
@@ -55,7 +55,7 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stored.documents import beginning, Output, writing
 from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder
-from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.stream.sample_checks import NO_TIME, SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
 from wrist_ft_comp.wire.wrench_source import parse_wrench
 
@@ -127,6 +127,8 @@ def read_recording(
             sensor = sensor_in(text.columns)
             blocks, warnings = text.samples(progress), text.warnings
         part = parse_part(topics.begin, topics.end, topics.exclude)
+        origin: list[int] = []
+        blocks = _noting_first_stamp(blocks, origin)
         recording = grid_samples(
             blocks if part.whole else part.of(blocks, path.name),
             name=path.name,
@@ -140,7 +142,16 @@ def read_recording(
         raise RecordingError(f'{path.name} has its thermometers in another order: {problem}')
     done = filter(None, [_compensated(path)])
     warnings = *done, *recording.warnings, *warnings
-    return replace(recording, warnings=warnings, sensor=sensor)
+    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin[0])
+
+
+def _noting_first_stamp(blocks: Iterable[Samples], origin: list[int]) -> Iterator[Samples]:
+    """Pass blocks on; the first stamp of all comes into ``origin``."""
+    for block in blocks:
+        timed = block.stamps_ns[block.stamps_ns != NO_TIME]
+        if len(timed) and not origin:
+            origin.append(int(timed[0]))
+        yield block
 
 
 def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its default

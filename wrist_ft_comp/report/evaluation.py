@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.folds import averaged_cells
+from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import AXES, FloatArray, Recording, Reference, require_recordings
@@ -57,9 +58,9 @@ def tared_errors(
     """
     Subtract the reference from raw and compensated wrenches, both tared, in means over 10 s.
 
-    They are tared on the first seconds that hold wrenches. Without a recorded reference they are
-    compared with zero; with payload, in cells without contact, with the weight that is found in
-    this recording.
+    They are tared on the first seconds that hold wrenches; steps of a still load are taken out.
+    Without a recorded reference they are compared with zero; with payload, in cells without
+    contact, with the weight that is found in this recording.
 
     Raises
     ------
@@ -73,6 +74,7 @@ def tared_errors(
     check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).drift[0], 'recorded'
+    recording, _ = without_steps(recording, reference)
     simulated = simulate_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
@@ -86,6 +88,15 @@ def tared_errors(
         )
     cells = averaged_cells(recording.period_s)
     return TaredErrors(mean_over(before, cells), mean_over(after, cells))
+
+
+def without_steps(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
+    """Take steps and outliers out of a still load, and say so; one that moves is left as it is."""
+    try:
+        ((still,), sentences) = segment([recording], reference)
+    except CalibrationRefusedError:
+        return recording, []
+    return still, sentences
 
 
 def mean_over(values: FloatArray, cells: int) -> FloatArray:

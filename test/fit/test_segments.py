@@ -1,0 +1,145 @@
+"""Still loads: what stands out is left out, steps begin segments, what moves is said."""
+
+from dataclasses import replace
+import re
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.report.evaluation import evaluate
+
+CELLS = 3600
+NOISE = 0.02
+
+
+@pytest.fixture
+def day(make_recording):
+    """An hour of cells of 1 s; force z drifts by some newtons, torque x hardly."""
+
+    def make(seed=0, add=0.0, clock_s=0, period_s=1.0, cells=CELLS):
+        rng = np.random.default_rng(seed)
+        time_s = period_s * np.arange(cells)
+        temperature_c = 20 + 15 * (1 - np.exp(-time_s / (1200 + 300 * seed)))
+        temperature_c += 2 * np.sin(time_s / 400 + seed)
+        force = 0.3 * temperature_c + NOISE * rng.standard_normal(cells)
+        torque = 0.01 * temperature_c + 1e-3 * rng.standard_normal(cells)
+        recording = make_recording(
+            temperature_c, {'force_z': force + add, 'torque_x': torque}, period_s=period_s,
+            name=f'day{seed}.csv')  # fmt: skip
+        return replace(recording, first_cell=round(clock_s / period_s))
+
+    return make
+
+
+def stepped(*steps, cells=CELLS):
+    """Add up steps of (cell, size)."""
+    values = np.zeros(cells)
+    for cell, size in steps:
+        values[cell:] += size
+    return values
+
+
+@pytest.mark.parametrize('period_s', [1.0, 10.0])
+@pytest.mark.parametrize('size', [2.0, -20.0])
+def test_a_step_is_named_with_time_of_day_size_and_axis(day, size, period_s):
+    cells = round(CELLS / period_s)
+    at = round(2000 / period_s)
+    form = {'period_s': period_s, 'cells': cells}
+    made = day(add=stepped((at, size), cells=cells), clock_s=1_700_000_000, **form)
+    ((found,), (sentence,)) = segment([made], 'unloaded')
+    assert len(found.steps) == 1
+    assert abs(found.steps[0] - at) * period_s <= 30
+    assert sentence.startswith('day0.csv steps at 0:33:')
+    assert '(2023-11-14 22:46:' in sentence
+    named = re.search(r'UTC\): force_z by (\S+) N\. ', sentence)
+    assert float(named[1]) == pytest.approx(size, abs=5 * NOISE)
+    assert sentence.endswith('. A new segment begins there, as after a tare.')
+    plain = day(**form)
+    error = found.wrench[:, 2] - plain.wrench[:, 2]
+    assert np.abs(error[: at - 30]).max() == 0
+    assert np.abs(np.median(error[at + 30 :])) < 5 * NOISE
+
+
+def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
+    """One day in two stepped twice: it is learnt from all the same."""
+    plain = calibrate([day(1), day(2)])
+    days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]
+    calibration = calibrate(days)
+    assert sum('A new segment begins there' in warning for warning in calibration.warnings) == 2
+    judged = day(3, stepped((1500, 5.0)))
+    left, without = (evaluate(model.model, [judged])['force_z'] for model in (calibration, plain))
+    assert left.rms_after < 1.2 * without.rms_after + NOISE
+    assert left.rms_before == pytest.approx(
+        evaluate(plain.model, [day(3)])['force_z'].rms_before, rel=0.02
+    )
+    assert left.rms_after < 0.1 * left.rms_before
+
+
+@pytest.mark.parametrize(('first', 'last'), [(1700, 1701), (1700, 1740)])
+def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, first, last):
+    add = np.zeros(CELLS)
+    add[first:last] = 15.0
+    ((found,), (sentence,)) = segment([day(add=add)], 'constant')
+    assert np.flatnonzero(np.isnan(found.wrench[:, 2])).tolist() == list(range(first, last))
+    assert np.isfinite(found.wrench[:, 3]).all()
+    assert sentence.startswith('force_z of day0.csv stands out by up to 1')
+    assert f' for {last - first} s in all, first at 0:28:20; left out.' in sentence
+    assert found.steps == ()
+
+
+def test_of_a_log_with_a_sample_a_minute_a_spike_is_one_sample(day):
+    add = np.zeros(300)
+    add[100] = -9.0
+    ((found,), (sentence,)) = segment([day(add=add, period_s=60.0, cells=300)], 'unloaded')
+    assert np.flatnonzero(np.isnan(found.wrench[:, 2])).tolist() == [100]
+    assert ' for 60 s in all' in sentence
+
+
+@pytest.mark.parametrize('period_s', [7.0, 40.0])
+def test_a_robot_that_swings_is_said_to_move(day, period_s):
+    swing = 8.0 * np.sin(2 * np.pi * np.arange(CELLS) / period_s)
+    (warning,) = calibrate([day(add=swing), day(1)]).warnings
+    assert re.match(r'force_z of day0.csv swings by 5\.\d N \(RMS\) around its level', warning)
+    assert 'although the load was declared unloaded. Did the robot move' in warning
+
+
+def test_a_load_that_comes_and_goes_is_refused_with_what_to_do(day):
+    add = np.where(np.arange(CELLS) % 400 < 50, 12.0, 0.0)
+    with pytest.raises(CalibrationRefusedError) as refusal:
+        calibrate([day(add=add), day(1)], CalibrationSettings('constant'))
+    said = str(refusal.value)
+    assert said.startswith('force_z of day0.csv moves by up to 12')
+    assert 'for 11 % of the time, although the load was declared constant, first at 0:0' in said
+    assert 'the robot moved, or something touched the sensor' in said
+
+
+def test_a_recording_that_steps_all_the_time_is_refused(day):
+    steps = [(cell, 5.0 * (-1) ** n) for n, cell in enumerate(range(200, 3500, 250))]
+    with pytest.raises(CalibrationRefusedError, match=r'day0.csv steps 1\d times, from 0:03:2'):
+        segment([day(add=stepped(*steps))], 'unloaded')
+
+
+def test_heat_rounding_and_dead_axes_are_no_steps(day):
+    heat = 4.0 * (1 - np.exp(-np.maximum(np.arange(CELLS) - 1500, 0) / 60.0))
+    coarse = day()
+    coarse.wrench[:, 2] = np.round(coarse.wrench[:, 2])
+    dead = day()
+    dead.wrench[:, 4] = 3.0
+    for made in (day(add=heat), coarse, dead):
+        ((found,), sentences) = segment([made], 'unloaded')
+        assert (found.steps, sentences) == ((), [])
+
+
+def test_a_load_that_is_known_is_left_alone(day):
+    made = day(add=stepped((1800, 12.0)))
+    for recording, reference in (
+        (made, 'recorded'),
+        (replace(made, specific_force=np.zeros((CELLS, 3))), 'payload'),
+    ):
+        ((found,), sentences) = segment([recording], reference)
+        assert found is recording
+        assert sentences == []

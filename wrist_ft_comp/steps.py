@@ -1,0 +1,211 @@
+"""
+Steps of the zero: where a reading changes at once and stays, as after a tare of the driver.
+
+Beside a possible step, the reading is explained twice: by a parabola, a step and sudden heat, and
+by a parabola and sudden heat twice. Heat has a tail, also behind a contact that hides its
+front. A step is named only where it explains clearly more.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrist_ft_comp.robust import robust_cost, robust_weight
+from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
+
+#: A step is explained by the readings within this time before and after it, s: longer than a
+#: contact, short enough for a parabola to follow the drift.
+_BESIDE_S = 120.0
+#: Steps are at least this far apart, s.
+_APART_S = 60.0
+#: Smallest step, in standard deviations of a reading, over all axes.
+_SMALLEST_SIGMA = 15.0
+#: Time constants of sudden heat, s ...
+_HEAT_S = (10.0, 20.0, 40.0, 80.0, 160.0)
+#: ... of which those below this many cells are left out: means over cells do not show them.
+_LEAST_HEAT_CELLS = 2.0
+#: A step and sudden heat may begin this far from where the reading seems to step, s.
+_SEARCHED_S = 20.0
+#: A step is named where it is more likely than heat by the exponential of this: with n readings,
+#: n times the logarithm of the ratio of squares that heat and step leave.
+_LEAST_EVIDENCE = 18.0
+#: Where a long contact hides what happened, heat and step explain it alike. A jump of this size,
+#: in standard deviations over all axes, is taken for a step then, but not named.
+_HIDDEN_SIGMA = 40.0
+#: Heat is likelier than a step below this evidence.
+_HIDDEN_EVIDENCE = -1.0
+#: With fewer readings, twice the time beside a step is looked at.
+_FEW_READINGS = 12
+#: A robust weight's width while a step is placed, in standard deviations of an axis.
+_WIDTH = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A tare of the driver, or another jump of the zero."""
+
+    #: First cell after the step.
+    cell: int
+    #: By how much the readings change, N and N m, shape (A,).
+    jump: FloatArray
+    #: Whether sudden heat is unlikely; without that, the zero may have moved in some other way.
+    certain: bool = True
+
+
+def find_steps(
+    readings: FloatArray, states: IntArray, counts: BoolArray, noise: FloatArray, period_s: float
+) -> list[Step]:
+    """
+    Find the steps of a recording.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (K, N, A)
+        Readings less the weight of each of K payloads, N and N m; NaN where there are none.
+    states : ndarray of int, shape (N,)
+        Which payload is mounted.
+    counts : ndarray of bool, shape (N,)
+        Whether a cell is free of contact.
+    noise : ndarray, shape (A,)
+        Standard deviation of a reading, N and N m.
+    period_s : float
+        Length of a cell, s.
+
+    Returns
+    -------
+    list of Step
+        In order of size, the largest first.
+
+    """
+    rows = np.flatnonzero(counts)
+    values = readings[states[rows], rows] / noise
+    time_s: FloatArray = np.asarray((rows + 0.5) * period_s, dtype=float)
+    between_s = (time_s[1:] + time_s[:-1]) / 2
+    sizes = _line_jumps(time_s, values, between_s)
+    steps: list[Step] = []
+    while len(sizes) and sizes.max() > _SMALLEST_SIGMA:
+        place = int(sizes.argmax())
+        found = _explain(time_s, values, place, period_s)
+        # What a step leaves beside it is judged when it has been taken out.
+        aside_s = _APART_S / 2 if found is None else _BESIDE_S
+        sizes[np.abs(between_s - between_s[place]) < aside_s] = 0.0
+        if found is not None:
+            first, jump, level, certain = found
+            between = readings[:, rows[first - 1] + 1 : rows[first]] / noise
+            cell = int(rows[first - 1]) + 1 + place_step(between, level, level + jump)
+            steps.append(Step(cell, jump * noise, certain))
+    return steps
+
+
+def _line_jumps(time_s: FloatArray, values: FloatArray, between_s: FloatArray) -> FloatArray:
+    """Size of the jumps, (n - 1,), between straight lines through the readings on both sides."""
+    ends = []
+    places = np.arange(1, len(time_s))
+    sums = np.cumsum(
+        np.column_stack((0 * time_s + 1, time_s, time_s**2, values, time_s[:, None] * values)),
+        axis=0)  # fmt: skip
+    sums = np.concatenate((np.zeros((1, sums.shape[1])), sums))
+    axes = values.shape[1]
+    usable = np.ones(len(places), dtype=bool)
+    for first, last in (
+        (np.searchsorted(time_s, between_s - _BESIDE_S), places),
+        (places, np.searchsorted(time_s, between_s + _BESIDE_S)),
+    ):
+        part = sums[last] - sums[first]
+        count, mean_s = part[:, 0], part[:, 1] / np.maximum(part[:, 0], 1)
+        spread = part[:, 2] - count * mean_s**2
+        mean = part[:, 3 : 3 + axes] / np.maximum(count, 1)[:, None]
+        slope = part[:, 3 + axes :] - (count * mean_s)[:, None] * mean
+        slope = slope / np.maximum(spread, 1e-9)[:, None]
+        ends.append(mean + slope * (between_s - mean_s)[:, None])
+        usable &= count >= 3
+    return np.where(usable, np.linalg.norm(ends[1] - ends[0], axis=1), 0.0)
+
+
+def _explain(
+    time_s: FloatArray, values: FloatArray, place: int, period_s: float
+) -> tuple[int, FloatArray, FloatArray, bool] | None:
+    """
+    Explain what happens between readings place and place + 1 by a step, or give None.
+
+    Gives the first reading after the step, its jump and the level before it, in units of noise,
+    and whether it is certain.
+    """
+    middle_s = (time_s[place] + time_s[place + 1]) / 2
+    apart_s = np.abs(time_s - middle_s)
+    few = np.sum(apart_s < _BESIDE_S) < _FEW_READINGS
+    near = np.flatnonzero(apart_s < (2 * _BESIDE_S if few else _BESIDE_S))
+    t, y = time_s[near] - middle_s, values[near]
+    firsts = np.flatnonzero(np.abs(t) < _SEARCHED_S + (time_s[place + 1] - time_s[place]) / 2)
+    firsts = firsts[(firsts >= 2) & (firsts <= len(t) - 2)]
+    if not len(firsts) or len(t) < 8:
+        return None
+    steps = np.asarray(np.arange(len(t))[:, None] >= firsts, dtype=float)
+    lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= _LEAST_HEAT_CELLS * period_s]
+    last_s = t[firsts - 1] + period_s / 2
+    near_heats = _heats(t, np.concatenate((last_s, last_s - 5.0, last_s - 10.0)), lags_s)
+    far_s = np.arange(_SEARCHED_S, _BESIDE_S, 10.0)
+    far_heats = _heats(t, np.concatenate((t[firsts[0]] - far_s, t[firsts[-1]] + far_s)), lags_s)
+    parabola: FloatArray = np.asarray(np.linalg.qr(np.vander(t / _BESIDE_S, 3))[0], dtype=float)
+    left, steps, near_heats, far_heats = (
+        _without(parabola, columns) for columns in (y, steps, near_heats, far_heats)
+    )
+    first = _best(steps, left)
+    step, heat = steps[:, [first]], near_heats[:, [_best(near_heats, left)]]
+    with_step, with_heat = (_explained_beside(kernel, far_heats, left) for kernel in (step, heat))
+    squares, least = (
+        float(np.sum((left - explained) ** 2)) for explained, _ in (with_heat, with_step)
+    )
+    evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
+    jump = with_step[1]
+    certain = evidence > _LEAST_EVIDENCE
+    size, smallest = np.linalg.norm(jump), _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA
+    if evidence < _HIDDEN_EVIDENCE or size < smallest:
+        return None
+    cell = int(firsts[first])
+    return int(near[cell]), jump, np.median(y[max(0, cell - 8) : cell], axis=0), bool(certain)
+
+
+def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) -> FloatArray:
+    """Warm up from every onset by every time constant, one column each."""
+    since_s = np.maximum(time_s[:, None] - onsets_s, 0.0)
+    return np.concatenate([1 - np.exp(-since_s / lag_s) for lag_s in lags_s], axis=1)
+
+
+def _explained_beside(
+    kernel: FloatArray, heats: FloatArray, left: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Explain what is left by a kernel, (n, 1), and the best heat; gives its size, (A,), too."""
+    unit = kernel / max(float(np.linalg.norm(kernel)), 1e-9)
+    best = _best(_without(unit, heats), _without(unit, left))
+    both = np.concatenate((kernel, heats[:, [best]]), axis=1)
+    sizes = np.linalg.lstsq(both, left, rcond=None)[0]
+    return both @ sizes, sizes[0]
+
+
+def _without(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """Take what an orthonormal basis explains off columns."""
+    return values - basis @ (basis.T @ values)
+
+
+def _best(kernels: FloatArray, left: FloatArray) -> int:
+    """Find the column that explains most of what is left."""
+    power = np.sum(kernels**2, axis=0)
+    explained = np.sum((kernels.T @ left) ** 2, axis=1)
+    return int(np.argmax(np.where(power > 1e-3, explained / np.maximum(power, 1e-3), 0.0)))
+
+
+def place_step(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
+    """
+    Find the first cell after a step from one level to another, both (A,).
+
+    Readings, (K, n, A), are in units of noise; of K payloads the one that fits best counts.
+    """
+    costs = []
+    for level in (before, after):
+        squares = np.mean((readings - level) ** 2, axis=2)
+        square = np.where(np.isnan(squares), 1e9, squares).min(axis=0)
+        costs.append(robust_cost(robust_weight(square / _WIDTH**2)))
+    first, second = (np.concatenate(([0.0], np.cumsum(cost))) for cost in costs)
+    return int(np.argmin(first + second[-1] - second))
