@@ -102,8 +102,8 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         size_words = f'{rounded(size)} {axis_unit(axis)}'
         if share > _MOST_OUTLYING_SHARE and len(cells) > 1:
             raise CalibrationRefusedError(
-                f'{axis} of {recording.name} moves by up to {size_words} for {100 * share:.0f} % of '
-                f'the time, although the load was declared {declared}, first at '
+                f'{axis} of {recording.name} moves by up to {size_words} for {100 * share:.0f} % '
+                f'of the time, although the load was declared {declared}, first at '
                 f'{time_in(recording, cells[0])}: the robot moved, or something touched the '
                 'sensor. Record again without, or record what makes it known: the specific force '
                 '(--reference payload) or the load itself (--reference recorded).'
