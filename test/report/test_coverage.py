@@ -142,6 +142,9 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
 
 def test_an_evaluation_beyond_the_model_says_so(seen):
     coverage = seen(ramp(20, 35))
-    assert 'thermometer 1 left' in what_was_not_learnt(coverage, [(20.0, 30.0)])
-    assert 'thermometer 1 left' in what_was_not_learnt(coverage, [(25.0, 40.0)])
-    assert what_was_not_learnt(coverage, [(20.0, 35.0)]).startswith('Nothing')
+    for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
+        assert 'thermometer 1 left' in what_was_not_learnt(coverage, [learnt_c], {})
+    said = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good'})
+    assert said == 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    poor = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good', 'force_z': 'weak'})
+    assert 'and yet much is left of force z: heat comes from where no thermometer is' in poor

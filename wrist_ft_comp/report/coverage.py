@@ -131,8 +131,10 @@ def what_to_record_next(
     ]
 
 
-def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, float]]) -> str:
-    """Say where a recording left the ranges, °C, that a model's thermometers were learnt at."""
+def what_was_not_learnt(
+    coverage: Coverage, learnt_c: Sequence[tuple[float, float]], levels: Mapping[str, Level]
+) -> str:
+    """Say where a recording left the ranges, °C, that a model learnt; or why it may be weak."""
     outside = [
         f'thermometer {number}'
         for number, (seen, learnt) in enumerate(
@@ -140,12 +142,25 @@ def what_was_not_learnt(coverage: Coverage, learnt_c: Sequence[tuple[float, floa
         )
         if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
     ]
-    if not outside:
-        return 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    if outside:
+        return (
+            f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
+            'Calibrate again with these recordings among the others.'
+        )
+    known = 'The model was learnt at all the temperatures of these recordings'
+    if not (poor := _poor(levels)):
+        return f'Nothing: {"the" + known[3:]}.'
     return (
-        f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
-        'Calibrate again with these recordings among the others.'
+        f'{known}, and yet much is left of {_names(poor)}: heat comes from where no thermometer '
+        'is, or the load moved. See with wrist_ft_comp show whether a recording holds another '
+        'temperature, and calibrate with that too; or put a thermometer at the side of the motor, '
+        'or of the room.'
     )
+
+
+def _poor(levels: Mapping[str, Level]) -> list[str]:
+    """List the axes of which a model leaves much."""
+    return [axis for axis, level in levels.items() if level in {'weak', 'harmful'}]
 
 
 def _temperatures(coverage: Coverage) -> Iterator[str]:
@@ -168,7 +183,7 @@ def _temperatures(coverage: Coverage) -> Iterator[str]:
 
 def _thermometers_and_ways(coverage: Coverage, levels: Mapping[str, Level]) -> Iterator[str]:
     """Ask for a second thermometer where one explains little, and for the missing direction."""
-    poor = [axis for axis, level in levels.items() if level in {'weak', 'harmful'}]
+    poor = _poor(levels)
     if len(coverage.range_c) == 1 and poor:
         yield (
             f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '

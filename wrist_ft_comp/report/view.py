@@ -227,13 +227,14 @@ def evaluation_view(
                 np.array([figures.rms_after for _, figures in parts])))  # fmt: skip
         axes.append(_axis_view(stored, axis, evidence, errors, series, parts))
     ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
+    levels = {axis.axis: axis.verdict.level for axis in axes}
     references = ', '.join(dict.fromkeys(judged.reference for judged in evaluated))
     return ReportView(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{averaged_s(stored.model):g} s. Reference: {references}.',
-        axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c),),
+        axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c, levels),),
         warnings=(
             *dict.fromkeys(w for r in recordings for w in r.warnings),
             *_beyond_limits(stored, axes)))  # fmt: skip
