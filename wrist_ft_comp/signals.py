@@ -237,13 +237,19 @@ class Recording:
         return tuple(axis for axis, found in zip(AXES, present, strict=True) if found)
 
 
-def time_in(recording: Recording, cell: int) -> str:
-    """Write when a cell begins: since the file's first stamp, and by the clock if it has one."""
-    stamp_ns = (recording.first_cell + int(cell)) * recording.period_ns
+def elapsed_s(recording: Recording, cell: int) -> float:
+    """Compute when a cell begins, s since the first stamp of the file, as --exclude counts."""
+    begin_ns = (recording.first_cell + int(cell)) * recording.period_ns
     first_ns = recording.first_cell * recording.period_ns
     origin_ns = first_ns if recording.origin_ns is None else recording.origin_ns
-    elapsed_s = max(stamp_ns - origin_ns, 0) // NANOSECONDS
-    elapsed = f'{elapsed_s // 3600}:{elapsed_s // 60 % 60:02}:{elapsed_s % 60:02}'
+    return max(begin_ns - origin_ns, 0) / NANOSECONDS
+
+
+def time_in(recording: Recording, cell: int) -> str:
+    """Write when a cell begins: since the file's first stamp, and by the clock if it has one."""
+    since_s = int(elapsed_s(recording, cell))
+    elapsed = f'{since_s // 3600}:{since_s // 60 % 60:02}:{since_s % 60:02}'
+    stamp_ns = (recording.first_cell + int(cell)) * recording.period_ns
     if stamp_ns < CLOCK_NS:
         return elapsed
     by_clock = str(np.datetime64(stamp_ns // NANOSECONDS, 's')).replace('T', ' ')

@@ -1,3 +1,4 @@
+from datetime import timedelta
 import json
 import re
 
@@ -205,7 +206,8 @@ def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
     whole, model = temperature_c.copy(), tmp_path / 'm.yaml'
     temperature_c[part] = np.nan if what == 'is silent' else temperature_c[part.start]
     fit = json.loads(done('calibrate', day(temperature_c), '-o', model, '--json'))
-    said = f'day.csv {what} for {len(time_s[part])} s, from {part.start} s on; wrenches of that'
+    begin = timedelta(seconds=part.start)
+    said = f'day.csv {what} for {len(time_s[part])} s, from {begin} on; wrenches of that'
     assert [warning for warning in fit['warnings'] if said in warning]
     judged = json.loads(done('evaluate', model, day(whole), '--json'))['axes']['force_z']
     assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']

@@ -172,8 +172,8 @@ def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(goo
     measured[silent] = False
     second = replace(good[1], measured=measured, warnings=('3 samples were dropped.',))
     sentence = (
-        'Thermometer 1 of run1.csv is silent for 610 s, from 500 s on; wrenches of that time are '
-        'not learnt from.'
+        'Thermometer 1 of run1.csv is silent for 610 s, from 0:08:20 on; wrenches of that time '
+        'are not learnt from.'
     )
     expected = ('3 samples were dropped.', *[sentence] * named)
     assert calibrate([good[0], second], STATIC).warnings == expected

@@ -16,6 +16,7 @@ from wrist_ft_comp.signals import (
     axis_unit,
     BoolArray,
     differ,
+    elapsed_s,
     FloatArray,
     noise_level,
     Recording,
@@ -203,11 +204,11 @@ def _describe_stuck(recording: Recording, axis: str, stuck: BoolArray) -> str:
     extreme = not differ(np.array([np.nanmin(values), np.nanmax(values)]), value).all()
     count = int(stuck.sum())
     share = count / int(np.isfinite(values).sum())
-    first_s = int(np.argmax(stuck)) * recording.period_s
     return (
         f'{axis} of {recording.name} {"saturates" if extreme else "freezes"} at '
         f'{value:.6g} {axis_unit(axis)}: {count * recording.period_s:.0f} s '
-        f'({100 * share:.1f} %) without any change, first after {first_s:.0f} s'
+        f'({100 * share:.1f} %) without any change, first at '
+        f'{time_in(recording, int(np.argmax(stuck)))}'
     )
 
 
@@ -232,7 +233,7 @@ def drop_unknown_temperatures(
             what = (
                 f'Thermometer {j + 1} of {recording.name} '
                 f'{"keeps one value" if frozen[first:last].any() else "is silent"} for '
-                f'{(last - first) * period_s:.0f} s, from {first * period_s:.0f} s on'
+                f'{(last - first) * period_s:.0f} s, from {time_in(recording, first)} on'
             )
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
                 raise CalibrationRefusedError(
@@ -278,9 +279,10 @@ def silent_thermometers(recordings: Sequence[Recording], max_gap_s: float) -> li
                     how = 'its last reading was held'
                 sentences.append(
                     f'Thermometer {j + 1} of {recording.name} is silent for '
-                    f'{(end - begin) * period_s:.0f} s, from {begin * period_s:.0f} s on; {how}, '
-                    'and the drift of that time is a guess. Leave that time out: --exclude '
-                    f'{math.floor(begin * period_s)}..{math.ceil(end * period_s)}.'
+                    f'{(end - begin) * period_s:.0f} s, from {time_in(recording, begin)} on; '
+                    f'{how}, and the drift of that time is a guess. Leave that time out: '
+                    f'--exclude {math.floor(elapsed_s(recording, begin))}..'
+                    f'{math.ceil(elapsed_s(recording, end))}.'
                 )
     return sentences
 
@@ -295,8 +297,8 @@ def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[
         if end > begin and find_plateaus(recordings) is None:
             sentences.append(
                 f'The raw wrench of {recording.name} is missing for '
-                f'{(end - begin) * period_s:.0f} s, from {begin * period_s:.0f} s on; nothing is '
-                'known of the drift of that time.'
+                f'{(end - begin) * period_s:.0f} s, from {time_in(recording, begin)} on; nothing '
+                'is known of the drift of that time.'
             )
     return sentences
 
