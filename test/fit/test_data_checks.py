@@ -36,7 +36,7 @@ def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
     assert sentences == [
         (
             f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without any change, first '
-            'after 2000 s; left out.'
+            'at 0:33:20; left out.'
         )
     ]
     np.testing.assert_array_equal(
