@@ -6,7 +6,6 @@ import pytest
 from wrist_ft_comp.learning.day_files import days
 from wrist_ft_comp.learning.diary import (
     DayEntry,
-    Decision,
     Diary,
     diary_path,
     load_diary,
@@ -27,6 +26,7 @@ DAY = DayEntry(
     incident='The zero jumped by 5 N.',
     kind='zero',
     challenged=True,
+    better='model_2.yaml',
     seconds=5.5,
     payloads=((1.5, 0.0, 0.001, 0.1),),
     rotation=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
@@ -35,9 +35,7 @@ DAY = DayEntry(
 
 
 def test_a_diary_comes_back_as_it_was_written(tmp_path):
-    diary = Diary(
-        (DAY, DayEntry('day_00002.csv')), (Decision(DAY.name, 'Learnt.', 'learnt'),), 'It was hit.'
-    )
+    diary = Diary((DAY, DayEntry('day_00002.csv')), paused='It was hit.')
     save_diary(tmp_path, diary)
     again = load_diary(tmp_path)
     assert repr(again.days[0]) == repr(replace(DAY, left=dict(DAY.left)))
