@@ -139,7 +139,8 @@ def test_a_day_on_which_a_reading_froze_does_not_end_learning(look, axes):
 def test_a_day_without_a_cell_free_of_contact_is_no_dead_sensor(look):
     def pressed(name):
         day = look(name)
-        return replace(day, drift=replace(day.drift, wrench=np.full_like(day.drift.wrench, np.nan)))
+        nothing = np.full_like(day.drift.wrench, np.nan)
+        return replace(day, drift=replace(day.drift, wrench=nothing))
 
     entry = describe_day(NAMES[1], pressed, [], Champion())
     assert (entry.kind, entry.payloads != ()) == ('contacts', True)

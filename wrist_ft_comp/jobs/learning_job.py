@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 import fcntl
-from functools import lru_cache
+from functools import lru_cache, partial
 import os
 from pathlib import Path
 import tempfile
@@ -31,7 +31,6 @@ from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, model_sources
-from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_on
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -78,9 +77,7 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         except WristFtCompError:
             return Champion(entry.path.name if entry and entry.path else '')
 
-    def read(path: Path) -> Recording:
-        """Read a day."""
-        return read_recording(path, period_s=job.period_s, topics=job.topics)
+    read = partial(read_recording, period_s=job.period_s, topics=job.topics)
 
     @lru_cache(maxsize=MOST_DAYS + 1)
     def look(name: str) -> Day:

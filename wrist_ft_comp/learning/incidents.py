@@ -11,6 +11,7 @@ decides. No day is forgotten.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import permutations
 
 import numpy as np
 
@@ -36,7 +37,8 @@ _LEAST_DRIFT_SHARE = 0.2
 #: It is at least this large, in standard deviations of a cell over all axes. Steps of simulated
 #: tares are 500 to 2000; on an axis that hardly drifts, noise alone is a large share of the drift.
 _LEAST_JUMP_SIGMA = 50.0
-#: A tare may miss zero by this share of its step, and another step undoes a press but for it.
+#: A tare may miss zero by this share of its step, another step undoes a press but for it, and the
+#: weight of a part is a step but for it.
 #: Simulated tares missed zero by up to 0.05 (one within a contact by 0.24), jumps by 0.28 at
 #: least: half of it names a tare in a contact, twice of it overlooks every tenth jump.
 _JUMP_TOLERANCE = 0.25
@@ -209,6 +211,12 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
         if unconfirmed < 1 - _CONFIRMED_SHARE and min(undone) > tolerated:
             sizes = ', '.join(f'{size:.2g}' for size in step.jump)
             time = clock(recording, np.arange(len(recording)) >= step.cell)
+            if any(np.linalg.norm(weight / noise - jump) < tolerated
+                   for weight in _weights_of_parts(day, step.cell, present)):  # fmt: skip
+                return CONTACTS, (
+                    f'The reading stepped at {time} by what the payloads of the day differ by, as '
+                    'where a robot is parked with a part for long: its drift cannot be learnt.'
+                )
             return ZERO, (
                 f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
                 'that: an overload?'
@@ -237,6 +245,16 @@ def _change_of_level(residual: FloatArray, at: int, period_s: float) -> FloatArr
     if not len(before) or not len(after):
         return np.full(residual.shape[1], np.nan)
     return np.asarray(np.median(residual[after], axis=0) - np.median(residual[before], axis=0))
+
+
+def _weights_of_parts(day: Day, at: int, present: Sequence[bool]) -> list[FloatArray]:
+    """List what the payloads of a day differ by in the pose after a step, N and N m, (A,) each."""
+    force, near = day.recording.specific_force, max(round(_NEAR_S / day.recording.period_s), 1)
+    if day.payloads is None or force is None:
+        return []
+    pose = day.payloads.frame.turn(np.nanmedian(force[at : at + near], axis=0))
+    weights = [payload.weight(pose)[present] for payload in day.payloads.payloads.values()]
+    return [one - other for one, other in permutations(weights, 2)]
 
 
 def _noise(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
