@@ -64,7 +64,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
         'model: go live with 6 h of history (callback)': (
             lambda: node.compensator.go_live(stored.model), 5,
         ),
-        'model: remember it (callback)': (lambda: node.store.activate([None, model_path]), 50),
+        'model: remember it (callback)': (lambda: node.store.activate([HistoryEntry(None), HistoryEntry(model_path)]), 50),
         'housekeeping, 10 times a second': (node._keep_house, 200),  # noqa: SLF001
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip

@@ -218,9 +218,6 @@ class Learner(Part):
         if self.diary is None:
             return
         self._follow_live()
-        memory = self.memory
-        if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
-            self._adopt_by_itself()
         self.diary.poll()
         if self._calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
@@ -230,6 +227,9 @@ class Learner(Part):
             self._wait_until = time.monotonic() + _LOOK_S
             files = self.diary.files
             self._start(files.ended(), crowded=files.full)
+        memory = self.memory
+        if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
+            self._adopt_by_itself()
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""

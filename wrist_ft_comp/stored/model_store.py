@@ -37,7 +37,7 @@ _IN_NO_NAME = re.compile('[\0\ud800-\udfff]')
 #: A list of MAX_HISTORY models, with reasons, is shorter.
 _MAX_LIST_CHARACTERS = 1_000_000
 _LIST = Output(
-    name='list of models', says='"history"', endings='.json',
+    name='list of models', says=r'"history": \[\s*[\]{]', endings='.json',
     keeps=True, error=ModelFileError,
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
@@ -156,8 +156,8 @@ class ModelStore:
         entries = content.get('history') if isinstance(content, dict) else None
         if not isinstance(entries, list) or not all(map(_is_entry, entries)):
             raise ModelFileError(
-                f'{path} must hold "history", a list of models that were live, each with path, '
-                'sha256, since, why, how, day and withdrawn. Remove it and set model_file.'
+                f'{path} was damaged, or written by an older version of wrist_ft_comp: "history" '
+                'must be a list of models that were live. Remove it and set model_file.'
             )
         return {'given': '', **content}
 
