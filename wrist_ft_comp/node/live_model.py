@@ -129,12 +129,8 @@ class LiveModel(Part):
                     'running, to go back.'
                 )
             return
-        again = bool(self.history) and self.history[-1].path == given.path
         self.stored = given
-        if again:
-            self._remember(self.history, given.sha256)
-        else:
-            self._go_on(f'model_file was {given.path.name} at the start', given=given.sha256)
+        self._go_on(f'model_file was {given.path.name} at the start', given=given.sha256)
 
     def _announce(self, stored: StoredModel) -> None:
         self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
@@ -155,20 +151,8 @@ class LiveModel(Part):
         """
         Make a new model live; return why it could not be remembered, or nothing.
 
-        Parameters
-        ----------
-        stored : StoredModel
-            The model.
-        why : str
-            The reason, in a sentence.
-        judged : str
-            Newest day that was judged, where the node itself decided; empty where a person did.
-
-        Returns
-        -------
-        str
-            Why a restart would not know it; empty where it would.
-
+        ``why`` is the reason in a sentence, ``judged`` the newest day that was judged, where the
+        node itself decided; empty where a person did.
         """
         self._make_live(stored)
         self.history = self.history or [HistoryEntry(None)]
@@ -177,14 +161,18 @@ class LiveModel(Part):
     def _go_on(
         self, why: str, how: How = 'chosen', judged: str = '', given: str | None = None
     ) -> str:
-        """Write down that the live model is live from now on."""
+        """Write down that the live model is live from now on; nothing where it was live before."""
+        path, sha256 = (self.stored.path, self.stored.sha256) if self.stored else (None, '')
+        last = self.history[-1] if self.history else None
+        if last and not last.withdrawn and (last.path, last.sha256) == (path, sha256):
+            return self._remember(self.history, given)
+        if last and last.path == path:  # its file has changed: what was in it cannot come back
+            self.history[-1] = replace(last, withdrawn=True)
         if how != 'learnt':
             self.end_day()
-        entry = HistoryEntry(
-            None if self.stored is None else self.stored.path, self.sha256 or '',
-            datetime.now(timezone.utc).isoformat(timespec='seconds'), why, how,
-            judged or self._store.newest_day(),
-        )  # fmt: skip
+        since = datetime.now(timezone.utc).isoformat(timespec='seconds')
+        day = judged or self._store.newest_day()
+        entry = HistoryEntry(path, sha256, since, why, how, day)
         return self._remember([*self.history, entry], given)
 
     def _make_live(self, stored: StoredModel | None) -> None:
@@ -227,10 +215,7 @@ class LiveModel(Part):
         if stored is not None and any(given.name == 'model_file' for given in parameters):
             self._make_live(stored)
             self.history = self.history or [HistoryEntry(None)]
-            if self.history[-1].path == stored.path:
-                self._remember(self.history)
-            else:
-                self._go_on(f'a person set model_file to {stored.path.name}')
+            self._go_on(f'a person set model_file to {stored.path.name}')
 
     def roll_back(self, *_: Any) -> str:
         """Go back to the model before the live one; say which."""

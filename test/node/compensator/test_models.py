@@ -61,6 +61,30 @@ class TestRollback:
         assert live(node) == 'a.yaml'
 
 
+    def test_every_change_is_kept_with_its_date_and_reason(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        node = rig()
+        for name in ('a.yaml', 'b.yaml', 'b.yaml'):
+            assert node.set('model_file', f'models/{name}').successful
+        assert node.call('rollback').success
+        make_model('a.yaml', {'force_x': (2.0, 0, 0)})
+        assert node.set('model_file', 'models/a.yaml').successful
+        first, *history = node.node.live.history
+        assert (first.path, first.since) == (None, '')
+        assert [(entry.path.name, entry.how, entry.withdrawn) for entry in history] == [
+            ('a.yaml', 'chosen', True), ('b.yaml', 'chosen', True), ('a.yaml', 'back', True),
+            ('a.yaml', 'chosen', False),
+        ]  # fmt: skip
+        assert history[2].why == 'a person went back from b.yaml to a.yaml with ~/rollback'
+        assert history[2].sha256 == history[0].sha256 != history[3].sha256
+        dates = [entry.since for entry in history]
+        assert dates == sorted(dates)
+        assert rig().node.live.history == node.node.live.history
+        assert node.call('rollback').success
+        assert live(node) is None
+
+
 class TestRestart:
     def test_a_restart_after_a_rollback_to_none_has_no_model(self, rig, make_model):
         make_model('a.yaml')
