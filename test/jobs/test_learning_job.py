@@ -144,7 +144,7 @@ def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     assert 'the live model left 0.0' in again['message']
 
 
-def test_an_impossible_lesson_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
+def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
     assert answers[0]['success']
     before = diary_path(sensor).read_bytes()
     broken = _answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))

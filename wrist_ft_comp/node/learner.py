@@ -236,10 +236,11 @@ class Learner(Part):
         live, memory = self._live, self.memory
         if live.sha256 == memory.champion or (live.stored is None and live.problem):
             return
-        self._remember(champion=live.sha256, **_NO_OFFER)
+        changes: dict[str, Any] = {'champion': live.sha256, **_NO_OFFER}
         if not live.history or live.history[-1].how != 'learnt':
             judged = max(memory.judged, day_of_choice(live.history))
-            self._remember(judged=judged, paused='', incident='')
+            changes |= {'judged': judged, 'paused': '', 'incident': ''}
+        self._remember(**changes)
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
         """Start a job where the newest day is not judged; where there is no room, once per day."""

@@ -60,7 +60,6 @@ class TestRollback:
         assert node.call('rollback').success
         assert live(node) == 'a.yaml'
 
-
     def test_every_change_is_kept_with_its_date_and_reason(self, rig, make_model):
         for name in ('a.yaml', 'b.yaml'):
             make_model(name)
