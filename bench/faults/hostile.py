@@ -104,7 +104,7 @@ def imu_at(force: Sequence[float]) -> list[float]:
 
 
 class FakeProcess:
-    """Stands for the process of a calibration or a learning job: it takes its time, then it refuses."""
+    """Stands for the process of a job: it takes its time, then it refuses."""
 
     pid = 0
 
