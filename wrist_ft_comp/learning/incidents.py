@@ -34,18 +34,18 @@ from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Reco
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
 #: one harms less than the drift that a model leaves.
 _LEAST_DRIFT_SHARE = 0.2
-#: It is at least this large, in standard deviations of a cell over all axes: on an axis that hardly
-#: drifts, noise alone is a large share of the drift. 66 tares and a crash of a simulated year had
-#: 400 and more.
+#: It is at least this large, in standard deviations of a cell over all axes: on an axis that
+#: hardly drifts, noise alone is a large share of the drift. 66 tares and a crash of a simulated
+#: year had 400 and more.
 _LEAST_JUMP_SIGMA = 50.0
 #: A tare misses zero by less than this share of its step, and another step undoes a press, or the
 #: weight of a part makes one, but for this share. The 66 tares missed zero by up to 0.13, and one
 #: of 50 others, within a contact, by 0.24; 109 jumps by 0.28 and more. Half of it names a tare
 #: within a contact; twice of it overlooks jumps toward zero.
 _JUMP_TOLERANCE = 0.25
-#: The cells free of contact beside a jump change by this share of it at least; the rest may be heat
-#: that the live model does not explain. With a model, 0.97 and more of the 66 tares was confirmed;
-#: without one, 0.75 overlooks a jump beside four minutes of contact in a fast warm-up.
+#: The cells free of contact beside a jump change by this share of it at least; the rest may be
+#: heat that the live model does not explain. With a model, 0.96 and more of the 66 tares was
+#: confirmed; without one, 0.75 overlooks a jump beside four minutes of contact in a fast warm-up.
 _CONFIRMED_SHARE = 0.5
 #: A tare is looked for within this time of the step, s, because a contact may hide it, and the
 #: change of the level is that of the nearest cells free of contact that fill this time, ...

@@ -21,7 +21,7 @@ _BAD_SHARE = 0.1
 #: ... and after a day with more than this share of coarse temperatures that are new.
 _NEW_TEMPERATURES_SHARE = 0.25
 #: Learning may take this much processor time a day in the mean of all days, s. A model of twelve
-#: days takes 20 to 60 s. Days that were only judged do not count.
+#: days of 2.5 h takes about 10 s. Days that were only judged do not count.
 _BUDGET_S_PER_DAY = 45.0
 ANOTHER_DAY = 'Another good day is needed to learn from.'
 
