@@ -8,6 +8,7 @@ from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
+    good_days,
     load_diary,
     NONE,
     save_diary,
@@ -40,6 +41,12 @@ def test_a_diary_comes_back_as_it_was_written(tmp_path):
     again = load_diary(tmp_path)
     assert repr(again.days[0]) == repr(replace(DAY, left=dict(DAY.left)))
     assert replace(again, days=again.days[1:]) == replace(diary, days=diary.days[1:])
+
+
+def test_no_day_is_forgotten_because_the_sensor_changed_later():
+    kinds = ('', 'tool', 'sensor', 'zero', 'contacts', '')
+    days = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
+    assert [int(day.name[8]) for day in good_days(days)] == [0, 1, 5]
 
 
 @pytest.mark.parametrize('content', ['', '{', '[]', '{"format": "other"}', '\x00', '[' * 10**5])
