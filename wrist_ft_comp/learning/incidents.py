@@ -6,7 +6,7 @@ s · R times those of a day before: the same payloads where the factor s is 1 an
 none, another gain or mounting elsewhere, and another tool where no s and R fit. The zero jumped
 where a reading steps and stays, unless the step takes all axes to zero, as a tare does.
 
-What changes the sensor stops learning until three days in a row have no incident, or a person
+What changes the sensor stops learning until three more days have had no incident, or a person
 decides. No day is forgotten.
 """
 
