@@ -86,7 +86,6 @@ reliability: $(READY)
 	$(BIN)/python bench/faults comes_back
 	$(BIN)/python bench/faults endurance
 	$(BIN)/python bench/faults/thermometers.py
-	$(BIN)/python bench/faults/creep.py
 	$(BIN)/python bench/faults/hostile.py
 
 # Solves for the newest versions that Python 3.10 can run; 3.11 to 3.13 run them, too.

@@ -29,13 +29,13 @@ ROOMS = {
     'stream': ('test/test_gaps.py', 'test/recordings/test_recordings.py'),
     'payload': (
         'test/learning',
-        'test/jobs/test_lesson.py',
+        'test/jobs/test_learning_job.py',
         'test/recordings/test_specific_force.py',
         'test/cli/test_payload.py',
         'test/cli/test_compensate.py',
     ),
     'learning': (
-        'test/jobs/test_lesson.py',
+        'test/jobs/test_learning_job.py',
         'test/cli/test_show.py',
         'test/node/compensator/learning/test_diary.py',
     ),

@@ -34,7 +34,7 @@ collect_ignore = [] if find_spec('rclpy') else ['node']
 LONGEST = (
     'test_tutorial', 'test_benches', 'test_separation', 'test_at_work', 'test_bad_recordings',
     'test_show_bag', 'test_benches_of_processes', 'test_readme', 'test_calibrate', 'test_browser',
-    'test_page', 'test_lesson', 'test_model_file', 'test_compensate',
+    'test_page', 'test_learning_job', 'test_model_choice', 'test_model_file', 'test_compensate',
     'test_payload', 'test_main', 'test_fleet', 'test_bag_recording', 'test_gaps',
 )  # fmt: skip
 

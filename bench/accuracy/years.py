@@ -41,7 +41,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.learning.day import Day, describe, look_at
 from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary
 from wrist_ft_comp.learning.incidents import incident
-from wrist_ft_comp.learning.lesson import Champion, take
+from wrist_ft_comp.learning.model_choice import Champion, take
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.report.days_picture import days_png
 from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
@@ -146,12 +146,12 @@ class Robot:
                 raise CalibrationRefusedError(f'{asked} cannot be separated.')
             return day
 
-        lesson = take(name, look, self.entries, self.champion, list(self.kept))
-        self.entries.append(lesson.entry)
+        choice = take(name, look, self.entries, self.champion, list(self.kept))
+        self.entries.append(choice.entry)
         worthy = worthiest([entry for entry in self.entries if entry.name in self.kept], _KEPT)
         self.kept = {entry.name: self.kept[entry.name] for entry in worthy}
-        if lesson.better is not None:
-            self.champion = Champion(f'after {name}', lesson.better.model, name)
+        if choice.better is not None:
+            self.champion = Champion(f'after {name}', choice.better.model, name)
             self.adopted.append(number)
 
 
@@ -282,8 +282,8 @@ def draw(year: Lived, target: Path) -> None:
     """Draw a year as ``wrist_ft_comp show --picture`` does."""
     days = [replace(day, first_ns=day.first_ns + FIRST_MONDAY_NS) for day in year.entries]
     adopted = {day_name(number) for number in year.adopted}
-    decisions = [Decision(day.name, day.verdict, 'learnt') for day in days if day.name in adopted]
-    target.write_bytes(days_png(Diary(tuple(days), tuple(decisions))))
+    changes = [Decision(day.name, day.verdict, 'learnt') for day in days if day.name in adopted]
+    target.write_bytes(days_png(Diary(tuple(days), tuple(changes))))
 
 
 def main() -> None:

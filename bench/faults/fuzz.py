@@ -39,7 +39,7 @@ from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.thermal_memory import belongs_to
@@ -101,7 +101,8 @@ class Targets:
             self._compensator.add_temperature(0, second * 10**9, 25.0)
         state = SavedState(1, 'a' * 64, np.zeros(6), self._compensator.memory())
         save_state(folder / 'good.json', state)
-        ModelStore(folder).activate([None, model], 'b' * 64)
+        history = [HistoryEntry(None), HistoryEntry(model, 'b' * 64, why='It is better.')]
+        ModelStore(folder).activate(history, 'b' * 64)
         save_memory(folder, Memory('c' * 64, 'day_00001.csv', 'better', offered='m.yaml'))
         left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
         save_diary(folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),)))

@@ -104,7 +104,7 @@ def imu_at(force: Sequence[float]) -> list[float]:
 
 
 class FakeProcess:
-    """Stands for the process of a calibration or a lesson: it takes its time, then it refuses."""
+    """Stands for the process of a job: it takes its time, then it refuses."""
 
     pid = 0
 
@@ -138,7 +138,7 @@ class HostileRobot(RuleBasedStateMachine):
         HostileRobot.lives += 1
         self.stack = ExitStack()
         self.data = self.folder / 'data'
-        for module in ('calibrate', 'learning'):
+        for module in ('calibrate', 'learner'):
             patched = f'wrist_ft_comp.node.{module}.start_job'
             self.stack.enter_context(mock.patch(patched, FakeProcess))
         self.stack.enter_context(mock.patch('os.fsync', self._fsync))

@@ -114,9 +114,9 @@ class Victim:
             for path in sorted(self.data.glob(pattern)):
                 self._attempt(kind, path, load)
         try:
-            for model in ModelStore(self.data).history()[-1:]:
-                if model is not None:
-                    load_model(model)
+            for entry in ModelStore(self.data).history()[-1:]:
+                if entry.path is not None:
+                    load_model(entry.path)
                     self.seen['lives that end with a model'] += 1
         except WristFtCompError as error:
             self.broken.append(str(error))

@@ -20,6 +20,7 @@ from stand import keep, make_model, Sensor, write_warm_up
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model, restore_model
+from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_HISTORY
 from wrist_ft_comp.stored.state_file import save_state, SavedState
 
 #: Wrenches per second that the last column is for.
@@ -54,6 +55,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
         node.compensator.add_temperature(0, second * NANOSECONDS, sensor.celsius)
     stored = node.live.stored
     state = SavedState(1, stored.sha256, np.zeros(6), node.compensator.memory())
+    history = [HistoryEntry(model_path, stored.sha256, why='It leaves less.')] * MAX_HISTORY
     work: dict[str, tuple[Callable[[], object], int]] = {
         'state: take it and hand it over (callback)': (node.state_keeper.save, 200),
         'state: write it, fsync (thread)': (lambda: save_state(folder / 'other.json', state), 50),
@@ -64,7 +66,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
         'model: go live with 6 h of history (callback)': (
             lambda: node.compensator.go_live(stored.model), 5,
         ),
-        'model: remember it (callback)': (lambda: node.store.activate([None, model_path]), 50),
+        'model: remember it (callback)': (lambda: node.store.activate(history), 50),
         'housekeeping, 10 times a second': (node._keep_house, 200),  # noqa: SLF001
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip

@@ -16,11 +16,12 @@ import yaml
 
 from wrist_ft_comp.cli.tables import table_text
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary, diary_path, save_diary
+from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, save_diary
 from wrist_ft_comp.learning.memory import Memory, memory_path, save_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.days_picture import days_figure
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
@@ -173,9 +174,13 @@ def folder(tmp_path):
                  incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
         DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all is well'),
     )  # fmt: skip
-    changes = (Decision('day_00001.csv', 'model_x.yaml was adopted', 'person'),)
-    save_diary(folder, Diary(days, changes, 'zero of force_z jumped'))
-    save_memory(folder, Memory(change='2026-05-02: model_x.yaml was adopted', offered='m.yaml'))
+    save_diary(folder, Diary(days, paused='zero of force_z jumped'))
+    save_memory(folder, Memory(offered='m.yaml'))
+    adopted = HistoryEntry(
+        folder / 'models/model_x.yaml', since='2026-05-02T06:00:00+00:00',
+        why='model_x.yaml was adopted', day='day_00001.csv',
+    )  # fmt: skip
+    ModelStore(folder).activate([adopted])
     files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')
     for hour in range(13):
         files.append(START + 4 * DAY + hour * 3600 * 10**9, (1.0, 20.0))
@@ -254,13 +259,17 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
         day(9, 'b', at=30), day(10, 'a', at=31, kind='of_a_later_version', incident='It creeps.'),
         day(11, 'a', at=32), day(12, 'a', at=33),
     )  # fmt: skip
-    decisions = (
-        Decision('day_00002.csv', 'a.yaml was learnt.', 'learnt'),
-        Decision('day_00005.csv', 'a person chose b.yaml', 'person'),
-        Decision('day_00009.csv', 'a person chose a.yaml', 'person'),
-        Decision('day_00011.csv', 'c.yaml was learnt.', 'learnt'),
-    )
-    save_diary(tmp_path, Diary(days, decisions))
+    a, b = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
+    history = [
+        HistoryEntry(None),
+        HistoryEntry(a, why='a.yaml was learnt.', how='learnt', day='day_00002.csv'),
+        HistoryEntry(b, why='a person chose b.yaml', day='day_00005.csv'),
+        HistoryEntry(a, why='a person went back to a.yaml', how='back', day='day_00009.csv'),
+    ]
+    ModelStore(tmp_path).activate(history)
+    found = {2: 'a.yaml', 11: 'c.yaml'}
+    days = (replace(day, better=found.get(int(day.name[4:9]), '')) for day in days)
+    save_diary(tmp_path, Diary(tuple(days)))
     (document,) = json.loads(done('show', tmp_path, '--json')).values()
     happened = [
         (event['name'], event['first'][4:9], event['last'][4:9]) for event in document['events']

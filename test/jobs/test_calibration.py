@@ -18,6 +18,7 @@ from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job, L
 from wrist_ft_comp.recordings.recordings import hash_recording
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.model_file import load_model
+from wrist_ft_comp.stored.model_store import HistoryEntry
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
@@ -37,8 +38,8 @@ OTHER = CalibrationJob(
     skip_unusable=True,
     report=Path('out/report.html'),
     learning=Learning(
-        Path('models/live.yaml'), 'day_3.csv', 7, 12.5, 'a person chose m.yaml',
-        {'day_2.csv': Path('models/old.yaml'), 'day_3.csv': None}, automatic=True),
+        (HistoryEntry(None), HistoryEntry(Path('m.yaml'), 'a' * 64, '2026-01-05', 'It is better.',
+                                          'learnt', 'day_3.csv', True)), 7, 12.5),
     minute=Minute(((1.0, -2.5), (3.0, 4.0)), 0.5, ('a-1',), ((0.1, 0.0, 0.0), (1.0, 1.1, 1.0))),
 )  # fmt: skip
 

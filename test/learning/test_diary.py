@@ -6,9 +6,9 @@ import pytest
 from wrist_ft_comp.learning.day_files import days
 from wrist_ft_comp.learning.diary import (
     DayEntry,
-    Decision,
     Diary,
     diary_path,
+    good_days,
     load_diary,
     NONE,
     save_diary,
@@ -27,6 +27,7 @@ DAY = DayEntry(
     incident='The zero jumped by 5 N.',
     kind='zero',
     challenged=True,
+    better='model_2.yaml',
     seconds=5.5,
     payloads=((1.5, 0.0, 0.001, 0.1),),
     rotation=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
@@ -35,13 +36,17 @@ DAY = DayEntry(
 
 
 def test_a_diary_comes_back_as_it_was_written(tmp_path):
-    diary = Diary(
-        (DAY, DayEntry('day_00002.csv')), (Decision(DAY.name, 'Learnt.', 'learnt'),), 'It was hit.'
-    )
+    diary = Diary((DAY, DayEntry('day_00002.csv')), paused='It was hit.')
     save_diary(tmp_path, diary)
     again = load_diary(tmp_path)
     assert repr(again.days[0]) == repr(replace(DAY, left=dict(DAY.left)))
     assert replace(again, days=again.days[1:]) == replace(diary, days=diary.days[1:])
+
+
+def test_no_day_is_forgotten_because_the_sensor_changed_later():
+    kinds = ('', 'tool', 'sensor', 'zero', 'contacts', '')
+    days = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
+    assert [int(day.name[8]) for day in good_days(days)] == [0, 1, 5]
 
 
 @pytest.mark.parametrize('content', ['', '{', '[]', '{"format": "other"}', '\x00', '[' * 10**5])

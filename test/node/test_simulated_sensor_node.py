@@ -165,12 +165,3 @@ def test_a_robot_at_work_publishes_its_imu_and_its_contacts(bench):
     assert np.all(np.min(np.abs(masses[:, None] - [1.5, 2.0]), axis=1) < 0.05)
     felt = np.array([[getattr(m.linear_acceleration, axis) for axis in 'xyz'] for m in imu])
     assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)
-
-
-def test_creep_and_hysteresis_change_the_reading_and_not_the_reference(bench):
-    load = {'load.force_n': 500.0}
-    creeping = record(bench, 'creeping', {**load, 'creep': 0.01, 'hysteresis': 0.01})
-    loaded = record(bench, 'loaded', load)
-    for topic, same in (('wrench_reference', True), ('wrench_raw', False)):
-        mine, theirs = common(creeping[topic], loaded[topic])
-        assert (mine == theirs) == same

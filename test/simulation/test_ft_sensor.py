@@ -13,11 +13,9 @@ from wrist_ft_comp.simulation.ft_sensor import (
     digitised_temperatures,
     digitised_wrench,
     measured_wrench,
-    no_memory,
     NOMINAL_C,
     start,
     steady_state,
-    strained,
     thermometer_temperatures,
     trajectory,
 )
@@ -270,36 +268,3 @@ def test_loads_are_bounded_smooth_and_differ_between_axes():
 def test_run_that_cannot_be_followed_is_refused(wrong, word):
     with pytest.raises(SettingsError, match=word):
         RunSettings(**wrong)
-
-
-def test_creep_grows_to_its_share_in_half_an_hour_and_recovers():
-    settings = replace(CLEAN, creep=0.001)
-    load = np.zeros((7200, 6))
-    load[:1800] = 50.0
-    shown, _ = strained(settings, no_memory(), load, 1.0)
-    crept = (shown - load)[:, 2]
-    assert crept[1799] == pytest.approx(0.05)
-    elapsed_s = np.arange(1800)
-    np.testing.assert_allclose(
-        crept[1800:3600], 0.05 * np.exp(-(elapsed_s + 1) / settings.creep_s), rtol=1e-9
-    )
-
-
-def test_hysteresis_is_what_a_large_load_leaves_and_the_opposite_load_takes_away():
-    settings = replace(CLEAN, hysteresis=0.002)
-    load = np.zeros((6, 6))
-    load[[1, 3, 5], 2] = 40.0, 300.0, -300.0
-    shown, _ = strained(settings, no_memory(), np.vstack((load, np.zeros(6))), 1.0)
-    assert shown[[2, 4, 6], 2].tolist() == pytest.approx([0.0, 0.1, -0.1])
-    assert (shown[:, 0] == 0).all()
-
-
-def test_the_memory_of_loads_goes_on_where_a_batch_ends():
-    settings = replace(CLEAN, creep=0.001, hysteresis=0.001)
-    load = np.random.default_rng(1).normal(0, 60, (200, 6))
-    whole, end = strained(settings, no_memory(), load, 0.5)
-    first, memory = strained(settings, no_memory(), load[:77], 0.5)
-    second, again = strained(settings, memory, load[77:], 0.5)
-    np.testing.assert_allclose(np.vstack((first, second)), whole)
-    np.testing.assert_allclose(again, end)
-    assert strained(CLEAN, no_memory(), load, 0.5)[0] is load

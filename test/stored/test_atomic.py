@@ -12,7 +12,7 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
 from wrist_ft_comp.stored.documents import beginning, Output, remove_leftovers, replace_file
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.state_file import save_state, SavedState
 
 STATE = SavedState(1, None, np.zeros(6), None)
@@ -95,7 +95,7 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target):
         ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
         ('learning.json', lambda folder: save_memory(folder, Memory())),
         ('days/diary.json', lambda folder: save_diary(folder, Diary())),
-        ('active.json', lambda folder: ModelStore(folder).activate([None])),
+        ('active.json', lambda folder: ModelStore(folder).activate([HistoryEntry(None)])),
     ],
 )
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+from dataclasses import asdict
 import json
 import os
 from pathlib import Path
@@ -10,11 +11,27 @@ import pytest
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored import model_store
 from wrist_ft_comp.stored.model_store import (
+    day_of_choice,
+    HistoryEntry,
     MAX_HISTORY,
     MAX_RECORDINGS,
+    model_on,
     ModelStore,
     node_directory,
 )
+
+
+def entries(*paths):
+    """List models that were live."""
+    return [
+        HistoryEntry(path, 'a' * 64, '2026-01-05T06:00:00+00:00', 'It is better.', 'learnt', 'd')
+        for path in paths
+    ]
+
+
+def entry(**changes):
+    """Write a list of one model, some of whose facts are others."""
+    return json.dumps({'history': [{**asdict(HistoryEntry(None)), **changes}]}).encode()
 
 
 @pytest.fixture
@@ -32,15 +49,15 @@ def test_nothing_is_made_before_something_is_written(store):
 
 def test_history_moves_with_its_folder_but_not_with_others(store, tmp_path):
     outside = tmp_path / 'outside.yaml'
-    store.activate([outside, store.directory / 'models/a.yaml'])
+    store.activate(entries(outside, store.directory / 'models/a.yaml'))
     moved = store.directory.rename(tmp_path / 'moved')
-    assert ModelStore(moved).history() == [outside, moved / 'models/a.yaml']
+    assert ModelStore(moved).history() == entries(outside, moved / 'models/a.yaml')
 
 
 def test_history_is_bounded_and_keeps_the_newest(store):
     paths = [store.directory / f'models/{k}.yaml' for k in range(MAX_HISTORY + 5)]
-    store.activate(paths)
-    assert store.history() == paths[5:]
+    store.activate(entries(*paths))
+    assert store.history() == entries(*paths[5:])
 
 
 @pytest.mark.parametrize(
@@ -50,7 +67,9 @@ def test_history_is_bounded_and_keeps_the_newest(store):
         b'["a.yaml"]',
         b'{"history": {"a": 1}}', b'{"history": [{}], "given": 3}',
         b'[null' + b',null' * 10**6 + b']',
-        b'{"history": ["models/a\\u0000.yaml"]}', b'{"history": ["models/\\ud800.yaml"]}',
+        b'{"history": ["models/a.yaml"]}', entry(path='models/a\0.yaml'),
+        entry(path='models/\ud800.yaml'), entry(path=3), entry(since=3), entry(how='hidden'),
+        entry(withdrawn=0), entry(more=''),
     ],
     ids=lambda content: re.sub(r'\W+', '_', str(content[:20])),
 )  # fmt: skip
@@ -63,15 +82,15 @@ def test_a_broken_list_is_a_sentence(store, content):
 
 
 def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, monkeypatch):
-    store.activate([store.directory / 'models/a.yaml'])
+    store.activate(entries(store.directory / 'models/a.yaml'))
 
     def refuse(_path):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('os.fsync', refuse)
     with pytest.raises(ModelFileError, match='No space left on device'):
-        store.activate([None])
-    assert store.history() == [store.directory / 'models/a.yaml']
+        store.activate([HistoryEntry(None)])
+    assert store.history() == entries(store.directory / 'models/a.yaml')
     assert [path.name for path in store.directory.iterdir()] == ['active.json']
 
 
@@ -130,17 +149,51 @@ def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base
 
 def test_the_list_is_readable_by_people_and_keeps_what_was_given(store):
     model = store.directory / 'models/a.yaml'
-    store.activate([None], given='abc')
-    store.activate([None, model])
+    history = entries(model)
+    store.activate([], given='abc')
+    store.activate(history)
     text = (store.directory / 'active.json').read_text()
-    assert json.loads(text) == {'history': [None, 'models/a.yaml'], 'given': 'abc'}
+    said = {
+        'path': 'models/a.yaml', 'sha256': 'a' * 64, 'since': '2026-01-05T06:00:00+00:00',
+        'why': 'It is better.', 'how': 'learnt', 'day': 'd', 'withdrawn': False,
+    }  # fmt: skip
+    assert json.loads(text) == {'history': [said], 'given': 'abc'}
     assert len(text.splitlines()) > 3
-    assert (store.history(), store.given()) == ([None, model], 'abc')
+    assert (store.history(), store.given()) == (history, 'abc')
+
+
+def test_the_history_says_what_ran_on_a_day_and_when_a_person_decided_last():
+    none, by_hand, learnt = (
+        HistoryEntry(None),
+        HistoryEntry(Path('a.yaml'), day='day_00002.csv'),
+        HistoryEntry(Path('b.yaml'), how='learnt', day='day_00004.csv'),
+    )
+    history = [none, by_hand, learnt]
+    ran = [model_on(history, f'day_{n:05d}.csv') for n in range(1, 7)]
+    assert ran == [none, none, by_hand, by_hand, learnt, learnt]
+    assert model_on([by_hand], 'day_00001.csv') is None
+    assert day_of_choice(history) == 'day_00002.csv'
+    assert day_of_choice([]) == ''
+
+
+def test_a_list_of_an_older_version_is_kept_beside_the_new_one(store):
+    store.directory.mkdir()
+    path, old = (
+        store.directory / 'active.json',
+        '{"history": [null, "models/a.yaml"], "given": ""}',
+    )
+    path.write_text(old)
+    with pytest.raises(ModelFileError, match='by an older version'):
+        store.history()
+    store.activate(entries(None))
+    assert path.with_name('active.json.kept').read_text() == old
+    store.activate([])
+    assert store.history() == []
 
 
 def test_leftovers_of_killed_processes_are_swept(store):
     """A process that is killed while it writes can't remove its temporary file."""
-    store.activate([None])
+    store.activate([HistoryEntry(None)])
     source = (
         'import os, signal, sys; from pathlib import Path\n'
         'from wrist_ft_comp.stored.documents import replace_file\n'

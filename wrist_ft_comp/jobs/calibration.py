@@ -16,7 +16,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate, summarise
 from wrist_ft_comp.fit.result import Calibration
-from wrist_ft_comp.jobs.lesson import answer_learning, keep_payloads
+from wrist_ft_comp.jobs.learning_job import answer_learning, keep_payloads
 from wrist_ft_comp.jobs.process import serve
 from wrist_ft_comp.jobs.request import CalibrationJob, Minute
 from wrist_ft_comp.payload.learnt import payload_line

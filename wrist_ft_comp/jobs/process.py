@@ -22,7 +22,7 @@ from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job
 _END_TIMEOUT_S = 5.0
 #: Nice value of a job for which somebody waits.
 _LOW_PRIORITY = 10
-#: Nice value of a lesson, for which nobody waits.
+#: Nice value of a learning job, for which nobody waits.
 _LOWEST_PRIORITY = 19
 
 

@@ -1,6 +1,6 @@
 """A calibration job, and its form as a line of JSON between two processes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import json
 from pathlib import Path
@@ -8,28 +8,21 @@ from pathlib import Path
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.documents import parse_json, plain, restored
+from wrist_ft_comp.stored.model_store import HistoryEntry
 
 
 @dataclass(frozen=True)
 class Learning:
     """Settings of a job that a node starts by itself; its recordings are days."""
 
-    #: Model that is live; None when there is none.
-    champion: Path | None = None
-    #: Name of the newest day before a person's last decision: this day and older ones are no
-    #: evidence for a change any more. Empty when nobody decided.
-    since: str = ''
+    #: Models that were live, the live one last. Days before a person's last decision are no
+    #: evidence for a change any more.
+    history: tuple[HistoryEntry, ...] = ()
     #: How many recordings of days are kept. The newer half of them stays; of the others, those
     #: whose temperatures other days have seen as well are deleted first.
     keep_days: int = 30
     #: How large they may be together, MB.
     max_mb: float = 500.0
-    #: Date and words of a person's last decision, for the diary.
-    decision: str = ''
-    #: The model that ran on days where that was not the champion; None when none ran.
-    ran: Mapping[str, Path | None] = field(default_factory=dict)
-    #: Whether a better model goes live by itself, unless learning has stopped.
-    automatic: bool = False
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,8 @@ def describe(day: Day) -> DayEntry:
     recording, learnt = day.recording, day.payloads
     low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
     payloads = learnt.payloads.values() if learnt else ()
+    noise = np.full(len(AXES), np.nan)
+    noise[[axis in recording.axes_present for axis in AXES]] = day.noise
     return DayEntry(
         name=recording.name,
         first_ns=recording.first_cell * recording.period_ns,
@@ -98,7 +100,7 @@ def describe(day: Day) -> DayEntry:
         left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
-        noise=tuple(day.noise.tolist()),
+        noise=tuple(noise.tolist()),
     )
 
 

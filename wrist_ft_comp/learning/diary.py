@@ -9,14 +9,15 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
 from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
+from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2, schema='diary.schema.json', keeps=True,
@@ -26,8 +27,6 @@ KIND = Kind(
     'data_directory; until then nothing is learnt.')  # fmt: skip
 #: Newest days that are kept in it.
 _MOST_DAYS = 1000
-#: Newest decisions that are kept in it.
-_MOST_DECISIONS = 100
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
@@ -44,16 +43,15 @@ CHALLENGER = 'challenger'
 UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
 #: Another tool: the drift of that day is learnt all the same.
 TOOL = 'tool'
-#: Drift that follows the load's history: no fault of the zero, so that learning goes on.
-CREEP = 'creep'
-#: Kinds of incidents that change the sensor.
-ZERO, GAIN, NOISE, MOUNTING = 'zero', 'gain', 'noise', 'mounting'
+#: Kinds of incidents that change the sensor: its zero, its gain or mounting, its noise.
+ZERO, SENSOR, NOISE = 'zero', 'sensor', 'noise'
 #: Days of these kinds are learnt from.
-LEARNT_FROM = ('', TOOL, CREEP)
+LEARNT_FROM = ('', TOOL)
 #: Days of these kinds stop learning.
-PAUSING = (ZERO, GAIN, NOISE, MOUNTING)
-#: Days before one of these kinds are not used any more, as if they were of another sensor.
-FORGETTING = (GAIN, MOUNTING)
+PAUSING = (ZERO, SENSOR, NOISE)
+#: Good days that have to come before learning goes on after an incident, before the noise of days
+#: is usual, and before a model is judged that a person chose.
+DAYS_TO_AGREE = 3
 
 
 @dataclass(frozen=True)
@@ -86,28 +84,28 @@ class DayEntry:
     kind: str = ''
     #: Whether a model was learnt.
     challenged: bool = False
+    #: File of the better model that was found after this day; empty where none was.
+    better: str = ''
     #: Processor time that judging and learning took, s.
     seconds: float = 0.0
     #: Mass, kg, and centre of mass, m, of every payload.
     payloads: tuple[tuple[float, ...], ...] = ()
     #: Rotation from the specific force's frame to the wrench's, row by row; empty where unknown.
     rotation: tuple[float, ...] = ()
-    #: Standard deviation of a cell, N and N m; empty where unknown.
+    #: Standard deviation of a cell, N and N m, axis order AXES, NaN on axes that the day lacks;
+    #: empty where unknown.
     noise: tuple[float, ...] = ()
-    #: Share of a load that its creep tends to, and its standard error, for every TIME_CONSTANTS_S
-    #: of ``creep``; empty where it is unknown.
-    creep: tuple[tuple[float, float], ...] = ()
 
 
 class Decision(NamedTuple):
-    """A change of the live model, or the beginning or end of learning."""
+    """A change of the live model."""
 
     #: Name of the newest day before it.
     day: str
     #: What was decided, and why.
     sentence: str
-    #: Whether a better model was learnt, which goes live or is only offered, or a person decided.
-    kind: Literal['learnt', 'offered', 'person']
+    #: Who decided, as in HistoryEntry.
+    how: How
 
 
 @dataclass(frozen=True)
@@ -115,6 +113,7 @@ class Diary:
     """All days, oldest first, also those whose recordings were deleted."""
 
     days: tuple[DayEntry, ...] = ()
+    #: Changes of the live model, from active.json; ``survey`` and the learning job add them.
     decisions: tuple[Decision, ...] = ()
     #: Why learning has stopped on its own; empty when it has not.
     paused: str = ''
@@ -144,9 +143,8 @@ def share_left(entry: DayEntry, model: str) -> FloatArray:
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
-    """Choose days that may be learnt from: with the present sensor and its thermometers."""
-    start = max((n for n, entry in enumerate(entries) if entry.kind in FORGETTING), default=-1)
-    good = [entry for entry in entries[start + 1 :] if entry.kind in LEARNT_FROM]
+    """Choose days without an incident that have as many thermometers as the newest."""
+    good = [entry for entry in entries if entry.kind in LEARNT_FROM]
     return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
 
 
@@ -179,7 +177,6 @@ def save_diary(directory: Path, diary: Diary) -> None:
     KIND.set_aside_unreadable(diary_path(directory))
     document = {
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
-        'decisions': [decision._asdict() for decision in diary.decisions[-_MOST_DECISIONS:]],
         'paused': diary.paused,
     }
     KIND.write_json(diary_path(directory), document)
@@ -194,8 +191,17 @@ def node_folders(path: Path) -> list[Path]:
     return sorted(folder.parent for folder in path.glob('*/days') if folder.is_dir())
 
 
+def decisions(history: Sequence[HistoryEntry]) -> tuple[Decision, ...]:
+    """List the changes of the live model that came after a day, oldest first."""
+    return tuple(Decision(entry.day, entry.why, entry.how) for entry in history if entry.day)
+
+
 def survey(directory: Path) -> Diary:
-    """Read a folder's diary, and add the days that nobody judged; RecordingError without days."""
+    """
+    Read a folder's diary, and add the days that nobody judged, and changes of the live model.
+
+    RecordingError without days.
+    """
     diary = load_diary(directory)
     judged = {entry.name for entry in diary.days}
     others = (_unjudged(path) for path in days(directory) if path.name not in judged)
@@ -205,7 +211,10 @@ def survey(directory: Path) -> Diary:
             f'{directory} holds no days. A node keeps them with the parameter learning set to '
             'propose or auto.'
         )
-    return replace(diary, days=tuple(entries))
+    history: list[HistoryEntry] = []
+    with suppress(ModelFileError):  # the days can be shown without it
+        history = ModelStore(directory).history()
+    return replace(diary, days=tuple(entries), decisions=decisions(history))
 
 
 def _unjudged(path: Path) -> DayEntry:

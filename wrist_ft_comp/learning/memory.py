@@ -1,12 +1,14 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.errors import ModelFileError, StateFileError
 from wrist_ft_comp.learning.day_files import day_number
 from wrist_ft_comp.stored.documents import Kind
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 
 KIND = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
@@ -18,37 +20,26 @@ KIND = Kind(
 
 @dataclass(frozen=True)
 class Memory:
-    """What the node and people decided about models; names of days are empty without one."""
+    """What the newest job said, and which model is offered; days are empty without one."""
 
-    #: SHA-256 of the model that was live; None when none was.
+    #: SHA-256 of the live model that all this is about; None when none was live.
     champion: str | None = None
-    #: Newest day that a job has judged.
+    #: Newest day that a job has judged, or that a person's decision ended.
     judged: str = ''
     #: The verdict on that day.
     verdict: str = ''
     #: What happened to the sensor on that day.
     incident: str = ''
-    #: Newest day before a person's last decision.
-    since: str = ''
-    #: Date and words of that decision.
-    decision: str = ''
     #: Why learning has stopped by itself; empty when it has not.
     paused: str = ''
-    #: Date and reason of the last change of the live model.
-    change: str = ''
     #: File of the offered model below models/; empty where none is offered.
     offered: str = ''
     #: SHA-256 of the offered model.
     sha256: str = ''
     #: Why it is better.
     why: str = ''
-    #: Whether the offered model goes live by itself. After a kill, that happens at the restart.
-    automatic: bool = False
-    #: File of the live model; empty when none was.
-    path: str = ''
-    #: By day: the file of the model that ran on it, empty when none did. These are days that a
-    #: person's decision ended and no job has judged: when the job comes, another model is live.
-    ran: Mapping[str, str] = field(default_factory=dict)
+    #: Date and reason of the last change of the live model, from active.json: not in this file.
+    change: str = ''
 
 
 def memory_path(directory: Path) -> Path:
@@ -62,11 +53,22 @@ def load_memory(directory: Path) -> Memory | None:
     if document is None:
         return None
     # The name of a stray file, such as day_1.csv, would be newer than every day to come.
-    stray = [key for key in ('judged', 'since') if not day_number(document.get(key, ''))]
-    return Memory(**{**document, **dict.fromkeys(stray, '')})
+    if not day_number(document.get('judged', '')):
+        document['judged'] = ''
+    change = ''
+    with suppress(ModelFileError):
+        change = last_change(ModelStore(directory).history())
+    return Memory(**document, change=change)
+
+
+def last_change(history: Sequence[HistoryEntry]) -> str:
+    """Say when and why the live model changed last; empty where it never did."""
+    return f'{history[-1].since[:10]}: {history[-1].why}' if history and history[-1].since else ''
 
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step; one that cannot be read is kept beside it, once."""
+    document = asdict(memory)
+    del document['change']
     KIND.set_aside_unreadable(memory_path(directory))
-    KIND.write_json(memory_path(directory), asdict(memory))
+    KIND.write_json(memory_path(directory), document)

@@ -4,29 +4,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import Cell, DayEntry, LEARNT_FROM, share_left
+from wrist_ft_comp.learning.diary import Cell, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, share_left
 
 #: Fewest days that a model is learnt from.
 FEWEST_DAYS = 2
 #: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
 MOST_DAYS = 12
-#: A model is learnt when the number of good days has grown by this share ...
+#: A model is learnt when the number of good days has grown by this share: on the 2nd, 3rd, 4th,
+#: 6th, 8th, 11th, 15th, 20th … good day.
 _GROWTH = 1 / 3
-#: ... or by this number, if that is less ...
-_MOST_GROWTH_DAYS = 20
-#: ... or after a day on which the live model left more than this many times the median day ...
+#: One is learnt after a day on which the live model left more than this many times what it leaves
+#: on the median day ...
 _BAD_RATIO = 2.0
-#: ... and more than this share of the drift ...
+#: ... and more than this share of the drift, ...
 _BAD_SHARE = 0.1
-#: ... or after a day with more than this share of coarse temperatures that are new.
+#: ... and after a day with more than this share of coarse temperatures that are new.
 _NEW_TEMPERATURES_SHARE = 0.25
-#: Most processor time that days with a new model may take together, s ...
-_MOST_SPENT_S = 1400.0
-#: ... in this many days. Days that were only judged do not count: on a slow computer, judging
-#: alone takes that long, and there would never be a new model.
-_SPENT_DAYS = 30
-#: Good days after a person's decision about models before that may be changed.
-_RESPECTED_DAYS = 3
+#: Learning may take this much processor time a day in the mean of all days, s. A model of twelve
+#: days of 2.5 h takes about 10 s. Days that were only judged do not count.
+_BUDGET_S_PER_DAY = 45.0
 ANOTHER_DAY = 'Another good day is needed to learn from.'
 
 
@@ -38,22 +34,21 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     empty where none is live, and where the node did.
     """
     good = [day for day in entries if day.kind in LEARNT_FROM]
-    spent_s = sum(day.seconds for day in entries[-_SPENT_DAYS:] if day.challenged)
+    spent_s = sum(day.seconds for day in entries if day.challenged)
     if len(good) < FEWEST_DAYS:
         return False, ANOTHER_DAY
     new = sum(day.name > chosen for day in good)
-    if chosen and new < _RESPECTED_DAYS:
+    if chosen and new < DAYS_TO_AGREE:
         return False, (
-            f'A person chose the live model; {new} of {_RESPECTED_DAYS} good days have come since.'
+            f'A person chose the live model; {new} of {DAYS_TO_AGREE} good days have come since.'
         )
-    if spent_s > _MOST_SPENT_S:
+    if spent_s > _BUDGET_S_PER_DAY * len(entries):
         return False, (
-            f'No new model was learnt: in the last {_SPENT_DAYS} days, learning took '
-            f'{spent_s / 60:.0f} minutes of processor time, and {_MOST_SPENT_S / 60:.0f} are '
-            'allowed.'
+            f'No new model was learnt: learning took {spent_s / len(entries):.0f} s of processor '
+            f'time a day, and {_BUDGET_S_PER_DAY:.0f} s are allowed.'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
-    grown, awaited = len(good) - 1 - last, min(_MOST_GROWTH_DAYS, _GROWTH * (last + 1))
+    grown, awaited = len(good) - 1 - last, _GROWTH * (last + 1)
     if not live:
         cause = 'no model is live'
     elif grown >= awaited:

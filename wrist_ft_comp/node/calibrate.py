@@ -12,13 +12,12 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs.process import JobProcess
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
-from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.node.recording import Recorder, RecordService
 from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.signals import NANOSECONDS, Topics
 from wrist_ft_comp.stored.model_file import restore_model
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
 
 #: The process that runs a job.
@@ -51,17 +50,11 @@ class JobMaker:
             )
         return self._make(recordings, chosen, skip_unusable=not named)
 
-    def learning(
-        self, days: Sequence[Path], champion: Path | None, memory: Memory
-    ) -> CalibrationJob:
+    def learning(self, days: Sequence[Path], history: Sequence[HistoryEntry]) -> CalibrationJob:
         """Ask for what can be learnt from days."""
         chosen = {**self.settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
-        learning = Learning(
-            champion, memory.since, chosen['learning.keep_days'], kept_mb, memory.decision,
-            {day: Path(path) if path else None for day, path in memory.ran.items()},
-            chosen['learning'] == 'auto',
-        )  # fmt: skip
+        learning = Learning(tuple(history), chosen['learning.keep_days'], kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def identification(self, minute: Minute) -> CalibrationJob:

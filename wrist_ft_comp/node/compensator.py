@@ -15,7 +15,7 @@ from wrist_ft_comp.node.correction import Correction
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
-from wrist_ft_comp.node.learning import Learner
+from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import WrenchTopic
 from wrist_ft_comp.node.output import Output
@@ -97,7 +97,8 @@ class CompensatorNode(Hub):
         self.tare = TareService(
             compensator, self.external, self._settings, self.state_keeper.save, log
         )
-        self.calibration = CalibrateService(self.jobs.calibration, live.take, self.recording, log)
+        calibrated = partial(live.take, why='a person called ~/calibrate')
+        self.calibration = CalibrateService(self.jobs.calibration, calibrated, self.recording, log)
         self.learning = Learner(chosen, live, self.calibration, self.jobs, log)
         self.output = Output(compensator, counts, self.hardware_id)
         self.correction = Correction(

@@ -1,7 +1,8 @@
 """The part that owns the live model: the first one, swaps, rollbacks, and their history."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import Part, Service
 from wrist_ft_comp.signals import SensorNames
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
 from wrist_ft_comp.stored.state_file import StateWriter
 
 
@@ -38,8 +39,10 @@ class LiveModel(Part):
     problem: str = ''
     #: The live model; None is no compensation.
     stored: StoredModel | None = None
-    #: Models that were live, the live one last; None stands for no compensation.
-    _history: list[Path | None] = field(default_factory=list)
+    #: Models that were live, the live one last.
+    history: list[HistoryEntry] = field(default_factory=list)
+    #: Ends the day that is being recorded, before a person's decision is written down.
+    end_day: Callable[[], None] = lambda: None
     #: Model of a model_file that was checked and goes live next; loading it takes tens of ms.
     _validated: StoredModel | None = None
     #: Why the live model may be of another sensor, as it was logged.
@@ -105,18 +108,19 @@ class LiveModel(Part):
     def _last(self) -> StoredModel | None:
         """Load the model that was live last; one that cannot be used leaves none live."""
         try:
-            self._history = self._store.history()
-            last = self._history[-1] if self._history else None
+            self.history = self._store.history()
+            last = self.history[-1].path if self.history else None
             return None if last is None else self.load(last)
         except WristFtCompError as error:
             self.problem = f'The last model cannot be used: {error}'
             self._log.error(self.problem)
-            self._history = [*self._history[:-1], None]
+            last_entry = self.history[-1] if self.history else HistoryEntry(None)
+            self.history = [*self.history[:-1], replace(last_entry, path=None, sha256='')]
             return None
 
     def _prefer(self, given: StoredModel) -> None:
         """Take the operator's model, unless what was live last is a newer decision."""
-        if given.sha256 == self._store.given() and self._history and not self.problem:
+        if given.sha256 == self._store.given() and self.history and not self.problem:
             if self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
                 self._log.warning(
@@ -126,8 +130,7 @@ class LiveModel(Part):
                 )
             return
         self.stored = given
-        again = self._history[-1:] == [given.path]
-        self._remember(self._history if again else [*self._history, given.path], given.sha256)
+        self._go_on(f'model_file was {given.path.name} at the start', given=given.sha256)
 
     def _announce(self, stored: StoredModel) -> None:
         self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
@@ -144,10 +147,33 @@ class LiveModel(Part):
         check_sensor(stored, sensor)
         return stored
 
-    def take(self, stored: StoredModel) -> str:
-        """Make a new model live; return why it could not be remembered, or nothing."""
+    def take(self, stored: StoredModel, why: str, judged: str = '') -> str:
+        """
+        Make a new model live; return why it could not be remembered, or nothing.
+
+        ``why`` is the reason in a sentence, ``judged`` the newest day that was judged, where the
+        node itself decided; empty where a person did.
+        """
         self._make_live(stored)
-        return self._remember([*(self._history or [None]), stored.path])
+        self.history = self.history or [HistoryEntry(None)]
+        return self._go_on(why, 'learnt' if judged else 'chosen', judged)
+
+    def _go_on(
+        self, why: str, how: How = 'chosen', judged: str = '', given: str | None = None
+    ) -> str:
+        """Write down that the live model is live from now on; nothing where it was live before."""
+        path, sha256 = (self.stored.path, self.stored.sha256) if self.stored else (None, '')
+        last = self.history[-1] if self.history else None
+        if last and not last.withdrawn and (last.path, last.sha256) == (path, sha256):
+            return self._remember(self.history, given)
+        if last and last.path == path:  # its file has changed: what was in it cannot come back
+            self.history[-1] = replace(last, withdrawn=True)
+        if how != 'learnt':
+            self.end_day()
+        since = datetime.now(timezone.utc).isoformat(timespec='seconds')
+        day = judged or self._store.newest_day()
+        entry = HistoryEntry(path, sha256, since, why, how, day)
+        return self._remember([*self.history, entry], given)
 
     def _make_live(self, stored: StoredModel | None) -> None:
         """Swap a model in and say so."""
@@ -156,9 +182,9 @@ class LiveModel(Part):
         if stored is not None:
             self._announce(stored)
 
-    def _remember(self, history: list[Path | None], given: str | None = None) -> str:
+    def _remember(self, history: list[HistoryEntry], given: str | None = None) -> str:
         """Keep the history over a restart; return what went wrong, if anything did."""
-        self._history, self.problem = history, ''
+        self.history, self.problem = history, ''
         try:
             self._store.activate(history, given)
         except WristFtCompError as error:
@@ -188,30 +214,38 @@ class LiveModel(Part):
         stored, self._validated = self._validated, None
         if stored is not None and any(given.name == 'model_file' for given in parameters):
             self._make_live(stored)
-            before = self._history or [None]
-            again = before[-1] == stored.path
-            self._remember(before if again else [*before, stored.path])
+            self.history = self.history or [HistoryEntry(None)]
+            self._go_on(f'a person set model_file to {stored.path.name}')
 
     def roll_back(self, *_: Any) -> str:
         """Go back to the model before the live one; say which."""
-        if len(self._history) < 2:
+        history = self.history
+        standing = [n for n, entry in enumerate(history) if not entry.withdrawn]
+        if len(standing) < 2:
             raise SettingsError(
                 'There is no earlier model to go back to; the running model stays.'
             )
-        *earlier, before, live = self._history
+        before, live = standing[-2:]
+        path, left = history[before].path, history[live].path
         try:
-            self._make_live(None if before is None else self.load(before))
+            self._make_live(None if path is None else self.load(path))
         except WristFtCompError as error:
-            # Taken off the list, or those before it could never be reached.
-            self._remember([*earlier, live])
+            # Withdrawn, or those before it could never be reached.
+            history[before] = replace(history[before], withdrawn=True)
+            self._remember(history)
             raise SettingsError(
                 f'{error} The running model stays; call again for the model before that one.'
             ) from error
-        problem = self._remember([*earlier, before])
+        for n in (before, live):
+            history[n] = replace(history[n], withdrawn=True)
+        back_to = 'no model' if path is None else path.name
+        problem = self._go_on(
+            f'a person went back from {left.name if left else "no model"} to {back_to} with '
+            '~/rollback', 'back')  # fmt: skip
         now = (
             'no model was live before: wrenches pass uncompensated'
-            if before is None
-            else f'compensating with {before} again'
+            if path is None
+            else f'compensating with {path} again'
         )
         return f'{now}\nwarning: {problem}' if problem else now
 

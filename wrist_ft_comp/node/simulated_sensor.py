@@ -9,7 +9,6 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
 import sys
 import time
 from typing import Any, cast
@@ -39,7 +38,7 @@ from wrist_ft_comp.simulation.run import (
 )
 from wrist_ft_comp.simulation.work import WorkSettings
 
-_RUN, _WORK, _SENSOR = RunSettings(), WorkSettings(), FtSensorSettings()
+_RUN, _WORK = RunSettings(), WorkSettings()
 PARAMETERS = (
     EXECUTOR_PARAMETER,
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
@@ -75,12 +74,6 @@ PARAMETERS = (
          'Share of the time in which it presses on something.', minimum=0.0, maximum=0.6),
     _row('work.speed', _WORK.speed_rad_s, 'Its largest speed of rotation.',
          'rad/s', 0.01, 10.0),
-    _row('creep', _SENSOR.creep,
-         'Creep of a load that is constant for 30 min, as a share of it.',
-         minimum=-0.01, maximum=0.01),
-    _row('hysteresis', _SENSOR.hysteresis,
-         'What a load of over 100 N or 5 N m leaves, as a share of 50 N or 2.5 N m.',
-         minimum=-0.01, maximum=0.01),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
@@ -125,9 +118,7 @@ class SimulatedSensor(Node):
         random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
         self._run = draw_run(run_settings(chosen), draws)
-        settings = replace(_SENSOR, creep=chosen['creep'], hysteresis=chosen['hysteresis'])
-        self._sensor = ft_sensor.build_sensor(settings, chosen['seed'])
-        self._memory = ft_sensor.no_memory()
+        self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
         self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
         self._wrenches = _Ticks(chosen['wrench_rate'], chosen['speed'])
@@ -204,10 +195,7 @@ class SimulatedSensor(Node):
         if self._robot is not None:
             near_c = ft_sensor.thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
             true = self._robot.move(elapsed_s, near_c, true)
-        shown, self._memory = ft_sensor.strained(
-            self._sensor.settings, self._memory, true, self._wrenches.step_s
-        )
-        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, shown)
+        ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
         raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
         read = ft_sensor.digitised_temperatures(
             self._sensor, temperature_nodes_c, self._temperature_rng
@@ -264,8 +252,6 @@ class _Ticks:
 
     def __init__(self, rate: float, speed: float) -> None:
         self.rate = rate
-        #: Simulated time from one message to the next, s.
-        self.step_s = speed / rate
         self._step_ns = speed / rate * NANOSECONDS
         self._sent = 0
 

@@ -11,15 +11,13 @@ import numpy as np
 from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
-    CREEP,
     DayEntry,
     Diary,
     FORCES,
-    GAIN,
-    MOUNTING,
     NOISE,
     NONE,
     rms_left,
+    SENSOR,
     THERMOMETER,
     TOOL,
     TORQUES,
@@ -36,21 +34,22 @@ _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
 NAMES = {
     ZERO: 'zero jumped',
-    GAIN: 'gain changed',
+    SENSOR: 'gain or mounting changed',
     NOISE: 'more noise',
-    MOUNTING: 'sensor turned',
     TOOL: 'another tool',
     CONTACTS: 'pushed all day',
-    CREEP: 'creep or hysteresis',
     UNREADABLE: 'day not readable',
 }
 NO_PAYLOAD = 'no payload found'
 NO_DAYS = 'no days'
 #: Names of changes of the model, which happen after a day.
-LEARNT, OFFERED, CHOSEN, BACK, ANOTHER = MODEL_CHANGES = (
-    'new model learnt', 'better model offered', 'person chose model', 'back to old model',
-    'another model',
-)  # fmt: skip
+LEARNT, OFFERED, CHOSEN, BACK = MODEL_CHANGES = (
+    'new model learnt',
+    'better model offered',
+    'person chose model',
+    'back to old model',
+)
+_NAMES_OF_CHANGES: dict[str, str] = {'learnt': LEARNT, 'chosen': CHOSEN, 'back': BACK}
 
 
 class DriftLeft(NamedTuple):
@@ -159,28 +158,15 @@ def _pauses(days: Sequence[DayEntry]) -> Iterator[Event]:
 
 
 def _model_changes(diary: Diary) -> Iterator[Event]:
-    """Name what was decided about models, and changes of the live model beside that."""
-    at = [n for n, day in enumerate(diary.days) if day.left or day.kind]  # that were judged
-    lives, last = [diary.days[n].live for n in at], len(at) - 1
-    numbers = {diary.days[n].name: number for number, n in enumerate(at)}
-    explained: set[int] = set()
+    """Name changes of the live model, and better models that did not go live by themselves."""
+    numbers = {day.name: n for n, day in enumerate(diary.days)}
     for decision in diary.decisions:
-        n = numbers.get(decision.day, -1)
-        if n < 0:
-            continue
-        before, after = lives[n], lives[min(n + 1, last)]
-        if decision.kind == 'offered':
-            name = OFFERED
-        elif decision.kind == 'learnt':
-            explained |= {n}
-            name = OFFERED if n < last and after == lives[n] else LEARNT
-        else:
-            explained |= {n - 1, n}
-            name = BACK if after != before and after in lives[:n] else CHOSEN
-        yield Event(name, at[n], at[n], decision.sentence)
-    for n, (before, after) in enumerate(pairwise(lives)):
-        if before != after and n not in explained:
-            yield Event(ANOTHER, at[n], at[n], 'The diary does not say why.')
+        if (n := numbers.get(decision.day)) is not None:
+            yield Event(_NAMES_OF_CHANGES[decision.how], n, n, decision.sentence)
+    live = {decision.day for decision in diary.decisions if decision.how == 'learnt'}
+    for n, day in enumerate(diary.days):
+        if day.better and day.name not in live:
+            yield Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}')
 
 
 def when(entry: DayEntry) -> str:

@@ -6,19 +6,14 @@ before the heat of step k has flowed. Six full bridges of strain gauges drift: g
 little in their temperature coefficient and in their place, so the zero drifts with temperature
 and with its gradient (eq. 1 of the paper), and the piezoresistive coefficient falls with
 temperature, so the gain drifts (eq. 2).
-
-Two things follow the load's history instead, and are off unless they are set: creep, which grows
-under a constant load and recovers without it, and hysteresis, which a large load leaves behind.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.signals import FloatArray
 from wrist_ft_comp.simulation.heat_flow import (
     build_heat_flow,
     FtSensorSettings,
@@ -30,8 +25,6 @@ from wrist_ft_comp.simulation.heat_flow import (
 NOMINAL_C = 25.0
 #: Sign of each gauge's strain, and of its share in the bridge's output.
 GAUGE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
-#: Time after which data sheets and OIML R 60 state creep, s.
-CREEP_TEST_S = 1800.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,51 +128,6 @@ def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) ->
     changes = resistances * s.piezoresistive_coefficient * falling * strain  # ΔR/R = πσ, eq. 2
     shown = stiffness / s.piezoresistive_coefficient
     return np.asarray(bridge_output(resistances, changes) * shown)
-
-
-class LoadMemory(NamedTuple):
-    """What is left of earlier loads, N and N m, (6,): behind the creep's lag, and in the play."""
-
-    lagged: FloatArray
-    played: FloatArray
-
-
-def no_memory() -> LoadMemory:
-    """Give the memory of a sensor that was not loaded for long."""
-    return LoadMemory(np.zeros(len(AXES)), np.zeros(len(AXES)))
-
-
-def strained(
-    settings: FtSensorSettings, memory: LoadMemory, wrench: FloatArray, step_s: float
-) -> tuple[FloatArray, LoadMemory]:
-    """
-    Add creep and hysteresis to wrenches, N and N m, (n, 6), that are ``step_s`` apart.
-
-    A wrench F that is constant is shown as F (1 + creep (1 - exp(-t / creep_s)) / c), where c is
-    the bracket after 30 min; creep recovery is the same without the load. Hysteresis is a share of
-    the play operator of Prandtl: a value that the load takes along beyond ``play`` on either side.
-
-    Returns
-    -------
-    wrench : ndarray, shape (n, 6)
-        What strains the gauges.
-    memory : LoadMemory
-        To go on with.
-
-    """
-    s = settings
-    if not len(wrench) or not (s.creep or s.hysteresis):
-        return wrench, memory
-    decay = np.exp(-step_s / s.creep_s)
-    begin = decay * memory.lagged[np.newaxis]
-    lagged, _ = lfilter([1 - decay], [1, -decay], wrench, axis=0, zi=begin)
-    played, play = np.empty_like(wrench), per_axis(s.force_play_n, s.torque_play_nm)
-    last = memory.played
-    for row, load in enumerate(wrench):
-        played[row] = last = np.clip(last, load - play, load + play)
-    after_test = 1 - np.exp(-CREEP_TEST_S / s.creep_s)
-    shown = wrench + s.creep / after_test * lagged + s.hysteresis * played
-    return shown, LoadMemory(lagged[-1], last)
 
 
 def digitised_wrench(

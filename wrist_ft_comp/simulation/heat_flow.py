@@ -67,15 +67,6 @@ class FtSensorSettings:
     #: Load per strain, N and N m.
     force_stiffness_n: float = 1e6
     torque_stiffness_nm: float = 3e4
-    #: Creep of a load that has been constant for 30 min, as a share of it, and its time constant,
-    #: s. Data sheets give 0.0002 to 0.001. Creep tests of 65 load cells have on average 0.84 of
-    #: the creep of 60 min after 30 min (Bartel and Yaniv, J. Res. NIST 102, 1997): 1080 s.
-    creep: float = 0.0
-    creep_s: float = 1080.0
-    #: Hysteresis: what a load beyond twice the play leaves, as a share of the play, N and N m.
-    hysteresis: float = 0.0
-    force_play_n: float = 50.0
-    torque_play_nm: float = 2.5
     #: Standard deviation of a reading, and its step (0: none), N and N m.
     force_noise_n: float = 0.08
     torque_noise_nm: float = 0.003

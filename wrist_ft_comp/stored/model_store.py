@@ -3,14 +3,16 @@ Where a node keeps what it made: models, own recordings, and which model is acti
 
     <directory>/models/*.yaml        every calibration's result
     <directory>/recordings/*.csv     the node's own recordings
-    <directory>/active.json          the active model, the ones before it, newest last, and
+    <directory>/active.json          which model was live since when, and why, newest last; and
                                      which model the operator gave at the last start
     <directory>/state.json           thermal state and tare, for a restart (state_file.py)
     <directory>/days/, learning.json  of a node that learns by itself (days/)
     <directory>/lock                 held by the node that keeps its files here
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime, timezone
 import fcntl
 import json
@@ -18,27 +20,59 @@ import os
 from pathlib import Path
 import re
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, get_args, Literal
 from weakref import finalize
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored.documents import Output, parse_json, remove_leftovers
 
-#: Most earlier models that a rollback can return to.
-MAX_HISTORY = 20
+#: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
+MAX_HISTORY = 100
 #: Most of the node's own recordings that a calibration uses.
 MAX_RECORDINGS = 10
 #: Most bytes that are quoted of the process that holds the folder.
 _HOLDER = 200
 #: What the name of no model holds: a NUL, or half of a character of two.
 _IN_NO_NAME = re.compile('[\0\ud800-\udfff]')
-#: A list of MAX_HISTORY paths is shorter.
-_MAX_LIST_CHARACTERS = 200_000
+#: A list of MAX_HISTORY models, with reasons, is shorter.
+_MAX_LIST_CHARACTERS = 1_000_000
 _LIST = Output(
-    name='list of models', says='"history"', endings='.json',
+    name='list of models', says=r'"history": \[\s*[\]{]', endings='.json',
     keeps=True, error=ModelFileError,
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
+
+#: Why a model went live: a person chose it, the node learnt it, or ~/rollback went back to it.
+How = Literal['chosen', 'learnt', 'back']
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """A model that went live, which one, when and why."""
+
+    #: Its file; None is no compensation.
+    path: Path | None
+    #: SHA-256 of its file; empty where no model is live.
+    sha256: str = ''
+    #: Date and time, UTC, in ISO 8601; empty for what was live before the first change.
+    since: str = ''
+    #: The reason in a sentence.
+    why: str = ''
+    how: How = 'chosen'
+    #: Newest day in ``days/`` that had ended by then; empty where there was none.
+    day: str = ''
+    #: Whether ~/rollback went back from it or past it; another rollback does not return to it.
+    withdrawn: bool = False
+
+
+def model_on(history: Sequence[HistoryEntry], day: str) -> HistoryEntry | None:
+    """Find the model that was live on a day: the last one that went live before it."""
+    return next((entry for entry in reversed(history) if entry.day < day), None)
+
+
+def day_of_choice(history: Sequence[HistoryEntry]) -> str:
+    """Name the newest day before a person's last decision; empty where nobody decided."""
+    return next((entry.day for entry in reversed(history) if entry.how != 'learnt'), '')
 
 
 class ModelStore:
@@ -86,10 +120,18 @@ class ModelStore:
         except (OSError, RuntimeError, ValueError):
             return False  # a loop of links, or no possible name, leads nowhere
 
-    def history(self) -> list[Path | None]:
-        """List the models that were active, newest last; None stands for "no model"."""
-        entries = self._read()['history']
-        return [None if entry is None else self.directory / entry for entry in entries]
+    def newest_day(self) -> str:
+        """Name the newest day that is kept for learning; empty where there is none."""
+        days = (self.directory / 'days').glob(f'day_{5 * "[0-9]"}.csv')
+        return max((path.name for path in days), default='')
+
+    def history(self) -> list[HistoryEntry]:
+        """List the models that were live, newest last."""
+        entries = [HistoryEntry(**entry) for entry in self._read()['history']]
+        return [
+            entry if entry.path is None else replace(entry, path=self.directory / entry.path)
+            for entry in entries
+        ]
 
     def given(self) -> str:
         """Read the SHA-256 of the model given at the last start; empty where none is known."""
@@ -112,22 +154,23 @@ class ModelStore:
                 f'{path} cannot be read ({error}). Remove it and set model_file.'
             ) from error
         entries = content.get('history') if isinstance(content, dict) else None
-        if not isinstance(entries, list) or not all(
-            entry is None or (isinstance(entry, str) and not _IN_NO_NAME.search(entry))
-            for entry in entries
-        ):
+        if not isinstance(entries, list) or not all(map(_is_entry, entries)):
             raise ModelFileError(
-                f'{path} must hold "history", a list of model files. Remove it and set model_file.'
+                f'{path} was damaged, or written by an older version of wrist_ft_comp: "history" '
+                'must be a list of models that were live. Remove it and set model_file.'
             )
         return {'given': '', **content}
 
-    def activate(self, history: list[Path | None], given: str | None = None) -> None:
+    def activate(self, history: Sequence[HistoryEntry], given: str | None = None) -> None:
         """
-        Remember models that were active, newest last; paths in the folder stay relative.
+        Remember models that were live, newest last; paths in the folder stay relative.
 
         ``given`` is the SHA-256 of the model that the operator gave; None leaves it as it was.
         """
-        entries = [None if entry is None else self._written(entry) for entry in history]
+        entries = [
+            {**asdict(entry), 'path': None if entry.path is None else self._written(entry.path)}
+            for entry in history
+        ]
         document = {
             'history': entries[-MAX_HISTORY:],
             'given': self.given() if given is None else given,
@@ -184,6 +227,19 @@ class ModelStore:
         """Spell a path so that the folder can be moved."""
         resolved, base = path.resolve(), self.directory.resolve()
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
+
+
+def _is_entry(value: Any) -> bool:
+    """Tell whether a value of a file is a HistoryEntry."""
+    if not isinstance(value, dict) or set(value) != {field.name for field in fields(HistoryEntry)}:
+        return False
+    path, withdrawn, *others = (value[n] for n in ('path', 'withdrawn', 'sha256', 'since', 'why'))
+    return (
+        (path is None or (isinstance(path, str) and not _IN_NO_NAME.search(path)))
+        and isinstance(withdrawn, bool)
+        and all(isinstance(other, str) for other in (*others, value['day']))
+        and value['how'] in get_args(How)
+    )
 
 
 def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:

@@ -11,7 +11,7 @@ import pytest
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.state_file import load_state
 
 #: No file may grow beyond this: a header and some rows of a recording fit, a state does not.
@@ -43,7 +43,7 @@ def data(tmp_path, make_model):
     folder = tmp_path / 'data'
     model = make_model('a.yaml', {'force_z': (0.5, 0.0, 30.0)})
     store = ModelStore(folder)
-    store.activate([None, model.path])
+    store.activate([HistoryEntry(None), HistoryEntry(model.path, model.sha256)])
     cells = np.arange(600)
     celsius = 20 + 10 * (1 - np.exp(-cells / 100))
     table = np.column_stack([cells, *[celsius - 20] * len(AXES), celsius])

@@ -34,7 +34,7 @@ node._keep_house()
 node._diagnose()
 assert node.counts.published == 3
 assert node.compensator.compensating
-node.live.take(node.live.load(Path(GIVEN['model_file'])))
+node.live.take(node.live.load(Path(GIVEN['model_file'])), 'it is better')
 print(*sys.modules)
 node.destroy_node()
 context.try_shutdown()

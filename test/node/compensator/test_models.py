@@ -1,13 +1,17 @@
+from dataclasses import asdict
 import json
 import os
 
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.stored.model_store import HistoryEntry
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 OK, WARN, ERROR = b'\0', b'\1', b'\2'
+#: A list in which no model was live.
+LIST = json.dumps({'history': [asdict(HistoryEntry(None))]})
 
 
 def live(node):
@@ -22,7 +26,7 @@ def live(node):
 def remember(node_or_directory, *names):
     directory = getattr(node_or_directory, 'directory', node_or_directory)
     directory.mkdir(exist_ok=True, parents=True)
-    entries = [name and f'models/{name}' for name in names]
+    entries = [{**asdict(HistoryEntry(None)), 'path': f'models/{name}'} for name in names]
     (directory / 'active.json').write_text(json.dumps({'history': entries}))
 
 
@@ -56,6 +60,29 @@ class TestRollback:
         assert node.call('rollback').success
         assert live(node) == 'a.yaml'
 
+    def test_every_change_is_kept_with_its_date_and_reason(self, rig, make_model):
+        for name in ('a.yaml', 'b.yaml'):
+            make_model(name)
+        node = rig()
+        for name in ('a.yaml', 'b.yaml', 'b.yaml'):
+            assert node.set('model_file', f'models/{name}').successful
+        assert node.call('rollback').success
+        make_model('a.yaml', {'force_x': (2.0, 0, 0)})
+        assert node.set('model_file', 'models/a.yaml').successful
+        first, *history = node.node.live.history
+        assert (first.path, first.since) == (None, '')
+        assert [(entry.path.name, entry.how, entry.withdrawn) for entry in history] == [
+            ('a.yaml', 'chosen', True), ('b.yaml', 'chosen', True), ('a.yaml', 'back', True),
+            ('a.yaml', 'chosen', False),
+        ]  # fmt: skip
+        assert history[2].why == 'a person went back from b.yaml to a.yaml with ~/rollback'
+        assert history[2].sha256 == history[0].sha256 != history[3].sha256
+        dates = [entry.since for entry in history]
+        assert dates == sorted(dates)
+        assert rig().node.live.history == node.node.live.history
+        assert node.call('rollback').success
+        assert live(node) is None
+
 
 class TestRestart:
     def test_a_restart_after_a_rollback_to_none_has_no_model(self, rig, make_model):
@@ -72,9 +99,10 @@ class TestRestart:
         [
             '{',
             '["models/a.yaml"]',
-            r'{"history": ["models/a\u0000.yaml"]}',
-            r'{"history": ["models/\ud800.yaml"]}',
-            r'{"history": ["models/\udcff.yaml"]}',
+            r'{"history": ["models/a.yaml"]}',
+            LIST.replace('null', r'"models/a\u0000.yaml"'),
+            LIST.replace('null', r'"models/\ud800.yaml"'),
+            LIST.replace('null', r'"models/\udcff.yaml"'),
         ],
     )
     def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd, content):
@@ -99,7 +127,7 @@ class TestNewestDecision:
         parameters = {'model_file': str(given.path)}
         first = rig(parameters=parameters)
         assert live(first) == 'given.yaml'
-        first.node.live.take(later)
+        first.node.live.take(later, 'calibrated')
         again = rig(parameters=parameters)
         assert live(again) == 'later.yaml'
         assert 'was made live after that: the latter goes on' in capfd.readouterr().err
@@ -120,7 +148,7 @@ class TestNewestDecision:
         given = make_model('given.yaml', {'force_x': (1.0, 0, 0)})
         later = make_model('later.yaml', {'force_y': (1.0, 0, 0)})
         parameters = {'model_file': str(given.path)}
-        rig(parameters=parameters).node.live.take(later)
+        rig(parameters=parameters).node.live.take(later, 'calibrated')
         changed = make_model('given.yaml', {'force_x': (2.0, 0, 0)})
         node = rig(parameters=parameters)
         assert live(node) == 'given.yaml'
@@ -129,7 +157,7 @@ class TestNewestDecision:
     def test_the_model_file_stands_in_for_a_later_one_that_cannot_be_used(self, rig, make_model):
         given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
         parameters = {'model_file': str(given.path)}
-        rig(parameters=parameters).node.live.take(later)
+        rig(parameters=parameters).node.live.take(later, 'calibrated')
         later.path.unlink()
         assert live(rig(parameters=parameters)) == 'given.yaml'
 

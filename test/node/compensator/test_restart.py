@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.state_file import KIND as STATE
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -228,7 +229,7 @@ def test_a_node_starts_beside_files_of_an_older_version_and_says_so(rig, tmp_pat
     (folder / 'models').mkdir(parents=True)
     model = folder / 'models/old.yaml'
     model.write_text(f'format: {MODEL.says}\nversion: 1\n')
-    (folder / 'active.json').write_text('{"history": [null, "models/old.yaml"], "given": ""}')
+    ModelStore(folder).activate([HistoryEntry(model)])
     (folder / 'state.json').write_text(f'{{"format": "{STATE.says}", "version": 1}}')
     node = rig()
     assert (

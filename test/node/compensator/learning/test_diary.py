@@ -52,7 +52,7 @@ def test_a_silence_of_2_h_and_stamps_that_run_back_end_a_day(learner, hours, day
 def test_a_silence_of_the_clock_ends_a_day_too(learner, monkeypatch):
     node = learner()
     node.hear(20)
-    monkeypatch.setattr('wrist_ft_comp.node.learning.SILENCE_NS', 0)
+    monkeypatch.setattr('wrist_ft_comp.node.learner.SILENCE_NS', 0)
     node.judged()
     assert [len(job['recordings']) for job in node.asked()] == [1]
 

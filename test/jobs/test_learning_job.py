@@ -4,11 +4,11 @@ import fcntl
 import json
 import os
 from pathlib import Path
-import re
 import subprocess
 import sys
 import tempfile
 import time
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -17,23 +17,21 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs import lesson
+from wrist_ft_comp.jobs import learning_job
 from wrist_ft_comp.jobs.calibration import _answer
-from wrist_ft_comp.jobs.lesson import alone
+from wrist_ft_comp.jobs.learning_job import alone
 from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
-    CREEP,
     DayEntry,
     Diary,
     diary_path,
     load_diary,
     save_diary,
 )
-from wrist_ft_comp.simulation.ft_sensor import no_memory, strained
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
@@ -51,7 +49,7 @@ def own_lock(tmp_path, monkeypatch):
 
 
 def write_day(  # noqa: PLR0913
-    directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, creep=0.0, still=False
+    directory, number, cells=CELLS, pressed_s=0, *, parked_s=None, still=False
 ):
     """
     Write a day at work: a kilogram that turns, drift with temperature, and perhaps presses.
@@ -73,7 +71,7 @@ def write_day(  # noqa: PLR0913
     raw += rng.normal(0, 0.01, raw.shape) * np.array([1, 1, 1, 0.05, 0.05, 0.05])
     pushed = np.round(30 * rng.normal(size=6), 1) * [1, 1, 1, 0.1, 0.1, 0.1]
     raw += np.outer((seconds + 750) % 1500 < pressed_s, pushed)
-    raw = drift + strained(FtSensorSettings(creep=creep), no_memory(), raw, PERIOD_S)[0]
+    raw += drift
     warm += rng.normal(0, 0.01, cells)
     force += still * rng.normal(0, 0.003, force.shape)
     rows = np.column_stack((86_400.0 * number + seconds, raw, warm, force))
@@ -93,12 +91,12 @@ def sensor(tmp_path_factory):
     return directory
 
 
-def job_of(directory, count, champion=None, *, report=False, **more):
+def job_of(directory, count, *history, report=False, **more):
     models = directory / 'models'
     return CalibrationJob(
         tuple(days(directory)[:count]), models / f'model_{count}.yaml', QUICK, PERIOD_S,
         report=models / f'model_{count}.html' if report else None,
-        learning=Learning(champion, **more))  # fmt: skip
+        learning=Learning(history, **more))  # fmt: skip
 
 
 @pytest.fixture(scope='module')
@@ -126,32 +124,30 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert '2 days, ' in report
     diary = load_diary(sensor)
     assert [entry.name for entry in diary.days] == sources
-    assert stored.path.name in diary.decisions[0].sentence
-    assert diary.decisions[0].kind == 'offered'
+    assert [entry.better for entry in diary.days] == ['', stored.path.name]
 
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     champion = Path(answers[1]['path'])
     broken = diary_path(sensor).read_text()[:-300]
     diary_path(sensor).write_text(broken)
-    decided = {'since': 'day_00001.csv', 'decision': 'a person chose m.yaml'}
-    again = _answer(job_of(sensor, 3, champion, **decided))
+    chosen = HistoryEntry(champion, why='a person chose m.yaml', day='day_00001.csv')
+    again = _answer(job_of(sensor, 3, HistoryEntry(None), chosen))
     assert again['success']
     assert 'diary.json is not a diary: expected JSON' in again['incident']
     assert (sensor / 'days/diary.json.kept').read_text() == broken
     diary = load_diary(sensor)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]
-    assert {entry.live for entry in diary.days} == {live}
-    assert all(np.isfinite(entry.left[live]).all() for entry in diary.days)
-    assert diary.decisions[0] == ('day_00001.csv', 'a person chose m.yaml', 'person')
+    assert [entry.live for entry in diary.days] == ['', live, live]
+    assert all(np.isfinite(entry.left[live]).all() for entry in diary.days[1:])
     assert 'the live model left 0.0' in again['message']
 
 
-def test_an_impossible_lesson_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
+def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
     assert answers[0]['success']
     before = diary_path(sensor).read_bytes()
-    broken = _answer(job_of(sensor, 3, tmp_path / 'gone.yaml'))
+    broken = _answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
     assert (broken['success'], broken['learnt']) == (False, False)
     assert 'gone.yaml cannot be read' in broken['message']
     none = _answer(CalibrationJob((), tmp_path, learning=Learning()))
@@ -203,7 +199,7 @@ def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days)
 
 
 def test_a_damaged_day_does_not_harm_the_one_that_goes_on_from_it(own_days, monkeypatch):
-    monkeypatch.setattr(lesson, 'goes_on', lambda *_: True)
+    monkeypatch.setattr(learning_job, 'goes_on', lambda *_: True)
     first = own_days / 'days/day_00001.csv'
     first.write_text(first.read_text().replace('\n', '\n1,2\n', 5))
     _answer(job_of(own_days, 2))
@@ -238,7 +234,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
         rows[:, 0] += pause_s * (number - 1)
         lines = [','.join(f'{value:.9g}' for value in row) for row in rows]
         path.write_text('\n'.join((header, *lines)) + '\n')
-    assert _answer(job_of(tmp_path, 2, live.path))['success']
+    assert _answer(job_of(tmp_path, 2, HistoryEntry(live.path)))['success']
     left = load_diary(tmp_path).days[1].left[live.sha256[:12]][2]
     assert (left > 0.2) == rests, left
 
@@ -253,14 +249,17 @@ def test_presses_of_minutes_are_no_drift(tmp_path):
     np.testing.assert_allclose(drifts[1:], [drifts[0]] * 2, rtol=0.1)
 
 
-def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(tmp_path):
-    for parked_s, kind, said in ((900, '', ''), (1800, CONTACTS, 'is parked with a part')):
-        write_day(tmp_path, 1, 2700, parked_s=parked_s)
-        diary_path(tmp_path).unlink(missing_ok=True)
-        answer = _answer(job_of(tmp_path, 1))
-        assert said in answer['incident']
-        assert answer['paused'] == ''
-        assert load_diary(tmp_path).days[0].kind == kind
+@pytest.mark.parametrize(
+    ('parked_s', 'kind', 'said'), [(900, '', ''), (1800, CONTACTS, 'is parked with a part')]
+)
+def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
+    tmp_path, parked_s, kind, said
+):
+    write_day(tmp_path, 1, 2700, parked_s=parked_s)
+    answer = _answer(job_of(tmp_path, 1))
+    assert said in answer['incident']
+    assert answer['paused'] == ''
+    assert load_diary(tmp_path).days[0].kind == kind
 
 
 def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
@@ -272,18 +271,21 @@ def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_pat
     other.write_bytes(offered.read_bytes() + b'# another one')
     first, second = (load_model(path).sha256[:12] for path in (offered, other))
     adopted, back, gone = 'day_00003.csv', 'day_00005.csv', offered.with_name('gone.yaml')
-    decided = {'since': adopted, 'decision': 'adopted', 'ran': {adopted: None}}
-    assert _answer(job_of(tmp_path, 4, offered, **decided))['success']
-    decided = {'since': back, 'decision': 'other chosen', 'ran': {back: offered}}
-    assert _answer(job_of(tmp_path, 6, other, **decided))['success']
+    history = [HistoryEntry(None), HistoryEntry(offered, why='adopted', day=adopted)]
+    assert _answer(job_of(tmp_path, 4, *history))['success']
+    history.append(HistoryEntry(other, why='other chosen', how='back', day=back))
+    assert _answer(job_of(tmp_path, 6, *history))['success']
+    ModelStore(tmp_path).activate(history)
     assert main(['show', str(tmp_path), '--json']) == 0
     (said,) = json.loads(capsys.readouterr().out).values()
     assert [day['live'] for day in said['days']] == ['', '', '', first, first, second]
-    assert [(event['name'], event['first']) for event in said['events']] == [
-        ('better model offered', 'day_00002.csv'), ('person chose model', adopted),
-        ('person chose model', back)]  # fmt: skip
+    assert [(event['name'], event['first'], event['sentence']) for event in said['events']] == [
+        ('better model offered', 'day_00002.csv', ANY),
+        ('person chose model', adopted, 'adopted'), ('back to old model', back, 'other chosen'),
+    ]  # fmt: skip
     diary_path(tmp_path).unlink()
-    assert _answer(job_of(tmp_path, 6, other, ran={back: gone}))['success']
+    lost = [HistoryEntry(gone), HistoryEntry(other, day=back)]
+    assert _answer(job_of(tmp_path, 6, *lost))['success']
     day = load_diary(tmp_path).days[4]
     assert (day.live, 'cannot be judged' in day.verdict) == ('gone.yaml', True)
 
@@ -292,9 +294,13 @@ def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_pat
     ('automatic', 'name'), [(True, 'new model learnt'), (False, 'better model offered')]
 )
 def test_only_a_model_that_goes_live_is_said_to_be_learnt(own_days, capsys, automatic, name):
-    assert _answer(job_of(own_days, 2, automatic=automatic))['learnt']
+    answer = _answer(job_of(own_days, 2))
+    went_live = HistoryEntry(Path(answer['path']), why='better', how='learnt', day='day_00002.csv')
+    ModelStore(own_days).activate([HistoryEntry(None), went_live] if automatic else [])
     assert main(['show', str(own_days)]) == 0
-    assert f'{name}: model_2.yaml' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert f'  {name}: ' in said
+    assert said.count('model_2.yaml was learnt') == (not automatic)
 
 
 def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goes_on(tmp_path):
@@ -306,21 +312,6 @@ def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goe
     assert load_diary(tmp_path).days[3].kind == CONTACTS
     assert 'The robot stood still, and the scatter of ' in answer['incident']
     assert answer['paused'] == ''
-
-
-def test_creep_is_named_with_its_size_and_does_not_stop_learning(tmp_path, capsys):
-    for number in (1, 2):
-        write_day(tmp_path, number)
-    live = Path(_answer(job_of(tmp_path, 2))['path'])
-    for creep, kind in ((0.0, ''), (0.002, CREEP)):
-        write_day(tmp_path, 3, 1830, 280, creep=creep)
-        answer = _answer(job_of(tmp_path, 3, live))
-        entry = load_diary(tmp_path).days[-1]
-        assert (entry.kind, answer['paused'], bool(answer['incident'])) == (kind, '', bool(kind))
-    percent = float(re.search(r'creeps by (\S+) ', entry.incident)[1])
-    assert percent == pytest.approx(0.2, rel=0.25)
-    assert main(['show', str(tmp_path)]) == 0
-    assert entry.incident in ' '.join(capsys.readouterr().out.split())
 
 
 def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tmp_path):

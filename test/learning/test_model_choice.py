@@ -7,10 +7,10 @@ import pytest
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.learning import lesson as lessons
+from wrist_ft_comp.learning import model_choice
 from wrist_ft_comp.learning.day import describe, left, look_at
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE, share_left
-from wrist_ft_comp.learning.lesson import Champion, compare, describe_day, take
+from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, take
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.learning.schedule import reason
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
@@ -52,14 +52,14 @@ def past(look, champion, *numbers):
 
 
 def test_a_model_is_learnt_where_there_is_none(look):
-    lesson = take(NAMES[3], look, past(look, Champion(), 1, 2), Champion(), NAMES, settings=QUICK)
-    assert lesson.better is not None
-    assert lesson.days == (NAMES[1], NAMES[2], NAMES[3])
-    assert lesson.better.settings.reference == 'payload'
-    (payload,) = lesson.better.payloads.payloads.values()
+    choice = take(NAMES[3], look, past(look, Champion(), 1, 2), Champion(), NAMES, settings=QUICK)
+    assert choice.better is not None
+    assert choice.days == (NAMES[1], NAMES[2], NAMES[3])
+    assert choice.better.settings.reference == 'payload'
+    (payload,) = choice.better.payloads.payloads.values()
     assert round(payload.mass_kg, 1) == 1.5
-    assert 'It is better' in lesson.entry.verdict
-    by_new, none = (np.array(lesson.entry.left[key]) for key in (CHALLENGER, NONE))
+    assert 'It is better' in choice.entry.verdict
+    by_new, none = (np.array(choice.entry.left[key]) for key in (CHALLENGER, NONE))
     assert (by_new < 0.3 * none).all(), 'what a fit to the other days left'
 
 
@@ -71,12 +71,12 @@ def test_all_days_replace_the_live_model_unless_they_leave_clearly_more(look, go
         (0.9, '', True), (1.2, '', True), (1.3, '', False), (0.9, NAMES[1], True),
         (1.2, NAMES[1], False),
     ):  # fmt: skip
-        monkeypatch.setattr(lessons, 'compare', lambda *_, ratio=ratio: (ratio, 2))
+        monkeypatch.setattr(model_choice, 'compare', lambda *_, ratio=ratio: (ratio, 2))
         days = before[: 4 if chosen else 3]
-        lesson = take(NAMES[len(days) + 1], look, days, champion, NAMES[:6], chosen, QUICK)
-        assert lesson.entry.challenged
-        assert taken == (lesson.better is not None)
-        assert ('It is not used' in lesson.entry.verdict) != taken
+        choice = take(NAMES[len(days) + 1], look, days, champion, NAMES[:6], chosen, QUICK)
+        assert choice.entry.challenged
+        assert taken == (choice.better is not None)
+        assert ('It is not used' in choice.entry.verdict) != taken
 
 
 def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
@@ -84,10 +84,10 @@ def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
     champion = Champion('a' * 12, bad, NAMES[1])
     for number, learnt in ((3, False), (4, False), (5, True)):
         before = past(look, champion, *range(1, number))
-        lesson = take(NAMES[number], look, before, champion, NAMES, NAMES[2], QUICK)
-        assert (lesson.entry.challenged, lesson.better is not None) == (learnt, learnt)
+        choice = take(NAMES[number], look, before, champion, NAMES, NAMES[2], QUICK)
+        assert (choice.entry.challenged, choice.better is not None) == (learnt, learnt)
         said = 'On 3 days' if learnt else f'{number - 2} of 3 good days'
-        assert said in lesson.entry.verdict
+        assert said in choice.entry.verdict
 
 
 def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, separated):
@@ -96,7 +96,7 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert (hit.better, hit.entry.kind) == (None, 'zero')
     after = take(NAMES[10], look, [*before, hit.entry], Champion(), NAMES)
     assert (after.better, after.entry.kind) == (None, '')
-    assert 'Nothing is learnt' in after.entry.verdict
+    assert 'No model was learnt' in after.entry.verdict
 
 
 @pytest.mark.parametrize('half', [100, 140])
@@ -107,18 +107,18 @@ def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, se
     wrench = day.wrench + np.outer(pressed, [6.0, -4.0, -35.0, 1.0, 2.0, 0.3])
     wrench[2000:] += [40.0, 32.0, 61.0, 1.0, -2.0, 0.5]
     hit = look_at(replace(day, wrench=wrench))
-    lesson = take(NAMES[9], lambda _: hit, past(look, Champion(), 1, 2), Champion(), NAMES)
-    assert (lesson.better, lesson.entry.kind) == (None, 'zero')
-    assert ' by 40, 32, 61, ' in lesson.entry.incident
+    choice = take(NAMES[9], lambda _: hit, past(look, Champion(), 1, 2), Champion(), NAMES)
+    assert (choice.better, choice.entry.kind) == (None, 'zero')
+    assert ' by 40, 32, 61, ' in choice.entry.incident
 
 
 def test_a_day_that_cannot_be_read_is_named(look):
     def broken(name):
         raise RecordingError(f'{name} is empty.')
 
-    lesson = take(NAMES[3], broken, past(look, Champion(), 1, 2), Champion(), NAMES)
-    assert lesson.entry.kind == 'unreadable'
-    assert 'day_00003.csv is empty.' in lesson.entry.incident
+    choice = take(NAMES[3], broken, past(look, Champion(), 1, 2), Champion(), NAMES)
+    assert choice.entry.kind == 'unreadable'
+    assert 'day_00003.csv is empty.' in choice.entry.incident
 
 
 @pytest.mark.parametrize('axes', [slice(2, 3), slice(None)])
@@ -132,8 +132,19 @@ def test_a_day_on_which_a_reading_froze_does_not_end_learning(look, axes):
         return look_at(replace(day.recording, wrench=wrench))
 
     entries = past(frozen, Champion(), 1, 2)
-    lesson = take(NAMES[3], frozen, entries, Champion(), NAMES)
-    assert lesson.better is not None, lesson.entry
+    choice = take(NAMES[3], frozen, entries, Champion(), NAMES)
+    assert choice.better is not None, choice.entry
+
+
+def test_a_day_without_a_cell_free_of_contact_is_no_dead_sensor(look):
+    def pressed(name):
+        day = look(name)
+        nothing = np.full_like(day.drift.wrench, np.nan)
+        return replace(day, drift=replace(day.drift, wrench=nothing))
+
+    entry = describe_day(NAMES[1], pressed, [], Champion())
+    assert (entry.kind, entry.payloads != ()) == ('contacts', True)
+    assert 'No cell of the day was free of contact' in entry.incident
 
 
 def test_a_day_on_which_a_thermometer_came_loose_is_not_learnt_from(look):
@@ -179,13 +190,13 @@ def test_a_new_model_is_compared_on_days_that_neither_learnt_from():
 
 def test_a_live_model_for_other_thermometers_is_named(look, good):
     other = Champion('a' * 12, replace(good, period_ns=1))
-    lesson = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
-    assert (lesson.better, lesson.entry.kind) == (None, '')
-    assert 'for other thermometers' in lesson.entry.verdict
+    choice = take(NAMES[3], look, past(look, other, 1, 2), other, NAMES, settings=QUICK)
+    assert (choice.better, choice.entry.kind) == (None, '')
+    assert 'for other thermometers' in choice.entry.verdict
 
 
 def test_a_day_with_a_thermometer_that_lies_is_named_and_not_learnt_from(look, good, monkeypatch):
-    monkeypatch.setattr(lessons, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
+    monkeypatch.setattr(model_choice, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
     champion = Champion('a' * 12, good)
     entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
     assert (entry.kind, 'thermometer 2 reads' in entry.incident) == ('thermometer', True)
@@ -203,7 +214,7 @@ def test_new_models_become_rarer_as_the_diary_grows():
         if reason(diary, 'a')[0]:
             diary[-1] = replace(diary[-1], challenged=True)
             challenged.append(number + 1)
-    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 84, 104]
+    assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 86, 115]
 
 
 def test_a_bad_day_and_other_temperatures_are_reasons_but_never_beyond_the_time_there_is():
@@ -223,7 +234,7 @@ def test_the_reason_not_to_learn_is_one_of_three_and_a_slow_computer_learns():
     assert reason(slow, '') == (True, 'no model is live')
     tried = [*slow[:-1], replace(slow[-1], challenged=True, seconds=1500.0)]
     quick = [*entries(19), replace(tried[-1], seconds=1)]
-    for diary, words in (slow[:1], 'Another'), (tried, '25 minutes'), (quick, '0 of 7 more'):
+    for diary, words in (slow[:1], 'Another'), (tried, '75 s of'), (quick, '0 of 7 more'):
         due, sentence = reason(diary, 'a')
         assert not due
         assert words in sentence
@@ -248,8 +259,8 @@ def test_days_that_cannot_be_read_any_more_are_left_out(look):
         return look(name)
 
     before = past(look, Champion(), 1, 2, 3, 4)
-    lesson = take(NAMES[5], damaged, before, Champion(), NAMES, settings=QUICK)
-    assert lesson.days == tuple(NAMES[3:6])
+    choice = take(NAMES[5], damaged, before, Champion(), NAMES, settings=QUICK)
+    assert choice.days == tuple(NAMES[3:6])
 
 
 def test_days_with_other_thermometers_are_of_another_sensor(look):

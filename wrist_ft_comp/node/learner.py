@@ -1,8 +1,7 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 import time
 from typing import Any
@@ -18,7 +17,7 @@ from wrist_ft_comp.errors import (
 )
 from wrist_ft_comp.jobs.process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
-from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
+from wrist_ft_comp.learning.memory import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recording import OwnRecording, Recorder
@@ -26,6 +25,7 @@ from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.part import Part, Service
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
+from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
@@ -34,7 +34,7 @@ _JOB_RETRY_S = 60.0
 #: A day is recorded again this long after the disk refused, s.
 _DISK_RETRY_S = 60.0
 #: Fields of a memory without an offered model.
-_NO_OFFER = {'offered': '', 'sha256': '', 'why': '', 'automatic': False}
+_NO_OFFER = {'offered': '', 'sha256': '', 'why': ''}
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
@@ -119,6 +119,8 @@ class DiaryKeeper:
 class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
 
+    title = 'learning'
+
     def __init__(
         self,
         chosen: Mapping[str, Any],
@@ -130,7 +132,7 @@ class Learner(Part):
         self.mode: str = chosen['learning']
         #: Why parameters do not allow learning; empty when they do.
         self.why_not = why_not(chosen)
-        #: Why a model could not be made live, or a decision could not be saved.
+        #: Why a model could not be made live, or what is remembered could not be saved.
         self.problem = ''
         self._max_bytes = 1e6 * chosen['learning.max_mb']
         #: Why an ended day is not judged yet.
@@ -138,6 +140,7 @@ class Learner(Part):
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
+        live.end_day = self._end_day
         self._directory = jobs.store.directory
         self._process: JobProcess | None = None
         #: Newest day of the running job.
@@ -149,8 +152,10 @@ class Learner(Part):
         self._wait_until = 0.0
         #: Newest day of the last job that was started to make room.
         self._crowded = ''
-
-    title = 'learning'
+        #: The model that the last job found: reading its file again would hold up wrenches.
+        self._found: StoredModel | None = None
+        #: File of an offered model that could not be made live; it is only offered from then on.
+        self._failed = ''
 
     def services(self) -> Sequence[Service]:
         """Offer ~/adopt."""
@@ -168,27 +173,24 @@ class Learner(Part):
 
     def _begin(self) -> None:
         """Load the memory, and begin to record."""
-        broken, memory = '', None
+        memory = None
+        broken = ''
         try:
             memory = load_memory(self._directory)
         except StateFileError as error:
             broken = (
-                f'learning begins without its earlier decisions: {error} learning.json.kept is '
-                'the first such file.'
+                'It is forgotten what the newest day said, and which model was offered: '
+                f'{error} learning.json.kept is the first such file.'
             )
             self._log.warning(broken)
-        self.memory = memory or Memory()
-        if memory is None or memory.champion == self._live.sha256:
-            self.memory = replace(self.memory, **self._champion())
-        newest = max(self.memory.judged, self.memory.since)
+        self.memory = memory or Memory(self._live.sha256, incident=broken)
+        newest = max(self.memory.judged, day_of_choice(self._live.history))
         recorder = self._jobs.recorder
         files = DayFiles(self._directory, recorder.channels, self._max_bytes, newest)
         files.sensor, files.period_ns = recorder.sensor, lambda: recorder.period_ns
         self.diary = DiaryKeeper(recorder, files, self._log)
-        if broken:
-            self._decide(broken)
-        elif memory is None:
-            self._remember()  # or a restart with another model would not be noticed
+        if memory is None:
+            self._remember()
 
     def apply_parameters(self, _parameters: Sequence[Any]) -> None:
         """Begin or rest when calibration.reference has changed."""
@@ -212,37 +214,33 @@ class Learner(Part):
         return self._directory / 'models' / self.memory.offered
 
     def poll(self) -> None:
-        """Do what is due: record, start a job, take its outcome."""
+        """Do what is due: record, start a job, take its outcome, adopt its model."""
         if self.diary is None:
             return
-        self._notice()
-        if self.memory.automatic and self.mode == 'auto':  # a kill came before it was live
-            self._go_live(lambda: self._live.load(self.offered))
+        self._follow_live()
         self.diary.poll()
         if self._calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._process is not None:
-            self._follow(self._process)
+            self._follow_job(self._process)
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
             files = self.diary.files
             self._start(files.ended(), crowded=files.full)
+        memory = self.memory
+        if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
+            self._adopt_by_itself()
 
-    def _notice(self) -> None:
-        """Note that the live model was changed: by a person, a job before a kill, or a fault."""
+    def _follow_live(self) -> None:
+        """Forget what was said and offered about a model that is not live any more."""
         live, memory = self._live, self.memory
-        if live.sha256 == memory.champion:
+        if live.sha256 == memory.champion or (live.stored is None and live.problem):
             return
-        if live.stored is None and live.problem:
-            change = _dated(f'no model is live: {live.problem}')
-            self._remember(**self._champion(), change=change)
-        elif live.sha256 != memory.sha256:
-            chosen = live.stored.path.name if live.stored else 'no model'
-            self._decide(f'a person chose {chosen}, with model_file, ~/calibrate or ~/rollback')
-        elif memory.automatic:
-            self._note_learnt()
-        else:
-            self._note_adopted()
+        changes: dict[str, Any] = {'champion': live.sha256, **_NO_OFFER}
+        if not live.history or live.history[-1].how != 'learnt':
+            judged = max(memory.judged, day_of_choice(live.history))
+            changes |= {'judged': judged, 'paused': '', 'incident': ''}
+        self._remember(**changes)
 
     def _start(self, days: list[Path], *, crowded: bool) -> None:
         """Start a job where the newest day is not judged; where there is no room, once per day."""
@@ -250,12 +248,9 @@ class Learner(Part):
         if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
             return
         self._crowded = newest
-        live = self._live.stored
-        champion = None if live is None else live.path
         self._judging, self._begun_s = newest, time.monotonic()
         try:
-            job = self._jobs.learning(days, champion, self.memory)
-            self._process = start_job(job)
+            self._process = start_job(self._jobs.learning(days, self._live.history))
         except OSError as error:
             self._wait(f'Learning cannot be started: {error}.')
 
@@ -265,7 +260,7 @@ class Learner(Part):
             self.waiting = why
             self._log.info(why)
 
-    def _follow(self, process: JobProcess) -> None:
+    def _follow_job(self, process: JobProcess) -> None:
         """Take the outcome of the job, if it has ended."""
         outcome = process.poll()
         if outcome is None:
@@ -281,61 +276,59 @@ class Learner(Part):
             self._remember(**judged, incident=trouble)
             self._log.warning(trouble)
             return
-        happened = {'paused': outcome['paused'], 'incident': outcome['incident']}
-        self._remember(**judged, **happened, ran={})
+        judged |= {'paused': outcome['paused'], 'incident': outcome['incident']}
         self._log.info(f'{self._judging}: {message}')
-        if outcome['learnt']:
-            self._take(Path(outcome['path']), outcome)
-
-    def _take(self, path: Path, outcome: dict[str, Any]) -> None:
-        """Make a better model live, or offer it."""
-        sha256, why = outcome['sha256'], outcome['message']
-        automatic = self.mode == 'auto' and not self.memory.paused
-        # First of all, so that the decision survives a kill.
-        self._remember(offered=path.name, sha256=sha256, why=why, automatic=automatic)
-        if automatic:
-            self._go_live(lambda: restore_model(path, sha256, outcome['document']))
-        else:
+        if not outcome['learnt']:
+            self._remember(**judged)
+            return
+        path, sha256 = Path(outcome['path']), outcome['sha256']
+        self._found = restore_model(path, sha256, outcome['document'])
+        self._remember(**judged, offered=path.name, sha256=sha256, why=message)
+        if self.mode == 'propose':
             self._log.info(f'The better model {path} is offered. Make it live with ~/adopt.')
 
-    def _go_live(self, restore: Callable[[], StoredModel]) -> None:
-        """Make the learnt model live; where that fails, it is only offered."""
+    def adopt(self, *_: Any) -> str:
+        """Make the offered model live; say which."""
+        return self._adopt(f'a person called ~/adopt: {self.memory.why}')
+
+    def _adopt_by_itself(self) -> None:
+        """Make the offered model live; where that fails, it is only offered."""
+        memory = self.memory
         try:
-            problem = self._live.take(restore())
-        except WristFtCompError as error:
-            self._remember(automatic=False)
-            self.problem = str(error)
+            self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
+        except SettingsError as error:
+            self._failed, self.problem = memory.offered, str(error)
             self._log.error(self.problem)
-            return
-        self._note_learnt()
+
+    def _adopt(self, why: str, judged: str = '') -> str:
+        """Make the offered model live, as LiveModel.take does; say which."""
+        memory = self.memory
+        try:
+            if self.why_not or not memory.offered:
+                said = f'the newest day said: {memory.verdict}' if memory.verdict else ''
+                none = f'No better model is offered: {said or "no day is judged yet"}.'
+                raise SettingsError(self.why_not or none)
+            stored = self._found
+            if stored is None or stored.sha256 != memory.sha256 or not judged:
+                stored = self._live.load(self.offered)
+            if stored.sha256 != memory.sha256:
+                raise SettingsError(
+                    f'{stored.path} has changed since it was judged. Set model_file to it if you '
+                    'want it live all the same.'
+                )
+            problem = self._live.take(stored, why, judged)
+        except WristFtCompError as error:
+            raise SettingsError(f'{error} The running model stays.') from error
+        self._follow_live()
         self.problem = self.problem or problem
+        message = f'compensating with {stored.path}: {memory.why}'
+        return f'{message}\nwarning: {problem}' if problem else message
 
-    def _note_learnt(self) -> None:
-        """Remember that the node itself made the learnt model live."""
-        change = _dated(f'the node made {self.memory.offered} live: {self.memory.why}')
-        self._remember(**self._champion(), change=change, **_NO_OFFER)
-
-    def _note_adopted(self) -> None:
-        """Remember that a person made the offered model live."""
-        self._decide(f'{self.memory.offered} was made live with ~/adopt: {self.memory.why}')
-
-    def _decide(self, what: str) -> None:
-        """Remember a person's decision, against which the days before are no evidence."""
+    def _end_day(self) -> None:
+        """End the day that goes on, and the job, because a person decides about models."""
         self._end_job()
-        if self.diary is None:
-            return
-        self.diary.end_day()
-        memory, days = self.memory, [path.name for path in self.diary.files.ended()]
-        newest = days[-1] if days else memory.judged
-        ran = dict.fromkeys((day for day in days if day > memory.judged), memory.path)
-        words = {'change': _dated(what), 'decision': _dated(what), 'paused': '', 'incident': ''}
-        judged = {'since': newest, 'judged': newest, 'ran': {**ran, **memory.ran}}
-        self._remember(**self._champion(), **words, **judged, **_NO_OFFER)
-
-    def _champion(self) -> dict[str, Any]:
-        """Name the live model as a memory does."""
-        stored = self._live.stored
-        return {'champion': self._live.sha256, 'path': str(stored.path) if stored else ''}
+        if self.diary is not None:
+            self.diary.end_day()
 
     def _remember(self, **changes: Any) -> None:
         """Save changes of the memory; delete the file of a model that is not offered any more."""
@@ -347,29 +340,9 @@ class Learner(Part):
             self.problem = str(error)
             self._log.error(self.problem)
             return
-        if before.offered not in {'', self.memory.offered} and before.sha256 != self._live.sha256:
+        was_live = any(entry.sha256 == before.sha256 for entry in self._live.history)
+        if before.offered not in {'', self.memory.offered} and not was_live:
             self._jobs.store.discard(offered)
-
-    def adopt(self, *_: Any) -> str:
-        """Make the offered model live; say which."""
-        memory = self.memory
-        try:
-            if self.why_not or not memory.offered:
-                said = f'the newest day said: {memory.verdict}' if memory.verdict else ''
-                none = f'No better model is offered: {said or "no day is judged yet"}.'
-                raise SettingsError(self.why_not or none)
-            stored = self._live.load(self.offered)
-            if stored.sha256 != memory.sha256:
-                raise SettingsError(
-                    f'{stored.path} has changed since it was judged. Set model_file to it if you '
-                    'want it live all the same.'
-                )
-            problem = self._live.take(stored)
-        except WristFtCompError as error:
-            raise SettingsError(f'{error} The running model stays.') from error
-        self._note_adopted()
-        message = f'compensating with {stored.path}: {memory.why}'
-        return f'{message}\nwarning: {problem}' if problem else message
 
     def _end_job(self) -> None:
         """Stop the job, if one runs, and forget it."""
@@ -400,7 +373,7 @@ class Learner(Part):
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
-            'last_change': memory.change or 'none yet',
+            'last_change': last_change(self._live.history) or 'none yet',
         }
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))
@@ -426,8 +399,3 @@ class Learner(Part):
         """End with the node."""
         self._rest()
         return False
-
-
-def _dated(what: str) -> str:
-    """Put the present date, UTC, before a sentence."""
-    return f'{datetime.now(timezone.utc).date()}: {what}'

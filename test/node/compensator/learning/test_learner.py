@@ -3,7 +3,9 @@ import time
 import numpy as np
 import pytest
 
+from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.learning.memory import memory_path
+from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: After all that was heard.
 LATE = 1_800_000_000 * 10**9
@@ -23,10 +25,9 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     one, two = node.asked()
     names = [[path.rsplit('/', 1)[1] for path in job['recordings']] for job in (one, two)]
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
-    assert two['learning'] == {
-        'champion': str(models[0].path), 'since': '', 'keep_days': 7, 'max_mb': 400.0,
-        'decision': '', 'ran': {}, 'automatic': False,
-    }  # fmt: skip
+    (given,) = two['learning'].pop('history')
+    assert (given['path'], given['sha256']) == (str(models[0].path), models[0].sha256)
+    assert two['learning'] == {'keep_days': 7, 'max_mb': 400.0}
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
     status = node.rig.diagnosis('learning', 'no better model is offered')
@@ -64,20 +65,19 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     assert node.node.live.sha256 == new.sha256, 'a decision outlives a restart'
     node.answer(success=True, message='nothing new')
     node.a_day()
-    learning = node.asked()[-1]['learning']
-    assert learning['since'] == 'day_00002.csv', 'the adoption ended the day'
-    assert learning['decision'].endswith('was made live with ~/adopt: leaves half')
-    assert learning['ran'] == {'day_00002.csv': str(old.path)}
-    adopted = str(node.node.live.stored.path)
+    before, after = node.asked()[-1]['learning']['history']
+    assert (before['day'], before['path']) == ('', str(old.path))
+    assert (after['day'], after['how']) == ('day_00002.csv', 'chosen'), 'it ended the day'
+    assert after['why'] == 'a person called ~/adopt: leaves half'
+    assert after['path'] == str(node.node.live.stored.path)
     assert node.rig.call('rollback').success
     assert node.node.live.sha256 == old.sha256
     node.wait(lambda: node.node.learning.memory.champion == old.sha256, 'its notice')
     node.a_day()
-    learning = node.asked()[-1]['learning']
-    assert learning['since'] == 'day_00004.csv', 'these do not bring it back'
-    assert learning['ran'] == {'day_00004.csv': adopted}
-    assert 'a person chose old.yaml' in learning['decision']
-    assert 'a person chose old.yaml' in node.rig.diagnosis('learning').values['last_change']
+    *_, back = node.asked()[-1]['learning']['history']
+    assert (back['day'], back['how']) == ('day_00004.csv', 'back'), 'these do not bring it back'
+    assert back['path'] == str(old.path)
+    assert ' to old.yaml with ~/rollback' in node.rig.diagnosis('learning').values['last_change']
 
 
 def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner, models):
@@ -100,9 +100,8 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert 'live: leaves half' in status.values['last_change']
     assert 'offered' not in status.values
     node.a_day()
-    learning = node.asked()[-1]['learning']
-    assert (learning['since'], learning['ran']) == ('', {}), 'nobody decided'
-    assert learning['automatic']
+    *_, learnt = node.asked()[-1]['learning']['history']
+    assert (learnt['how'], learnt['day']) == ('learnt', 'day_00002.csv'), 'nobody decided'
 
 
 def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(learner, models):
@@ -113,18 +112,23 @@ def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(le
     node = learner(model_file=str(new.path))
     node.wait(lambda: node.node.learning.memory.champion == new.sha256, 'its notice')
     node.a_day()
-    assert node.asked()[-1]['learning']['ran'] == {'day_00001.csv': str(old.path)}
+    before, after = node.asked()[-1]['learning']['history']
+    assert (before['path'], before['day']) == (str(old.path), '')
+    assert (after['path'], after['day']) == (str(new.path), 'day_00001.csv')
 
 
-def test_a_kill_right_after_an_adoption_keeps_its_reason(learner, models):
+def test_a_kill_right_after_an_adoption_keeps_its_reason_and_the_model(learner, models):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
-    node.node.live.take(node.node.live.load(node.node.learning.offered))
+    offered = node.node.learning.offered
+    node.node.live.take(node.node.live.load(offered), 'a person called ~/adopt: leaves half')
     node.node.destroy_node()
     node = learner(model_file=str(models[0].path))
     node.wait(lambda: node.node.learning.memory.champion == models[1].sha256, 'its notice')
-    assert node.node.learning.memory.change.endswith('with ~/adopt: leaves half')
+    status = node.rig.diagnosis('learning', 'no better model is offered')
+    assert status.values['last_change'].endswith('~/adopt: leaves half')
+    assert offered.exists()
 
 
 def test_a_calibration_goes_first(learner, models):
@@ -158,17 +162,19 @@ def test_a_job_waits_while_another_sensor_learns(learner, monkeypatch):
     assert 'no temperature' in node.rig.diagnosis('learning').values['last_day']
 
 
-def test_a_broken_memory_is_a_sentence_and_a_fresh_start(learner, models):
+def test_a_broken_memory_is_a_sentence_and_decisions_stay(learner, models):
     node = learner(model_file=str(models[0].path))
     node.a_day()
+    assert node.rig.set('model_file', str(models[1].path)).successful
     node.node.destroy_node()
     path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
     path.write_text(broken)
     node = learner(model_file=str(models[0].path))
-    assert 'learning.json.kept' in node.rig.diagnosis('learning').values['last_change']
-    assert path.with_name('learning.json.kept').read_text() == broken
+    status = node.rig.diagnosis('learning', 'learning.json.kept')
+    assert (status.level, path.with_name('learning.json.kept').read_text()) == (WARN, broken)
+    assert 'set model_file to new.yaml' in status.values['last_change']
     node.a_day()
-    assert node.asked()[-1]['learning']['since'] == 'day_00002.csv'
+    assert node.asked()[-1]['learning']['history'][-1]['day'] == 'day_00002.csv'
 
 
 @pytest.mark.parametrize('changed', ['', 'rubbish'])
@@ -236,14 +242,30 @@ def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, mode
     old, new = models
     node = learner(model_file=str(old.path), learning='auto')
     node.find(new)
-    monkeypatch.setattr(node.node.live, 'take', lambda _: pytest.fail('killed'))
+    monkeypatch.setattr(node.node.live, 'take', lambda *_: pytest.fail('killed'))
     with pytest.raises(pytest.fail.Exception):
         node.a_day()
     node = learner(model_file=str(old.path), learning='auto')
     node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
     values = node.rig.diagnosis('learning', 'no better model is offered').values
     assert 'live: leaves half' in values['last_change']
-    assert node.node.learning.memory.since == '', 'nobody decided'
+    assert node.node.live.history[-1].how == 'learnt', 'nobody decided'
+
+
+def test_a_model_that_cannot_be_made_live_is_only_offered(learner, models, monkeypatch):
+    node = learner(model_file=str(models[0].path), learning='auto')
+    node.find(models[1])
+    refused = []
+
+    def refuse(*_):
+        refused.append('once')
+        raise ModelFileError('No such model.')
+
+    monkeypatch.setattr(node.node.live, 'take', refuse)
+    node.a_day()
+    assert node.rig.diagnosis('learning', 'No such model. The running model stays.').level == WARN
+    node.rig.diagnosis('learning', lambda status: 'offered' in status.values)
+    assert refused == ['once']
 
 
 def test_a_broken_list_of_models_is_no_decision(learner, models):
@@ -252,9 +274,9 @@ def test_a_broken_list_of_models_is_no_decision(learner, models):
     node.node.destroy_node()
     (node.rig.directory / 'active.json').write_text('[' * 986 + ']' * 986)
     node = learner()
-    node.wait(lambda: node.node.learning.memory.champion is None, 'its notice')
-    assert 'active.json cannot be read' in node.node.learning.memory.change
-    assert node.node.learning.memory.since == ''
+    assert node.rig.diagnosis('learning').values['last_change'] == 'none yet'
+    assert 'active.json cannot be read' in node.rig.diagnosis('model').message
+    assert day_of_choice(node.node.live.history) == ''
 
 
 def test_learning_follows_what_the_reference_is_set_to(learner):

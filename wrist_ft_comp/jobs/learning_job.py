@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 import fcntl
-from functools import lru_cache
-from operator import attrgetter
+from functools import lru_cache, partial
 import os
 from pathlib import Path
 import tempfile
@@ -18,22 +17,22 @@ from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.day import Day, look_at
 from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.learning.diary import (
-    Decision,
+    decisions,
     Diary,
     diary_problem,
     load_diary,
     save_diary,
 )
 from wrist_ft_comp.learning.incidents import pause
-from wrist_ft_comp.learning.lesson import Champion, describe_day, drift_words, take
+from wrist_ft_comp.learning.model_choice import Champion, describe_day, drift_words, take
 from wrist_ft_comp.learning.old_days import prune
 from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, model_sources
-from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import load_model, save_model
+from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_on
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 #: Digits of its SHA-256 by which the diary names a model.
@@ -64,13 +63,21 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
     """
     paths = {path.name: path for path in job.recordings}
     directory, newest = job.recordings[-1].parent.parent, job.recordings[-1].name
-    diary, champion = load_diary(directory), _champion(learning.champion)
-    ran = {name: _champion_of_past(path) for name, path in learning.ran.items()}
-    lost = diary_problem(directory)
+    diary, lost = load_diary(directory), diary_problem(directory)
+    history, since = learning.history, day_of_choice(learning.history)
+    live = _champion(history[-1] if history else None)
 
-    def read(path: Path) -> Recording:
-        """Read a day."""
-        return read_recording(path, period_s=job.period_s, topics=job.topics)
+    def champion_of(day: str) -> Champion:
+        """Load the model that ran on a day; only its name is known where its file was deleted."""
+        entry = model_on(history, day)
+        if history and entry is history[-1]:
+            return live
+        try:
+            return _champion(entry)
+        except WristFtCompError:
+            return Champion(entry.path.name if entry and entry.path else '')
+
+    read = partial(read_recording, period_s=job.period_s, topics=job.topics)
 
     @lru_cache(maxsize=MOST_DAYS + 1)
     def look(name: str) -> Day:
@@ -88,49 +95,35 @@ def _learn(job: CalibrationJob, learning: Learning) -> Answer:
         same = before is not None and before.thermometers == recording.thermometers
         return look_at(recording, before if same else None)
 
-    entries = [entry for entry in diary.days if entry.name != newest]
-    for name in sorted(set(paths) - {entry.name for entry in entries} - {newest}):
-        began, before = time.process_time(), [e for e in entries if e.name < name]
-        entry = describe_day(name, look, before, ran.get(name, champion))
+    judged = {entry.name: entry for entry in diary.days if entry.name != newest}
+    for name in sorted(set(paths) - set(judged) - {newest}):
+        began = time.process_time()
+        before = [judged[other] for other in sorted(judged) if other < name]
+        entry = describe_day(name, look, before, champion_of(name))
         verdict = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
-        entries.append(replace(entry, verdict=verdict, seconds=time.process_time() - began))
-        entries.sort(key=attrgetter('name'))
+        judged[name] = replace(entry, verdict=verdict, seconds=time.process_time() - began)
+    entries = [judged[name] for name in sorted(judged)]
     began = time.process_time()
-    champion = ran.get(newest, champion)
-    lesson = take(newest, look, entries, champion, list(paths), learning.since, job.settings)
-    entry = replace(lesson.entry, seconds=time.process_time() - began)
-    entries.append(entry)
-    decisions = _decisions(diary, learning)
-    paused = pause(entries, learning.since)
-    answer: Answer = {'success': True, 'learnt': False, 'paused': paused}
-    troubles, better = [entry.incident], lesson.better
+    choice = take(newest, look, entries, champion_of(newest), list(paths), since, job.settings)
+    entry = replace(choice.entry, seconds=time.process_time() - began)
+    diary = Diary((*entries, entry), decisions(history), pause([*entries, entry], since))
+    answer: Answer = {'success': True, 'learnt': False, 'paused': diary.paused}
+    troubles, better = [entry.incident], choice.better
     if lost:
         troubles.append(f'{lost} The days are judged anew; diary.json.kept is the first such one.')
     with _noted(troubles, 'A better model is lost'):
         if better:
-            days = {name: paths[name] for name in lesson.days}
-            until_now = Diary(tuple(entries), tuple(decisions))
-            saved = _save(job, better, days, look, troubles, until_now)
-            answer |= {**saved, 'learnt': True}
-            sentence = f'{job.output.name} was learnt. {entry.verdict}'
-            goes_live = learning.automatic and not paused
-            decisions.append(Decision(newest, sentence, 'learnt' if goes_live else 'offered'))
-    diary = Diary(tuple(entries), tuple(decisions), paused)
+            days = {name: paths[name] for name in choice.days}
+            answer |= _save(job, better, days, look, troubles, diary)
+            answer['learnt'] = True
+            entry = replace(entry, better=job.output.name)
+            diary = replace(diary, days=(*entries, entry))
     with _noted(troubles, 'The diary is lost'):
         save_diary(directory, diary)
     with _noted(troubles, 'Old days stay'):
         prune(directory, diary, learning.keep_days, learning.max_mb)
-    trouble = ' '.join(filter(None, troubles))
-    return {**answer, 'message': f'{trouble} {entry.verdict}'.strip(), 'incident': trouble}
-
-
-def _decisions(diary: Diary, learning: Learning) -> list[Decision]:
-    """List the decisions of the diary, and the last one of a person where it is not there yet."""
-    decisions = [*dict.fromkeys(diary.decisions)]
-    if learning.since not in {'', *(d.day for d in decisions if d.kind == 'person')}:
-        words = learning.decision or 'A person decided about the model.'
-        decisions.append(Decision(learning.since, words, 'person'))
-    return decisions
+    answer['incident'] = ' '.join(filter(None, troubles))
+    return {**answer, 'message': f'{answer["incident"]} {entry.verdict}'.strip()}
 
 
 @contextmanager
@@ -158,24 +151,16 @@ def _noted(troubles: list[str], what: str) -> Iterator[None]:
         troubles.append(f'{what}: {error}')
 
 
-def _champion(path: Path | None) -> Champion:
-    """Load the live model, and find the newest day that it was learnt from."""
-    if path is None:
+def _champion(entry: HistoryEntry | None) -> Champion:
+    """Load a model that is or was live, and find the newest day that it was learnt from."""
+    if entry is None or entry.path is None:
         return Champion()
-    stored = load_model(path)
+    stored = load_model(entry.path)
     sources = [Path(source) for source, _ in model_sources(stored)]
     # A person's own recordings may have names like those of days.
     names = [source.name for source in sources if source.parent.name == 'days']
     newest = max(filter(day_number, names), default='')
     return Champion(stored.sha256[:_DIGITS], stored.model, newest)
-
-
-def _champion_of_past(path: Path | None) -> Champion:
-    """Load a model that was live; only its name is known where its file was deleted."""
-    try:
-        return _champion(path)
-    except WristFtCompError:
-        return Champion(path.name if path else '')
 
 
 def _save(  # noqa: PLR0913, PLR0917 -- a model, where it goes, and what its report shows

@@ -1,5 +1,5 @@
 """
-One lesson: judge the live model and the sensor on the newest day, and learn a model where due.
+After a day: judge the live model and the sensor on it, and choose a new model where one is due.
 
 The model that is learnt from all good days is taken unless it leaves clearly more of the days that
 the live one was not learnt from. Of its own days, what counts is the error of a fit to the others.
@@ -17,10 +17,10 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.creep import shares
 from wrist_ft_comp.learning.day import Day, describe, left
 from wrist_ft_comp.learning.diary import (
     CHALLENGER,
+    CONTACTS,
     DayEntry,
     forces_left,
     good_days,
@@ -60,9 +60,10 @@ class Champion:
 
 
 @dataclass(frozen=True, eq=False)
-class Lesson:
-    """The result of a lesson."""
+class Choice:
+    """What was found out after a day."""
 
+    #: The day's entry of the diary.
     entry: DayEntry
     #: A better model, if there is one.
     better: Calibration | None = None
@@ -78,17 +79,17 @@ def describe_day(
     distrusted: list[str] = []
     try:
         day = look(name)
-        drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         entry = replace(describe(day), name=name, live=champion.key)
+        if not day.drift.axes_present:
+            sentence = 'No cell of the day was free of contact: its drift is unknown.'
+            return replace(entry, kind=CONTACTS, incident=sentence)
+        drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
                 drift, distrusted = simulated.zero, lies(champion.model, day.drift)
-                entry = replace(
-                    entry,
-                    left={**entry.left, champion.key: left(simulated, day)},
-                    creep=shares(day, simulated),
-                )
+                by_live = left(simulated, day)
+                entry = replace(entry, left={**entry.left, champion.key: by_live})
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
             kind, sentence = THERMOMETER, f'On this day {"; ".join(distrusted)}.'
@@ -100,7 +101,7 @@ def describe_day(
     return replace(entry, kind=kind, incident=sentence)
 
 
-def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
+def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     name: str,
     look: Look,
     before: Sequence[DayEntry],
@@ -108,7 +109,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     kept: Sequence[str],
     since: str = '',
     settings: CalibrationSettings | None = None,
-) -> Lesson:
+) -> Choice:
     """
     Judge the newest day, ``name``, and learn a model from all good days where that is due.
 
@@ -119,13 +120,13 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     entry = describe_day(name, look, before, champion)
     words, entries = drift_words(entry), [*before, entry]
     if pause(entries, since) or entry.kind not in LEARNT_FROM:
-        return Lesson(replace(entry, verdict=f'{words}Nothing is learnt from it.'))
+        return Choice(replace(entry, verdict=f'{words}No model was learnt after this day.'))
     chosen = since if since > champion.newest else ''
     due, why = reason(entries, champion.key, chosen)
     days = [day for day in good_days(entries) if day.name in kept]
     learnt = list(_readable(look, worthiest(days, MOST_DAYS))) if due else []
     if len(learnt) < FEWEST_DAYS:
-        return Lesson(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
+        return Choice(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
     entry = replace(entry, challenged=True)
     try:
@@ -134,10 +135,10 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
         entry = replace(entry, left={**entry.left, CHALLENGER: tuple(errors[-1].tolist())})
         ratio, count = compare(learnt, errors, champion.key, max(since, champion.newest))
     except WristFtCompError as error:
-        return Lesson(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
+        return Choice(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
     taken = ratio < (_CLEARLY_WORSE if champion.key and not chosen else 1)
     is_better = round(ratio, 2) < 1  # as it is printed
-    why_so = 'It is better' if is_better else 'It is about as good, and knows more days'
+    why_so = 'It is better' if is_better else 'It is about as good and has learnt from more days'
     verdict = (
         f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
         f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '
@@ -146,10 +147,10 @@ def take(  # noqa: PLR0913, PLR0917 -- what a lesson needs
     )
     entry = replace(entry, verdict=verdict)
     if not taken:
-        return Lesson(entry)
+        return Choice(entry)
     settings = replace(settings, reference='payload')
     better = replace(found, payloads=look(name).payloads, settings=settings)
-    return Lesson(entry, better, tuple(day.name for day in learnt))
+    return Choice(entry, better, tuple(day.name for day in learnt))
 
 
 def held_out(found: Calibration, days: Sequence[DayEntry]) -> FloatArray:
