@@ -1,0 +1,217 @@
+"""
+Thermometers that die or freeze: what the others predict takes their place, until they agree again.
+
+    dead      silent while others report, for longer than a healthy one is
+    frozen    silent, or the same to the last bit, while its prediction moves by more than that of a
+              healthy one does meanwhile
+    believed  it reports, has moved, and was near its prediction for half an hour
+
+Judged is every thermal cell in which a thermometer was heard, by the same rule in the running
+stream and in files. No earlier cell is changed: the drift follows a wrong reading until it is
+found, and ``Limits`` bounds how fast it moves then.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+
+#: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one
+#: that is read once a minute does so on healthy days.
+STILL_S = 180.0
+#: A thermometer that was replaced has to agree for this time before it is believed, s.
+AGREED_S = 1800.0
+#: Predictions are compared after a relaxation with this time constant, s, against their noise.
+_SMOOTHING_S = 60.0
+#: A start takes the body as soaked at the temperatures after this time, s, because a first reading
+#: may be of nothing.
+_START_S = 10.0
+#: A gap of all thermometers counts as silence of one for this time at most, s.
+_MOST_COUNTED_S = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class ThermometerState:
+    """What the last cell left of J thermometers."""
+
+    #: As they were read last, °C, (J,).
+    reading_c: FloatArray
+    #: Temperatures behind the K relaxations of the prediction, °C, (K, J).
+    relaxed_c: FloatArray
+    #: What each should read, °C, (J,), and the same without its noise.
+    predicted_c: FloatArray
+    smooth_c: FloatArray
+    #: Range of the latter since the thermometer read something else, °C, (J,).
+    lowest_c: FloatArray
+    highest_c: FloatArray
+    #: For how long each has been silent, has read the same, and has agreed, s, (J,).
+    silent_s: FloatArray
+    still_s: FloatArray
+    agreed_s: FloatArray
+    #: Time since the start, s.
+    age_s: float
+    #: Why each is replaced by its prediction, (J,); empty for those that are believed.
+    reasons: tuple[str, ...]
+
+    @property
+    def replaced(self) -> BoolArray:
+        """Which thermometers are replaced by their predictions, (J,)."""
+        return np.array([bool(why) for why in self.reasons])
+
+    @property
+    def believed_c(self) -> FloatArray:
+        """What the drift follows, °C, (J,)."""
+        return np.where(self.replaced, self.predicted_c, self.reading_c)
+
+    @property
+    def findings(self) -> list[str]:
+        """Say which thermometers are replaced and why, in half sentences."""
+        pairs = enumerate(self.reasons, start=1)
+        return [f'thermometer {number} {why}' for number, why in pairs if why]
+
+
+def start(
+    prediction: ThermometerPrediction, reading_c: FloatArray, reasons: Sequence[str] = ()
+) -> ThermometerState:
+    """Begin with a soaked body, as the thermometers read, (J,); some may be replaced before."""
+    state = ThermometerState(
+        reading_c, np.tile(reading_c, (len(prediction.time_constants_s), 1)),
+        *np.tile(reading_c, (4, 1)), *np.zeros((3, len(reading_c))), 0.0,
+        tuple(reasons) or ('',) * len(reading_c))  # fmt: skip
+    return _at_rest(prediction, state)
+
+
+def _at_rest(prediction: ThermometerPrediction, state: ThermometerState) -> ThermometerState:
+    """Let the body have soaked; what is replaced is predicted from the others."""
+    predicted_c = prediction.predict(np.tile(state.reading_c, (len(state.relaxed_c), 1)))
+    state = replace(state, predicted_c=predicted_c)
+    relaxed_c = np.tile(state.believed_c, (len(state.relaxed_c), 1))
+    return replace(
+        state, relaxed_c=relaxed_c, smooth_c=predicted_c, lowest_c=predicted_c,
+        highest_c=predicted_c)  # fmt: skip
+
+
+def remember(
+    prediction: ThermometerPrediction, state: ThermometerState, means_c: FloatArray, time_s: float
+) -> ThermometerState:
+    """Give a state the past that it has not seen: means, °C, (n, J), over some time each, s."""
+    relaxed_c = np.tile(means_c[0], (len(prediction.time_constants_s), 1))
+    for mean_c in means_c:
+        relaxed_c = prediction.relax(relaxed_c, mean_c, time_s)
+    predicted_c = prediction.predict(relaxed_c)
+    return replace(
+        state, relaxed_c=relaxed_c, predicted_c=predicted_c, smooth_c=predicted_c,
+        lowest_c=predicted_c, highest_c=predicted_c, age_s=len(means_c) * time_s)  # fmt: skip
+
+
+def step(
+    prediction: ThermometerPrediction,
+    before: ThermometerState,
+    reading_c: FloatArray,
+    heard: BoolArray,
+    period_s: float,
+    gap_s: float = 0.0,
+) -> ThermometerState:
+    """
+    Judge the thermometers after a thermal cell; some time before it nobody was heard in.
+
+    Takes what was read last, °C, (J,), and who was heard in this cell, (J,), one at least.
+    """
+    moved_k = before.highest_c - before.lowest_c
+    replaced = before.replaced
+    lost = replaced & (~heard | (moved_k > prediction.still_k))
+
+    # Advance the predictions. Those that are lost are predicted from those that report. Several
+    # that are lost would be predicted from each other, which can run away: they move along.
+    inputs_c = np.where(lost, before.predicted_c, reading_c)
+    relaxed_c = before.relaxed_c
+    if gap_s > 0:
+        relaxed_c = prediction.relax(relaxed_c, (before.believed_c + inputs_c) / 2, gap_s)
+    relaxed_c = prediction.relax(relaxed_c, inputs_c, period_s)
+    predicted_c = prediction.predict(relaxed_c)
+    if lost.sum() > 1 and not lost.all():
+        change_k = (reading_c - before.reading_c)[~lost].mean()
+        predicted_c = np.where(lost, before.predicted_c + change_k, predicted_c)
+    smooth_c = predicted_c + np.exp(-period_s / _SMOOTHING_S) * (before.smooth_c - predicted_c)
+
+    # Count for how long each is silent, and has stood still while its prediction moved.
+    time_s = min(gap_s + period_s, max(period_s, _MOST_COUNTED_S))
+    silent_s = np.where(heard, 0.0, before.silent_s + time_s)
+    changed = heard & (reading_c != before.reading_c)
+    still_s = np.where(changed, 0.0, before.still_s + time_s)
+    lowest_c = np.where(changed, smooth_c, np.minimum(before.lowest_c, smooth_c))
+    highest_c = np.where(changed, smooth_c, np.maximum(before.highest_c, smooth_c))
+    moved_k = highest_c - lowest_c
+    close = np.abs(reading_c - smooth_c) <= prediction.agree_k
+    agrees = replaced & heard & close & (moved_k <= prediction.still_k)
+    agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
+
+    # Replace those that are dead or frozen, where another one is there to predict them.
+    frozen = (still_s >= STILL_S) & (moved_k > prediction.still_k)
+    wrong = ~replaced & (frozen | (silent_s > prediction.silence_s))
+    witnessed = bool((heard & ~replaced & ~wrong).any())
+    reasons = list(before.reasons)
+    for j in np.flatnonzero(wrong & witnessed).tolist():
+        reasons[j] = 'is silent'
+        if heard[j]:
+            reasons[j] = (
+                f'stands still at {reading_c[j]:.1f} °C while the others show that it moved by '
+                f'{moved_k[j]:.1f} K'
+            )
+    for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
+        reasons[j] = ''
+    state = ThermometerState(
+        reading_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s, still_s,
+        agreed_s, before.age_s + gap_s + period_s, tuple(reasons))  # fmt: skip
+    return _at_rest(prediction, state) if state.age_s < _START_S else state
+
+
+def judge(
+    model: DriftModel, temperature_c: FloatArray, measured: BoolArray, cells: IntArray, gap: int
+) -> Iterator[tuple[int, ThermometerState]]:
+    """
+    Judge the thermometers of a file, cell by cell; nothing where none is long the same.
+
+    Parameters
+    ----------
+    model : DriftModel
+        With a prediction, or nothing is judged.
+    temperature_c, measured : ndarray, shape (N, J)
+        Temperatures, °C, held where they were not measured.
+    cells : ndarray, shape (n,)
+        Those in which a thermometer reports (``reporting_cells``).
+    gap : int
+        After more cells without a report the body has soaked.
+
+    Yields
+    ------
+    tuple of int and ThermometerState
+        Number of the cell, and what it left.
+
+    """
+    prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
+    if prediction is None or not _stands_still(temperature_c, max(round(STILL_S / period_s), 1)):
+        return
+    state, last = start(prediction, temperature_c[cells[0]]), int(cells[0]) - 1
+    for cell in cells.tolist():
+        reading_c, missing = temperature_c[cell], cell - last - 1
+        if missing > gap:
+            state, missing = start(prediction, reading_c, state.reasons), 0
+        state = step(
+            prediction, state, reading_c, measured[cell], period_s, missing * period_s
+        )
+        last = cell
+        yield cell, state
+
+
+def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
+    """Whether any of J thermometers, (N, J), reads the same in more cells in a row than some."""
+    changes = np.diff(temperature_c, axis=0) != 0
+    ends = [np.flatnonzero(column) for column in changes.T]
+    return any(
+        np.diff(end, prepend=-1, append=len(changes)).max() >= cells for end in ends
+    )
