@@ -120,7 +120,8 @@ def judge_world(seed: int, world: World) -> list[Outcome]:
         now = share(simulate_drift(model, day).zero)
         believed = share(simulate_drift(replace(model, prediction=None), day).zero)
         found, due = watch(model, day), due_min(day, j, begin)
-        late = found.pop(j, np.inf) - due if np.isfinite(due) else np.nan
+        minute = found.pop(j, np.inf)
+        late = minute - due if np.isfinite(due) else np.nan
         outcomes.append(Outcome(fault, now, believed, alone, late, bool(found)))
     return outcomes
 

@@ -32,6 +32,7 @@ thermometers = st.builds(
     ThermometerState,
     by_thermometer,
     rows,
+    rows,
     *[by_thermometer] * 7,
     number,
     st.lists(st.text(max_size=20), min_size=1, max_size=5).map(tuple),
@@ -102,7 +103,7 @@ def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrot
 def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_path, place, value):
     """The thermal state goes as a whole, each tare by itself, and nothing else."""
     known = ThermometerState(
-        np.ones(1), np.ones((1, 1)), *np.ones((7, 1)), 1.0, ('is silent',)
+        np.ones(1), *np.ones((2, 1, 1)), *np.ones((7, 1)), 1.0, ('is silent',)
     )
     state = replace(
         example(),

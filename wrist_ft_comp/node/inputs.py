@@ -341,8 +341,7 @@ class TemperatureInput(Part):
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
         if self._tracker.thermometers is not None:
-            for finding in self._tracker.thermometers.findings:
-                yield f'{finding}; what the others predict of it is used, until it agrees again'
+            yield from self._tracker.thermometers.sentences
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {_arrival(0)}'

@@ -1,6 +1,7 @@
 """The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
 from collections import Counter
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from wrist_ft_comp.signals import (
     temperature_channel,
 )
 from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
-from wrist_ft_comp.stream.thermometer_prediction import judge
+from wrist_ft_comp.stream.thermometer_prediction import judge, ThermometerState
 
 
 class DriftTrack(NamedTuple):
@@ -90,16 +91,25 @@ def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray)
 
 def lies(model: DriftModel, recording: Recording) -> list[str]:
     """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
-    return list(thermometer_doubts(model, recording))
+    states = _judge(model, recording)
+    return list(dict.fromkeys(finding for state in states for finding in state.findings))
 
 
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
-    """Say which thermometers are replaced, and why, and for which share of the cells."""
+    """Give what a node would have said of replaced thermometers, and in which share of the cells."""
+    said, judged = Counter[str](), 0
+    for state in _judge(model, recording):
+        said.update(state.sentences)
+        judged += 1
+    return {sentence: count / judged for sentence, count in said.items()}
+
+
+def _judge(model: DriftModel, recording: Recording) -> Iterator[ThermometerState]:
+    """Yield what is known of the thermometers after every cell in which one reports."""
     cells = reporting_cells(recording.measured, model.period_ns)
     longest = longest_gap_cells(model)
-    states = judge(model, recording.temperature_c, recording.measured, cells, longest)
-    said = Counter(finding for _, state in states for finding in state.findings)
-    return {finding: count / len(cells) for finding, count in said.items()}
+    judged = judge(model, recording.temperature_c, recording.measured, cells, longest)
+    return (state for _, state in judged)
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

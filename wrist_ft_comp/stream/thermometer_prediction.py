@@ -40,6 +40,8 @@ class ThermometerState:
 
     #: As they were read last, °C, (J,).
     reading_c: FloatArray
+    #: What all of them read when each was last read anew, °C, (J, J).
+    together_c: FloatArray
     #: Temperatures behind the K relaxations of the prediction, °C, (K, J).
     relaxed_c: FloatArray
     #: What each should read, °C, (J,), and the same without its noise.
@@ -73,13 +75,20 @@ class ThermometerState:
         pairs = enumerate(self.reasons, start=1)
         return [f'thermometer {number} {why}' for number, why in pairs if why]
 
+    @property
+    def sentences(self) -> list[str]:
+        """Say the same, and what the drift follows."""
+        used = 'what the others predict of it is used until it agrees again'
+        return [f'{finding}; {used}' for finding in self.findings]
+
 
 def start(
     prediction: ThermometerPrediction, reading_c: FloatArray, reasons: Sequence[str] = ()
 ) -> ThermometerState:
     """Begin with a soaked body, as the thermometers read, (J,); some may be replaced before."""
     state = ThermometerState(
-        reading_c, np.tile(reading_c, (len(prediction.time_constants_s), 1)),
+        reading_c, np.tile(reading_c, (len(reading_c), 1)),
+        np.tile(reading_c, (len(prediction.time_constants_s), 1)),
         *np.tile(reading_c, (4, 1)), *np.zeros((3, len(reading_c))), 0.0,
         tuple(reasons) or ('',) * len(reading_c))  # fmt: skip
     return _at_rest(prediction, state)
@@ -126,7 +135,8 @@ def step(
     lost = replaced & (~heard | (moved_k > prediction.still_k))
 
     # Advance the predictions. Those that are lost are predicted from those that report. Several
-    # that are lost would be predicted from each other, which can run away: they move along.
+    # that are lost would be predicted from each other, which can run away: they move along with
+    # the others since they were last read anew.
     inputs_c = np.where(lost, before.predicted_c, reading_c)
     relaxed_c = before.relaxed_c
     if gap_s > 0:
@@ -134,14 +144,15 @@ def step(
     relaxed_c = prediction.relax(relaxed_c, inputs_c, period_s)
     predicted_c = prediction.predict(relaxed_c)
     if lost.sum() > 1 and not lost.all():
-        change_k = (reading_c - before.reading_c)[~lost].mean()
-        predicted_c = np.where(lost, before.predicted_c + change_k, predicted_c)
+        change_k = (reading_c - before.together_c)[:, ~lost].mean(axis=1)
+        predicted_c = np.where(lost, before.reading_c + change_k, predicted_c)
     smooth_c = predicted_c + np.exp(-period_s / _SMOOTHING_S) * (before.smooth_c - predicted_c)
 
     # Count for how long each is silent, and has stood still while its prediction moved.
     time_s = min(gap_s + period_s, max(period_s, _MOST_COUNTED_S))
     silent_s = np.where(heard, 0.0, before.silent_s + time_s)
     changed = heard & (reading_c != before.reading_c)
+    together_c = np.where(changed[:, np.newaxis], reading_c, before.together_c)
     still_s = np.where(changed, 0.0, before.still_s + time_s)
     lowest_c = np.where(changed, smooth_c, np.minimum(before.lowest_c, smooth_c))
     highest_c = np.where(changed, smooth_c, np.maximum(before.highest_c, smooth_c))
@@ -165,8 +176,8 @@ def step(
     for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
         reasons[j] = ''
     state = ThermometerState(
-        reading_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s, still_s,
-        agreed_s, before.age_s + gap_s + period_s, tuple(reasons))  # fmt: skip
+        reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
+        still_s, agreed_s, before.age_s + gap_s + period_s, tuple(reasons))  # fmt: skip
     return _at_rest(prediction, state) if state.age_s < _START_S else state
 
 
