@@ -55,7 +55,8 @@ def days(draw):
     """Thermometers heard by cell, one sample in each: a list of (cell, temperatures or None)."""
     cell, rows, rng = 0, [], np.random.default_rng(draw(st.integers(0, 99)))
     stretch = st.tuples(
-        st.sampled_from(['both', 'both', 'first', 'second', 'slow', 'frozen', 'jump']), st.integers(2, 100)
+        st.sampled_from(['both', 'both', 'first', 'second', 'slow', 'frozen', 'jump']),
+        st.integers(2, 100),
     )
     for kind, cells in [
         ('both', 3),

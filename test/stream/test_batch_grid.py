@@ -36,12 +36,14 @@ def textbook_cells(block, period_ns):
 
 
 def textbook_reports(temperatures, first, patience):
-    """Cells in which a thermometer reports; after an outage from where all are back that will be."""
+    """Cells in which a thermometer reports; after an outage, once those are back that will be."""
     heard = sorted({cell for cells in temperatures for cell in cells if cell >= first})
     reported, begin = [], heard[0]
     for before, cell in zip([heard[0], *heard], heard):  # noqa: B905
         if cell - before > patience:
-            back = [min((at for at in cells if at >= cell), default=cell) for cells in temperatures]
+            back = [
+                min((at for at in cells if at >= cell), default=cell) for cells in temperatures
+            ]
             begin = max(at for at in back if at <= cell + patience)
         if cell >= begin:
             reported.append(cell)

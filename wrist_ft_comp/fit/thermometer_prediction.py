@@ -59,15 +59,20 @@ def predict_each_other(
     means_c = [_in_parts(r.temperature_c, cells).mean(axis=1) for r in recordings]
     if thermometers < 2 or sum(map(len, means_c)) < _FEWEST_MEANS:
         return None
-    heard = [_in_parts(r.measured, cells).any(axis=1) for r in recordings]
+    heard: list[BoolArray] = [
+        np.asarray(_in_parts(r.measured, cells).any(axis=1)) for r in recordings
+    ]
     filters = [relaxation(time_constant_s, period_s) for time_constant_s in TIME_CONSTANTS_S]
     # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
-    relaxed_c = np.concatenate([
-        np.stack(
-            [_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters], axis=1
-        )
-        for r in recordings
-    ])
+    relaxed_c = np.concatenate(
+        [
+            np.stack(
+                [_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters],
+                axis=1,
+            )
+            for r in recordings
+        ]
+    )
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
     target_c, ends = np.concatenate(means_c), np.cumsum(list(map(len, means_c)))[:-1]
     mean_s = cells * period_s
@@ -88,9 +93,7 @@ def predict_each_other(
         agree_k[j] = max(least_k, _AGREE_MARGIN * largest_k)
         silent_s = max(longest_silence(r.measured[:, j]) * period_s for r in recordings)
         silence_s[j] = max(_LEAST_SILENCE_S, _SILENCE_MARGIN * silent_s)
-    return ThermometerPrediction(
-        TIME_CONSTANTS_S, gains, constant_c, still_k, silence_s, agree_k
-    )
+    return ThermometerPrediction(TIME_CONSTANTS_S, gains, constant_c, still_k, silence_s, agree_k)
 
 
 def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:

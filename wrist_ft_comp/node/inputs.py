@@ -377,7 +377,7 @@ class TemperatureInput(Part):
             yield 'a temperature was dropped, because its stamp was far from those around it'
         if unstamped := [j for j, stamped in enumerate(self._stamped) if stamped is False]:
             arrival = _arrival(self._stamp_ns)
-            yield f'thermometer {_numbered(unstamped)} does not stamp its readings; {arrival}'
+            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {arrival}'
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
@@ -401,10 +401,10 @@ class TemperatureInput(Part):
             elif time.monotonic() - at_s > limit_s and j not in self._tracker.replaced:
                 silent.append(j)
         if never:
-            yield f'thermometer {_numbered(never)} has not reported; {drift}'
+            yield f'thermometer {_numbers(never)} has not reported; {drift}'
         if silent:
             yield (
-                f'thermometer {_numbered(silent)} silent for more than {limit_s:g} s; drift is held'
+                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
             )
 
     def _outside(self) -> Iterator[str]:
@@ -419,11 +419,11 @@ class TemperatureInput(Part):
             unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
             hint = f'. In {unit} it would be inside: check the unit' if unit else ''
         yield (
-            f'thermometer {_numbered(outside)} outside the calibrated range; drift is less '
+            f'thermometer {_numbers(outside)} outside the calibrated range; drift is less '
             f'certain there, and held further out{hint}'
         )
 
 
-def _numbered(thermometers: Iterable[int]) -> str:
+def _numbers(thermometers: Iterable[int]) -> str:
     """Write thermometers as numbers from 1."""
     return ', '.join(str(j + 1) for j in thermometers)

@@ -9,7 +9,7 @@ from wrist_ft_comp.stream import thermometer_prediction
 from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, MOST_GAP_S
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import blocks_of, ThermalMemory
-from wrist_ft_comp.stream.thermometer_prediction import ThermometerState
+from wrist_ft_comp.stream.thermometer_prediction import Readings, ThermometerState
 from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
 
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes.
@@ -137,21 +137,20 @@ class DriftTracker:
         gap = 0 if self._next is None else cell.number - self._next
         if gap or self._awaited:
             self._cross(gap)
-        gap = max(gap, 0)
-        before_c, believed_c = self.temperature_c, cell.temperature_c
-        if self._next is None:
+        believed_c, before_c = cell.temperature_c, self.temperature_c
+        if self._next is None or before_c is None:  # there is nothing before it
             gap, before_c = 0, believed_c
+        gap = max(gap, 0)
         prediction = None if self.model is None else self.model.prediction
         if prediction is not None:
             state = self.thermometers
             if state is None or self._next is None:
                 reasons = () if state is None else state.reasons
                 state = thermometer_prediction.start(prediction, believed_c, reasons)
-            self.thermometers = thermometer_prediction.step(
-                prediction, state, believed_c, np.array(cell.measured), period_s, gap * period_s
-            )
+            readings = Readings(believed_c, np.array(cell.measured), period_s, gap * period_s)
+            self.thermometers = thermometer_prediction.step(prediction, state, readings)
             believed_c = self.thermometers.believed_c
-        line_c = np.linspace(before_c, believed_c, gap + 2)[1:]
+        line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
         self.history.add(line_c)
         if self.model is not None:
             self._waiting = np.concatenate((self._waiting, line_c))

@@ -9,8 +9,8 @@ Gaps in the temperatures: one rule for the running stream, for a restarted one a
 - After a gap of all that is longer than the model's memory, the sensor has soaked at the
   temperatures after the gap.
 
-The stream differs from a file in one thing: it learns of the cells of a gap when the gap has ended,
-and holds the drift until then.
+The stream differs from a file in one thing: it learns of the cells of a gap when the gap has
+ended, and holds the drift until then.
 """
 
 import math

@@ -96,7 +96,7 @@ def lies(model: DriftModel, recording: Recording) -> list[str]:
 
 
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
-    """Give what a node would have said of replaced thermometers, and in which share of the cells."""
+    """Give what a node would have said of replaced thermometers, and in which share of cells."""
     said, judged = Counter[str](), 0
     for state in _judge(model, recording):
         said.update(state.sentences)

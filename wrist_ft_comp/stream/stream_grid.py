@@ -72,7 +72,8 @@ class ThermalGrid:
         self._begin()
         self._next, self._held = cell, list(held_c)
         self._held_from = [cell - 1 - cells for cells in silent]
-        self._first, self._latest = ([cell - 1] * self._thermometers for _ in range(2))
+        self._first = [cell - 1] * self._thermometers
+        self._latest = [cell - 1] * self._thermometers
         self._last_stamp_ns = [cell * self.period_ns - 1] * self._thermometers
         for spikes, value_c, at in zip(self.spikes, held_c, self._held_from, strict=True):
             spikes.go_on((at + 1) * self.period_ns - 1, value_c)
@@ -97,9 +98,7 @@ class ThermalGrid:
         samples = self.spikes[thermometer].admit(stamp_ns, temperature_c)
         return [cells for sample in samples for cells in self._count(thermometer, *sample)]
 
-    def _count(
-        self, thermometer: int, stamp_ns: int, temperature_c: float
-    ) -> list[ThermalCell]:
+    def _count(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[ThermalCell]:
         """Add a sample to its cell; give the cells that it completed."""
         cell = stamp_ns // self.period_ns
         if self._next is not None and cell < self._next:

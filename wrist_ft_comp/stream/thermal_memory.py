@@ -38,8 +38,7 @@ class ThermalMemory:
     filters: DriftState
     #: What was being subtracted, arrays of shape (6,).
     compensation: Drift
-    #: The cells of the start, °C, (n, J), of which the model takes the mean as the temperature that
-    #: the sensor had soaked at.
+    #: The cells of the start, °C, (n, J): the sensor had soaked at their mean temperature.
     start_c: FloatArray
     #: The cells until now, oldest first, for another model that goes live after the restart.
     history: tuple[Block, ...]

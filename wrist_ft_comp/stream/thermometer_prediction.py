@@ -2,8 +2,8 @@
 Thermometers that die or freeze: what the others predict takes their place, until they agree again.
 
     dead      silent while others report, for longer than a healthy one is
-    frozen    silent, or the same to the last bit, while its prediction moves by more than that of a
-              healthy one does meanwhile
+    frozen    silent, or the same to the last bit, while its prediction moves by more than that of
+              a healthy one does meanwhile
     believed  it reports, has moved, and was near its prediction for half an hour
 
 Judged is every thermal cell in which a thermometer was heard, by the same rule in the running
@@ -13,6 +13,7 @@ found, and ``Limits`` bounds how fast it moves then.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,17 @@ _SMOOTHING_S = 60.0
 _START_S = 10.0
 #: A gap of all thermometers counts as silence of one for this time at most, s.
 _MOST_COUNTED_S = 60.0
+
+
+class Readings(NamedTuple):
+    """A thermal cell in which one of J thermometers was heard."""
+
+    #: As they were read last, °C, (J,), and who was heard in this cell, (J,).
+    temperature_c: FloatArray
+    heard: BoolArray
+    #: Length of the cell, and time before it in which none was heard, s.
+    period_s: float
+    gap_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +98,14 @@ def start(
     prediction: ThermometerPrediction, reading_c: FloatArray, reasons: Sequence[str] = ()
 ) -> ThermometerState:
     """Begin with a soaked body, as the thermometers read, (J,); some may be replaced before."""
+    none = np.zeros(len(reading_c))
     state = ThermometerState(
-        reading_c, np.tile(reading_c, (len(reading_c), 1)),
-        np.tile(reading_c, (len(prediction.time_constants_s), 1)),
-        *np.tile(reading_c, (4, 1)), *np.zeros((3, len(reading_c))), 0.0,
-        tuple(reasons) or ('',) * len(reading_c))  # fmt: skip
+        reading_c=reading_c,
+        together_c=np.tile(reading_c, (len(reading_c), 1)),
+        relaxed_c=np.tile(reading_c, (len(prediction.time_constants_s), 1)),
+        predicted_c=reading_c, smooth_c=reading_c, lowest_c=reading_c, highest_c=reading_c,
+        silent_s=none, still_s=none, agreed_s=none, age_s=0.0,
+        reasons=tuple(reasons) or ('',) * len(reading_c))  # fmt: skip
     return _at_rest(prediction, state)
 
 
@@ -118,18 +133,10 @@ def remember(
 
 
 def step(
-    prediction: ThermometerPrediction,
-    before: ThermometerState,
-    reading_c: FloatArray,
-    heard: BoolArray,
-    period_s: float,
-    gap_s: float = 0.0,
+    prediction: ThermometerPrediction, before: ThermometerState, cell: Readings
 ) -> ThermometerState:
-    """
-    Judge the thermometers after a thermal cell; some time before it nobody was heard in.
-
-    Takes what was read last, °C, (J,), and who was heard in this cell, (J,), one at least.
-    """
+    """Judge the thermometers after a thermal cell in which one was heard."""
+    reading_c, heard = cell.temperature_c, cell.heard
     moved_k = before.highest_c - before.lowest_c
     replaced = before.replaced
     lost = replaced & (~heard | (moved_k > prediction.still_k))
@@ -139,17 +146,18 @@ def step(
     # the others since they were last read anew.
     inputs_c = np.where(lost, before.predicted_c, reading_c)
     relaxed_c = before.relaxed_c
-    if gap_s > 0:
-        relaxed_c = prediction.relax(relaxed_c, (before.believed_c + inputs_c) / 2, gap_s)
-    relaxed_c = prediction.relax(relaxed_c, inputs_c, period_s)
+    if cell.gap_s > 0:
+        relaxed_c = prediction.relax(relaxed_c, (before.believed_c + inputs_c) / 2, cell.gap_s)
+    relaxed_c = prediction.relax(relaxed_c, inputs_c, cell.period_s)
     predicted_c = prediction.predict(relaxed_c)
     if lost.sum() > 1 and not lost.all():
         change_k = (reading_c - before.together_c)[:, ~lost].mean(axis=1)
         predicted_c = np.where(lost, before.reading_c + change_k, predicted_c)
-    smooth_c = predicted_c + np.exp(-period_s / _SMOOTHING_S) * (before.smooth_c - predicted_c)
+    rough = np.exp(-cell.period_s / _SMOOTHING_S)
+    smooth_c = predicted_c + rough * (before.smooth_c - predicted_c)
 
     # Count for how long each is silent, and has stood still while its prediction moved.
-    time_s = min(gap_s + period_s, max(period_s, _MOST_COUNTED_S))
+    time_s = min(cell.gap_s + cell.period_s, max(cell.period_s, _MOST_COUNTED_S))
     silent_s = np.where(heard, 0.0, before.silent_s + time_s)
     changed = heard & (reading_c != before.reading_c)
     together_c = np.where(changed[:, np.newaxis], reading_c, before.together_c)
@@ -177,7 +185,7 @@ def step(
         reasons[j] = ''
     state = ThermometerState(
         reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
-        still_s, agreed_s, before.age_s + gap_s + period_s, tuple(reasons))  # fmt: skip
+        still_s, agreed_s, before.age_s + cell.gap_s + cell.period_s, tuple(reasons))  # fmt: skip
     return _at_rest(prediction, state) if state.age_s < _START_S else state
 
 
@@ -212,9 +220,8 @@ def judge(
         reading_c, missing = temperature_c[cell], cell - last - 1
         if missing > gap:
             state, missing = start(prediction, reading_c, state.reasons), 0
-        state = step(
-            prediction, state, reading_c, measured[cell], period_s, missing * period_s
-        )
+        readings = Readings(reading_c, measured[cell], period_s, missing * period_s)
+        state = step(prediction, state, readings)
         last = cell
         yield cell, state
 
@@ -223,6 +230,4 @@ def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
     """Whether any of J thermometers, (N, J), reads the same in more cells in a row than some."""
     changes = np.diff(temperature_c, axis=0) != 0
     ends = [np.flatnonzero(column) for column in changes.T]
-    return any(
-        np.diff(end, prepend=-1, append=len(changes)).max() >= cells for end in ends
-    )
+    return any(np.diff(end, prepend=-1, append=len(changes)).max() >= cells for end in ends)
