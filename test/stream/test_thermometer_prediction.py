@@ -166,6 +166,18 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 
 
+def test_one_that_is_read_once_a_minute_is_believed_again(learn, make_day):
+    day = failing(make_day(7), 'frozen', end=700)
+    rows = np.arange(CELLS)[:, np.newaxis]
+    seldom = day.measured & ((rows % 6 == 0) | (np.arange(3) != 1))
+    held_c = day.temperature_c.copy()
+    held_c[:, 1] = day.temperature_c[rows[:, 0] // 6 * 6, 1]
+    day = replace(day, measured=seldom, temperature_c=held_c)
+    ((words, share),) = thermometer_doubts(learn(3).model, day).items()
+    assert words.startswith('thermometer 2 stands still')
+    assert 490 / CELLS > share > 400 / CELLS
+
+
 def test_two_of_three_that_come_back_together_are_believed(learn, make_day):
     """Meanwhile they move along with the one that is left, and do not run away."""
     model, healthy = learn(3).model, make_day(7)

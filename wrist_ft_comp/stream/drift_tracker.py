@@ -106,6 +106,11 @@ class DriftTracker:
         return longest_gap_cells(self.model)
 
     @property
+    def _block_cells(self) -> int:
+        """Count the cells over which a saved history is averaged."""
+        return max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 1)
+
+    @property
     def following(self) -> bool:
         """Whether there is a model and its thermal state has started."""
         return self._state is not None
@@ -212,14 +217,10 @@ class DriftTracker:
         self.origin = f'the drift was found from {len(self.history)} thermal cells before'
         if model.prediction is not None and self.reading_c is not None:
             # Those that were replaced stay so.
-            state = thermometer_prediction.start(
-                model.prediction, self.reading_c, () if before is None else before.reasons
-            )
-            period_s = model.period_ns / NANOSECONDS
-            cells = max(round(SPAN_S / period_s), 1)
-            means_c = np.stack([c for c, _ in blocks_of(self.history.temperature_c, cells)])
-            self.thermometers = thermometer_prediction.remember(
-                model.prediction, state, means_c, cells * period_s
+            reasons = () if before is None else before.reasons
+            blocks = blocks_of(self.history.temperature_c, self._block_cells)
+            self.thermometers = thermometer_prediction.start(
+                model.prediction, self.reading_c, reasons, np.stack([c for c, _ in blocks]), SPAN_S
             )
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
@@ -230,10 +231,9 @@ class DriftTracker:
         if self._state is None or self.reading_c is None:
             return None
         period_ns = self.grid.period_ns
-        cells = max(round(SPAN_S * NANOSECONDS / period_ns), 1)
         return ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self._silent, self._state, compensation,
-            self._start_c, blocks_of(self.history.temperature_c, cells),
+            self._start_c, blocks_of(self.history.temperature_c, self._block_cells),
             self.thermometers)  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:

@@ -81,6 +81,12 @@ class ThermometerState:
         """What the drift follows, °C, (J,)."""
         return np.where(self.replaced, self.predicted_c, self.reading_c)
 
+    def reports(self, prediction: ThermometerPrediction) -> BoolArray:
+        """Which thermometers are neither silent nor frozen, (J,)."""
+        moved_k = self.highest_c - self.lowest_c
+        silent = self.silent_s > prediction.silence_s
+        return np.asarray(~silent & (moved_k <= prediction.still_k))
+
     @property
     def findings(self) -> list[str]:
         """Say which thermometers are replaced and why, in half sentences."""
@@ -95,51 +101,38 @@ class ThermometerState:
 
 
 def start(
-    prediction: ThermometerPrediction, reading_c: FloatArray, reasons: Sequence[str] = ()
+    prediction: ThermometerPrediction,
+    reading_c: FloatArray,
+    reasons: Sequence[str] = (),
+    past_c: FloatArray | None = None,
+    time_s: float = 0.0,
 ) -> ThermometerState:
-    """Begin with a soaked body, as the thermometers read, (J,); some may be replaced before."""
-    none = np.zeros(len(reading_c))
-    state = ThermometerState(
-        reading_c=reading_c,
-        together_c=np.tile(reading_c, (len(reading_c), 1)),
-        relaxed_c=np.tile(reading_c, (len(prediction.time_constants_s), 1)),
-        predicted_c=reading_c, smooth_c=reading_c, lowest_c=reading_c, highest_c=reading_c,
-        silent_s=none, still_s=none, agreed_s=none, age_s=0.0,
-        reasons=tuple(reasons) or ('',) * len(reading_c))  # fmt: skip
-    return _at_rest(prediction, state)
+    """
+    Begin as the thermometers read, (J,): soaked, or after a past of means over some time, (n, J).
 
-
-def _at_rest(prediction: ThermometerPrediction, state: ThermometerState) -> ThermometerState:
-    """Let the body have soaked; what is replaced is predicted from the others."""
-    predicted_c = prediction.predict(np.tile(state.reading_c, (len(state.relaxed_c), 1)))
-    state = replace(state, predicted_c=predicted_c)
-    relaxed_c = np.tile(state.believed_c, (len(state.relaxed_c), 1))
-    return replace(
-        state, relaxed_c=relaxed_c, smooth_c=predicted_c, lowest_c=predicted_c,
-        highest_c=predicted_c)  # fmt: skip
-
-
-def remember(
-    prediction: ThermometerPrediction, state: ThermometerState, means_c: FloatArray, time_s: float
-) -> ThermometerState:
-    """Give a state the past that it has not seen: means, °C, (n, J), over some time each, s."""
-    relaxed_c = np.tile(means_c[0], (len(prediction.time_constants_s), 1))
-    for mean_c in means_c:
+    Those that have been replaced before stay so, for the reasons that are given.
+    """
+    past_c = reading_c[np.newaxis] if past_c is None else past_c
+    relaxed_c = np.tile(past_c[0], (len(prediction.time_constants_s), 1))
+    for mean_c in past_c:
         relaxed_c = prediction.relax(relaxed_c, mean_c, time_s)
-    predicted_c = prediction.predict(relaxed_c)
-    return replace(
-        state, relaxed_c=relaxed_c, predicted_c=predicted_c, smooth_c=predicted_c,
-        lowest_c=predicted_c, highest_c=predicted_c, age_s=len(means_c) * time_s)  # fmt: skip
+    reasons = tuple(reasons) or ('',) * len(reading_c)
+    replaced, predicted_c = np.array([bool(why) for why in reasons]), prediction.predict(relaxed_c)
+    relaxed_c[:, replaced] = predicted_c[replaced]
+    none = np.zeros(len(reading_c))
+    return ThermometerState(
+        reading_c=reading_c, together_c=np.tile(reading_c, (len(reading_c), 1)),
+        relaxed_c=relaxed_c, predicted_c=predicted_c, smooth_c=predicted_c, lowest_c=predicted_c,
+        highest_c=predicted_c, silent_s=none, still_s=none, agreed_s=none,
+        age_s=len(past_c) * time_s, reasons=reasons)  # fmt: skip
 
 
 def step(
     prediction: ThermometerPrediction, before: ThermometerState, cell: Readings
 ) -> ThermometerState:
     """Judge the thermometers after a thermal cell in which one was heard."""
-    reading_c, heard = cell.temperature_c, cell.heard
-    moved_k = before.highest_c - before.lowest_c
-    replaced = before.replaced
-    lost = replaced & (~heard | (moved_k > prediction.still_k))
+    reading_c, heard, replaced = cell.temperature_c, cell.heard, before.replaced
+    lost = replaced & ~before.reports(prediction)
 
     # Advance the predictions. Those that are lost are predicted from those that report. Several
     # that are lost would be predicted from each other, which can run away: they move along with
@@ -164,29 +157,31 @@ def step(
     still_s = np.where(changed, 0.0, before.still_s + time_s)
     lowest_c = np.where(changed, smooth_c, np.minimum(before.lowest_c, smooth_c))
     highest_c = np.where(changed, smooth_c, np.maximum(before.highest_c, smooth_c))
-    moved_k = highest_c - lowest_c
-    close = np.abs(reading_c - smooth_c) <= prediction.agree_k
-    agrees = replaced & heard & close & (moved_k <= prediction.still_k)
-    agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
-
-    # Replace those that are dead or frozen, where another one is there to predict them.
-    frozen = (still_s >= STILL_S) & (moved_k > prediction.still_k)
-    wrong = ~replaced & (frozen | (silent_s > prediction.silence_s))
-    witnessed = bool((heard & ~replaced & ~wrong).any())
-    reasons = list(before.reasons)
-    for j in np.flatnonzero(wrong & witnessed).tolist():
-        reasons[j] = 'is silent'
-        if heard[j]:
-            reasons[j] = (
-                f'stands still at {reading_c[j]:.1f} °C while the others show that it moved by '
-                f'{moved_k[j]:.1f} K'
-            )
-    for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
-        reasons[j] = ''
+    age_s = before.age_s + cell.gap_s + cell.period_s
     state = ThermometerState(
         reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
-        still_s, agreed_s, before.age_s + cell.gap_s + cell.period_s, tuple(reasons))  # fmt: skip
-    return _at_rest(prediction, state) if state.age_s < _START_S else state
+        still_s, before.agreed_s, age_s, before.reasons)  # fmt: skip
+    if age_s < _START_S:
+        return replace(start(prediction, reading_c, before.reasons), age_s=age_s)
+
+    # Replace those that are dead or frozen, where another one is there to predict them. Believe
+    # those that have agreed.
+    reports = state.reports(prediction)
+    wrong = ~replaced & ~reports & ((still_s >= STILL_S) | (silent_s > prediction.silence_s))
+    agrees = replaced & reports & (np.abs(reading_c - smooth_c) <= prediction.agree_k)
+    agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
+    reasons = list(before.reasons)
+    if (heard & ~replaced & ~wrong).any():
+        for j in np.flatnonzero(wrong).tolist():
+            reasons[j] = 'is silent'
+            if silent_s[j] < min(STILL_S, prediction.silence_s[j]):
+                reasons[j] = (
+                    f'stands still at {reading_c[j]:.1f} °C while the others show that it moved '
+                    f'by {highest_c[j] - lowest_c[j]:.1f} K'
+                )
+    for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
+        reasons[j] = ''
+    return replace(state, agreed_s=agreed_s, reasons=tuple(reasons))
 
 
 def judge(
