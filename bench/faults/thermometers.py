@@ -32,7 +32,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.signals import FloatArray, Recording
-from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
+from wrist_ft_comp.stream.gap import reporting_cells
 from wrist_ft_comp.stream.offline import simulate_drift
 from wrist_ft_comp.stream.thermometer_prediction import judge
 
@@ -83,9 +83,9 @@ def failing(day: Recording, fault: str, j: int, begin: int) -> Recording:
 
 def watch(model: DriftModel, day: Recording) -> dict[int, float]:
     """Find which thermometers are replaced, and after how many minutes first."""
-    cells, found = reporting_cells(day.measured, day.period_ns), dict[int, float]()
-    longest = longest_gap_cells(model)
-    for cell, state in judge(model, day.temperature_c, day.measured, cells, longest):
+    found = dict[int, float]()
+    cells = reporting_cells(day.measured, day.period_ns).tolist()
+    for cell, state in zip(cells, judge(model, day.temperature_c, day.measured), strict=False):
         for j in np.flatnonzero(state.replaced).tolist():
             found.setdefault(j, cell * day.period_s / 60)
     return found

@@ -175,7 +175,7 @@ def test_a_thermometer_that_froze_in_a_file_is_named_as_the_node_does(run, make,
     for cell, pair in enumerate(read_recording(failed, period_s=10.0).temperature_c):
         for thermometer, value in enumerate(pair):
             live.add_temperature(thermometer, (10 * cell + thermometer + 1) * 10**9, value)
-    (finding,) = live.tracker.thermometers.findings
+    (finding,) = live.tracker.thermometers.sentences
     assert finding.startswith('thermometer 2 stands still')
     assert judged.count(finding) == 1
     assert finding in run('compensate', model, failed, '-o', tmp_path / 'copy.csv').err

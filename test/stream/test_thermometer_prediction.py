@@ -84,7 +84,7 @@ def stream(compensator, day, begin=0, end=CELLS):
 
 
 def findings(compensator):
-    return compensator.tracker.thermometers.findings
+    return compensator.tracker.thermometers.sentences
 
 
 def left(day, model):

@@ -1,7 +1,6 @@
 """The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
 from collections import Counter
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,7 +18,7 @@ from wrist_ft_comp.signals import (
     temperature_channel,
 )
 from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
-from wrist_ft_comp.stream.thermometer_prediction import judge, ThermometerState
+from wrist_ft_comp.stream.thermometer_prediction import judge
 
 
 class DriftTrack(NamedTuple):
@@ -73,15 +72,12 @@ def simulate_drift(
 
 def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
     """Run a model freely over N cells, (N, J), as the stream does: drift (N, 6)."""
-    longest = longest_gap_cells(model)
     cells = reporting_cells(measured, model.period_ns)
-    believed_c = [s.believed_c for _, s in judge(model, temperature_c, measured, cells, longest)]
+    believed_c = [state.believed_c for state in judge(model, temperature_c, measured)]
     if believed_c:
-        columns = np.stack(believed_c, axis=1)
-        temperature_c = np.stack(
-            [np.interp(np.arange(len(measured)), cells, column) for column in columns], axis=1
-        )
-    soaked = cells[1:][np.diff(cells) > longest + 1]
+        columns, every = np.stack(believed_c, axis=1), np.arange(len(measured))
+        temperature_c = np.stack([np.interp(every, cells, column) for column in columns], axis=1)
+    soaked = cells[1:][np.diff(cells) > longest_gap_cells(model) + 1]
     parts = [
         run_from_rest(model, temperature_c[begin:end])[1]
         for begin, end in pairwise([0, *soaked.tolist(), len(measured)])
@@ -89,27 +85,18 @@ def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray)
     return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def lies(model: DriftModel, recording: Recording) -> list[str]:
-    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
-    states = _judge(model, recording)
-    return list(dict.fromkeys(finding for state in states for finding in state.findings))
-
-
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
     """Give what a node would have said of replaced thermometers, and in which share of cells."""
     said, judged = Counter[str](), 0
-    for state in _judge(model, recording):
+    for state in judge(model, recording.temperature_c, recording.measured):
         said.update(state.sentences)
         judged += 1
     return {sentence: count / judged for sentence, count in said.items()}
 
 
-def _judge(model: DriftModel, recording: Recording) -> Iterator[ThermometerState]:
-    """Yield what is known of the thermometers after every cell in which one reports."""
-    cells = reporting_cells(recording.measured, model.period_ns)
-    longest = longest_gap_cells(model)
-    judged = judge(model, recording.temperature_c, recording.measured, cells, longest)
-    return (state for _, state in judged)
+def lies(model: DriftModel, recording: Recording) -> list[str]:
+    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
+    return list(thermometer_doubts(model, recording))
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

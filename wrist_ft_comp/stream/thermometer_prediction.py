@@ -19,7 +19,8 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
 
 #: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one
 #: that is read once a minute does so on healthy days.
@@ -88,16 +89,11 @@ class ThermometerState:
         return np.asarray(~silent & (moved_k <= prediction.still_k))
 
     @property
-    def findings(self) -> list[str]:
-        """Say which thermometers are replaced and why, in half sentences."""
-        pairs = enumerate(self.reasons, start=1)
-        return [f'thermometer {number} {why}' for number, why in pairs if why]
-
-    @property
     def sentences(self) -> list[str]:
-        """Say the same, and what the drift follows."""
+        """Say which thermometers are replaced and why, and what the drift follows."""
         used = 'what the others predict of it is used until it agrees again'
-        return [f'{finding}; {used}' for finding in self.findings]
+        pairs = enumerate(self.reasons, start=1)
+        return [f'thermometer {number} {why}; {used}' for number, why in pairs if why]
 
 
 def start(
@@ -185,40 +181,27 @@ def step(
 
 
 def judge(
-    model: DriftModel, temperature_c: FloatArray, measured: BoolArray, cells: IntArray, gap: int
-) -> Iterator[tuple[int, ThermometerState]]:
+    model: DriftModel, temperature_c: FloatArray, measured: BoolArray
+) -> Iterator[ThermometerState]:
     """
-    Judge the thermometers of a file, cell by cell; nothing where none is long the same.
+    Judge the thermometers of a file after every cell in which one reports.
 
-    Parameters
-    ----------
-    model : DriftModel
-        With a prediction, or nothing is judged.
-    temperature_c, measured : ndarray, shape (N, J)
-        Temperatures, °C, held where they were not measured.
-    cells : ndarray, shape (n,)
-        Those in which a thermometer reports (``reporting_cells``).
-    gap : int
-        After more cells without a report the body has soaked.
-
-    Yields
-    ------
-    tuple of int and ThermometerState
-        Number of the cell, and what it left.
-
+    Takes temperatures, °C, held where they were not measured, and where they were, (N, J). Yields
+    nothing where nobody predicts them, or where none reads the same for long.
     """
     prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
     if prediction is None or not _stands_still(temperature_c, max(round(STILL_S / period_s), 1)):
         return
+    cells, longest = reporting_cells(measured, model.period_ns), longest_gap_cells(model)
     state, last = start(prediction, temperature_c[cells[0]]), int(cells[0]) - 1
     for cell in cells.tolist():
         reading_c, missing = temperature_c[cell], cell - last - 1
-        if missing > gap:
+        if missing > longest:
             state, missing = start(prediction, reading_c, state.reasons), 0
         readings = Readings(reading_c, measured[cell], period_s, missing * period_s)
         state = step(prediction, state, readings)
         last = cell
-        yield cell, state
+        yield state
 
 
 def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
