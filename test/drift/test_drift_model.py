@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import check_sensor, Drift, StoredModel
-from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import AXES
 
@@ -112,10 +112,10 @@ def test_a_model_whose_parts_do_not_fit_is_refused(model, change, sentence):
 
 
 def test_predicted_thermometers_that_do_not_fit_are_refused():
-    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((4, 2))
-    assert Prediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
-    with pytest.raises(ModelFileError, match=r'^limit_k .* shape \(2,\); got \(3,\)'):
-        Prediction(*parts[:3], np.ones(3), *parts[4:])
+    parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
+    assert ThermometerPrediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
+    with pytest.raises(ModelFileError, match=r'^still_k .* shape \(2,\); got \(3,\)'):
+        ThermometerPrediction(*parts[:3], np.ones(3), *parts[4:])
 
 
 def test_a_model_is_doubted_beside_another_sensor_only(model):

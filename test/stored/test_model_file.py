@@ -16,7 +16,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate, Term
 from wrist_ft_comp.fit.settings import CalibrationSettings
@@ -108,7 +108,9 @@ def saved(calibration, tmp_path_factory):
 
 def test_sensor_limits_and_predictions_come_back(calibration, tmp_path):
     rng = np.random.default_rng(0)
-    prediction = Prediction(np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((5, 2)))
+    prediction = ThermometerPrediction(
+        np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2))
+    )
     sensor = {'wrench_topic': ['/w'], 'temperature_topics': ['/t1', '/t2'], 'frame_id': ['flange']}
     whole = replace(
         calibration,

@@ -15,7 +15,8 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored import state_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
-from wrist_ft_comp.stream.thermal_memory import Block, OpenCells, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory
+from wrist_ft_comp.stream.thermometer_prediction import ThermometerState
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)
@@ -25,16 +26,28 @@ stamps = st.integers(-(2**63), 2**63 - 1)
 blocks = st.lists(
     st.builds(Block, st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
 ).map(tuple)
-silences = st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple)
+by_thermometer = st.lists(number, min_size=1, max_size=5).map(np.array)
+rows = st.lists(st.lists(number, min_size=2, max_size=2), min_size=1, max_size=3).map(np.array)
+thermometers = st.builds(
+    ThermometerState,
+    by_thermometer,
+    rows,
+    rows,
+    *[by_thermometer] * 7,
+    number,
+    st.lists(st.text(max_size=20), min_size=1, max_size=5).map(tuple),
+)
 memories = st.builds(
     ThermalMemory,
     stamps,
     st.integers(1, 600 * 10**9),
-    st.lists(number, min_size=1, max_size=5).map(np.array),
+    by_thermometer,
+    st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
     st.builds(Drift, six, six),
+    rows,
     blocks,
-    st.none() | st.builds(OpenCells, st.booleans(), silences, blocks),
+    st.none() | thermometers,
 )
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
@@ -46,8 +59,10 @@ def example(end_ns=5, saved_ns=7):
         end_ns,
         10,
         np.array([20.0]),
+        (0,),
         {'force_z': np.ones(2)},
         Drift(np.ones(6), np.zeros(6)),
+        np.array([[20.0]]),
         (Block(np.array([20.0]), 1), Block(np.array([21.0]), 60)),
     )
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
@@ -84,15 +99,23 @@ def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrot
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
-@pytest.mark.parametrize('place', range(7))
+@pytest.mark.parametrize('place', range(9))
 def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_path, place, value):
     """The thermal state goes as a whole, each tare by itself, and nothing else."""
-    state = replace(example(), external_tare=np.arange(6.0))
+    known = ThermometerState(
+        np.ones(1), *np.ones((2, 1, 1)), *np.ones((7, 1)), 1.0, ('is silent',)
+    )
+    state = replace(
+        example(),
+        external_tare=np.arange(6.0),
+        thermal=replace(example().thermal, thermometers=known),
+    )
     assert state.thermal is not None
     zero, sensitivity = state.thermal.compensation
     filters, (mean, _) = state.thermal.filters['force_z'], state.thermal.history[1]
-    arrays = state.tare, state.external_tare, zero, sensitivity, filters, mean
-    (*arrays, state.thermal.temperature_c)[place][0] = value
+    arrays = [state.tare, state.external_tare, zero, sensitivity, filters, mean]
+    arrays += [state.thermal.temperature_c, state.thermal.start_c, known.smooth_c]
+    arrays[place][0] = value
     save_state(tmp_path / 'state.json', state)
     back = load_state(tmp_path / 'state.json')
     assert back is not None

@@ -35,6 +35,21 @@ def textbook_cells(block, period_ns):
     return {cell: sum(values) / len(values) for cell, values in cells.items()}
 
 
+def textbook_reports(temperatures, first, patience):
+    """Cells in which a thermometer reports; after an outage, once those are back that will be."""
+    heard = sorted({cell for cells in temperatures for cell in cells if cell >= first})
+    reported, begin = [], heard[0]
+    for before, cell in zip([heard[0], *heard], heard):  # noqa: B905
+        if cell - before > patience:
+            back = [
+                min((at for at in cells if at >= cell), default=cell) for cells in temperatures
+            ]
+            begin = max(at for at in back if at <= cell + patience)
+        if cell >= begin:
+            reported.append(cell)
+    return reported
+
+
 @st.composite
 def streams(draw):
     """One to three thermometers and a wrench, irregular, with gaps."""
@@ -68,12 +83,13 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, s
     last = max(max(cells) for cells in (*temperatures, torque))
     assert recording.first_cell == first
     assert len(recording) == last - first + 1
+    reported = textbook_reports(temperatures, first, max(1, math.ceil(5.0 / period_s)))
     for j, cells in enumerate(temperatures):
         for row, cell in enumerate(range(first, last + 1)):
-            before = max(at for at in cells if at <= cell)
-            after = min((at for at in cells if at >= cell), default=before)
-            share = (cell - before) / max(after - before, 1)
-            line = cells[before] + share * (cells[after] - cells[before])
+            before = max(at for at in reported if at <= cell)
+            after = min((at for at in reported if at >= cell), default=before)
+            held = [cells[max(at for at in cells if at <= end)] for end in (before, after)]
+            line = held[0] + (cell - before) / max(after - before, 1) * (held[1] - held[0])
             assert recording.temperature_c[row, j] == pytest.approx(line, abs=1e-10)
             assert recording.measured[row, j] == (cell in cells)
     for row, cell in enumerate(range(first, last + 1)):

@@ -6,7 +6,7 @@ import pytest
 from wrist_ft_comp.signals import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
-from wrist_ft_comp.stream.stream_grid import CompletedCells, ThermalGrid
+from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 
 SECOND = 1_000_000_000
 NAN = math.nan
@@ -43,7 +43,7 @@ def test_a_row_holds_the_means_of_its_cell_and_the_stamp_of_its_middle():
         averager.add_reference(5 * SECOND + k * SECOND // 10, reference[k])
         averager.add_raw(5 * SECOND + k * SECOND // 10, raw[k])
     for cell in (5, 6):
-        averager.add_cells([CompletedCells(cell, 1, np.array([20.0 + cell]), (0,))])
+        averager.add_cells([ThermalCell(cell, np.array([20.0 + cell]), (0,))])
         rows += averager.rows()
     assert [stamp for stamp, _ in rows] == [5_500_000_000, 6_500_000_000]
     for (_, row), part, celsius in zip(rows, (slice(10), slice(10, 20)), (25, 26), strict=True):
@@ -221,7 +221,7 @@ def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
         averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
         averager.add_raw(cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
-        averager.add_cells([CompletedCells(cell, 1, np.array([20.0]), (0,))])
+        averager.add_cells([ThermalCell(cell, np.array([20.0]), (0,))])
         rows += averager.rows()
     rows += averager.rows(final=True)
     np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])

@@ -7,7 +7,7 @@ import pytest
 
 from wrist_ft_comp.signals import is_plausible
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch, ThermometerWatch
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.wire.temperature_source import other_unit
 
 SECOND = 1_000_000_000
@@ -101,13 +101,15 @@ def test_the_unit_is_guessed_where_it_explains_the_value():
     [(2.1, 0, 1, 0), (2.3, 0, 1, 1), (-3, 0, 1, 1), (20, 99, 1, 0), (4, 0, 10, 0), (-5, 0, 10, 1)],
 )  # fmt: skip
 def test_a_jump_is_more_than_metal_can_do_in_the_time(step_k, silent, period_s, jumps):
-    watch, period_ns = ThermometerWatch(2), period_s * SECOND
+    watch, period_ns, cell = ThermometerWatch(2), period_s * SECOND, 10**9
     for number, reading in enumerate((0.0, step_k, 0.0)):
         if number and silent:
-            held = CompletedCells(0, silent, np.array([20.0, step_k * (number - 1)]), (0, silent))
-            watch.look(held, period_ns)
-        watch.look(CompletedCells(0, 1, np.array([20.0, reading]), (0, 0)), period_ns)
+            held = np.array([20.0, step_k * (number - 1)])
+            watch.look(ThermalCell(cell + silent, held, (0, silent)), period_ns)
+        cell += silent + 1
+        watch.look(ThermalCell(cell, np.array([20.0, reading]), (0, 0)), period_ns)
         assert watch.jumps.tolist() == [0, jumps * number]
     assert watch.last_jump_k == pytest.approx([0.0, -step_k * jumps])
-    watch.look(CompletedCells(0, 1, np.array([99.0, 0.0]), (0, 0)), SECOND, {0, 1})
+    watch.look(ThermalCell(cell + 1, np.array([99.0, 0.0]), (0, 0)), SECOND, {0, 1})
+    watch.look(ThermalCell(3, np.array([98.0, 1.0]), (0, 0)), SECOND)  # a clock was set back
     assert watch.jumps.tolist() == [0, 2 * jumps]

@@ -11,10 +11,10 @@ import pytest
 from wrist_ft_comp.signals import Samples, temperature_channel
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.gap import OUTAGE_S, reporting_cells
 from wrist_ft_comp.stream.stream_grid import ThermalGrid
 
 SECOND = 1_000_000_000
-FOREVER_S = 1e6
 
 
 def feed(grid, stream):
@@ -25,13 +25,14 @@ def seconds(thermometer, *pairs):
     return [(thermometer, round(s * SECOND), value) for s, value in pairs]
 
 
-def dense(completed):
-    """One row per cell; the cells must follow each other without gap or overlap."""
-    for before, after in pairwise(completed):
-        assert after.first_cell == before.first_cell + before.count
+def table(completed):
+    """Numbers, temperatures and who was heard, one row per cell; the numbers ascend."""
+    numbers = [cell.number for cell in completed]
+    assert all(before < after for before, after in pairwise(numbers))
     return (
-        np.concatenate([np.tile(cells.temperature_c, (cells.count, 1)) for cells in completed]),
-        np.concatenate([np.tile(cells.measured, (cells.count, 1)) for cells in completed]),
+        np.array(numbers),
+        np.array([cell.temperature_c for cell in completed]),
+        np.array([cell.measured for cell in completed]),
     )
 
 
@@ -55,7 +56,7 @@ def streams(draw):
 @given(drawn=streams())
 def test_the_stream_gives_what_the_batch_gives(drawn):
     thermometers, stream = drawn
-    tracker = DriftTracker(thermometers, SECOND, FOREVER_S, 1000.0)
+    tracker = DriftTracker(thermometers, SECOND, OUTAGE_S, 1000.0)
     grid, completed = tracker.grid, feed(tracker, stream)
     usable = [
         [s for s in stream if s[0] == j and math.isfinite(s[2]) and s[2] != 1e6]
@@ -75,20 +76,21 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
     ]
     wrench = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
     batch = grid_samples([*blocks, wrench], max_bad_share=1.0)
+    if not completed:
+        return
+    numbers, held_c, measured = table(completed)
+    rows = numbers - batch.first_cell
+    assert numbers[0] == batch.first_cell
+    reported = reporting_cells(batch.measured, SECOND)
+    np.testing.assert_array_equal(rows, reported[: len(rows)])
     # All but the cells that a thermometer may still deliver to.
     ready = min(samples[-1][1] // SECOND for samples in usable) - batch.first_cell
-    if ready <= 0:
-        assert not completed
-        return
-    held_c, measured = dense(completed)
-    assert completed[0].first_cell == batch.first_cell
-    assert len(held_c) == ready
-    np.testing.assert_array_equal(measured, batch.measured[:ready])
-    np.testing.assert_allclose(held_c[measured], batch.temperature_c[:ready][measured], atol=1e-10)
-    # On a line as far as its end has come.
-    ended = ready - max(completed[-1].silent)
-    bridged_c = tracker.history.temperature_c[: max(ended, 0)]
+    assert np.count_nonzero(reported < ready) <= len(rows)
+    np.testing.assert_array_equal(measured, batch.measured[rows])
+    np.testing.assert_allclose(held_c, batch.temperature_c[rows], atol=1e-10)
+    bridged_c = tracker.history.temperature_c
     np.testing.assert_allclose(bridged_c, batch.temperature_c[: len(bridged_c)], atol=1e-10)
+    assert len(bridged_c) == rows[-1] + 1
 
 
 @settings(deadline=None, max_examples=200, derandomize=True)
@@ -99,8 +101,7 @@ def test_an_impatient_stream_still_gives_every_cell_once(drawn, patience_s):
     completed = feed(grid, stream)
     assert len(grid._open) <= math.ceil(patience_s) + 1
     if completed:
-        temperature_c, _ = dense(completed)
-        assert np.isfinite(temperature_c).all()
+        assert np.isfinite(table(completed)[1]).all()
 
 
 def test_a_cell_is_complete_with_the_first_sample_of_the_next():
@@ -108,7 +109,7 @@ def test_a_cell_is_complete_with_the_first_sample_of_the_next():
     assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))
     (cells,) = grid.add(0, SECOND, 24.0)
     assert feed(grid, seconds(0, (2.2, 26.0), (3.2, 28.0))), 'which change nothing behind'
-    assert (cells.first_cell, cells.count, cells.measured) == (0, 1, (True,))
+    assert (cells.number, cells.measured) == (0, (True,))
     assert cells.temperature_c == pytest.approx([21.0])
 
 
@@ -123,7 +124,7 @@ def test_a_silent_thermometer_is_waited_for_and_then_held():
     assert second.temperature_c == pytest.approx([21.0, 50.0])
     assert second.measured == (True, False)
     back = feed(grid, seconds(1, (5.6, 50.8)))
-    temperature_c, measured = dense([first, second, *back])
+    _, temperature_c, measured = table([first, second, *back])
     np.testing.assert_allclose(temperature_c[2:], [[22, 50], [23, 50], [24, 50]])
     np.testing.assert_array_equal(measured[2:, 1], False)
     (last,) = feed(grid, seconds(0, (6.5, 26.0)) + seconds(1, (6.5, 52.0)))
@@ -147,16 +148,29 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
     assert len(grid._open) < 100
     late = [*seconds(1, (second, 5.0)), *seconds(0, (2000.5, 2020.0)), *seconds(1, (2000.5, 5.0))]
     started = feed(grid, late)
-    assert started[0].first_cell == first
+    assert started[0].number == first
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
 def test_samples_for_completed_cells_are_counted():
     grid = ThermalGrid(SECOND, 2, patience_s=1.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
-    feed(grid, seconds(0, (9.5, 20.0)))
+    feed(grid, seconds(0, *((k + 0.5, 20.0) for k in range(1, 10))))
     assert not feed(grid, seconds(1, (3.5, 99.0), (4.5, 99.0)))
     assert grid.rejected == 2
+
+
+@pytest.mark.parametrize(('back_s', 'number', 'last_c'), [(1.0, 31, 52.0), (9.0, 30, 50.0)])
+def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number, last_c):
+    """As at the start; one that stays away is held."""
+    grid = ThermalGrid(SECOND, 2, patience_s=3.0)
+    feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
+    both = [*seconds(0, *((30.5 + k, 30.0 + k) for k in range(20)))]
+    both += seconds(1, *((30.7 + back_s + k, 52.0) for k in range(20)))
+    before, first, *_ = feed(grid, sorted(both, key=lambda sample: sample[1]))
+    assert before.number == 0
+    assert first.number == number
+    assert first.temperature_c == pytest.approx([number, last_c])
 
 
 @pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.0])
@@ -176,8 +190,8 @@ def test_time_that_ran_back_restarts_the_grid_there():
     feed(grid, [*both, *again, *both])
     completed = feed(grid, again)
     assert grid.restarts == 2
-    temperature_c, _ = dense(completed)
-    assert completed[0].first_cell == 0
+    numbers, temperature_c, _ = table(completed)
+    assert numbers[0] == 0
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
 
 
@@ -185,15 +199,13 @@ def test_time_that_runs_back_in_the_first_cell_leaves_no_gap_in_temperatures():
     grid = ThermalGrid(SECOND, 2, patience_s=5.0)
     both = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
     completed = feed(grid, [*seconds(0, (100.1, 20.0)), *seconds(1, (100.2, 21.0)), *both])
-    temperature_c, _ = dense(completed)
+    _, temperature_c, _ = table(completed)
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
 
 
-def test_a_huge_gap_gives_held_cells_in_one_piece():
+def test_a_huge_gap_gives_no_cells():
     grid = ThermalGrid(SECOND, 1, 5.0)
     completed = feed(grid, seconds(0, (0.5, 20.0), (1e9, 30.0), (1e9 + 1, 31.0)))
-    assert len(completed) == 3
-    assert [cells.count for cells in completed] == [1, 10**9 - 1, 1]
-    assert [float(cells.temperature_c[0]) for cells in completed] == [20.0, 20.0, 30.0]
-    assert [cells.measured for cells in completed] == [(True,), (False,), (True,)]
-    assert not grid._open or len(grid._open) == 1
+    assert [cell.number for cell in completed] == [0, 10**9]
+    assert [float(cell.temperature_c[0]) for cell in completed] == [20.0, 30.0]
+    assert len(grid._open) == 1

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift import drift_model
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.gap import (
     LEAST_GAP_S,
@@ -15,11 +16,18 @@ from wrist_ft_comp.stream.gap import (
     slowest_time_constant_s,
 )
 from wrist_ft_comp.stream.thermal_memory import belongs_to
+from wrist_ft_comp.stream.thermometer_prediction import start
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 AXES = {'force_z': (2.0, 1e-3, 600.0), 'force_x': (-0.5, 0.0, 0.0), 'torque_y': (0.1, 0.0, 300.0)}
 SETTINGS = StreamSettings()
+
+
+#: Two thermometers that read the same.
+ALIKE = ThermometerPrediction(
+    np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2), *np.ones((3, 2))
+)
 
 
 @pytest.fixture(scope='module')
@@ -159,9 +167,25 @@ def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
         {'filters': {axis: np.full(values.shape, 1.7e308) for axis, values in filters.items()}},
         {'history': ((np.zeros(2), 60),)},
         {'period_ns': 2 * SECOND},
+        {'silent': (0, 0)},
+        {'start_c': np.zeros((0, 1))},
+        {'start_c': np.zeros((2, 1))},
+        {'thermometers': start(ALIKE, np.zeros(2))},
     ):
         assert not belongs_to(model, replace(memory, **change))
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
+    two = make_model({'force_z': (1.0, 0.0, 600.0)}, thermometers=2, prediction=ALIKE)
+    compensator = Compensator(2, SETTINGS, two)
+    for k in range(4):
+        for j in range(2):
+            compensator.add_temperature(j, START + k * SECOND, 20.0)
+    memory = memory_of(compensator)
+    assert belongs_to(two, memory)
+    assert not belongs_to(replace(two, prediction=None), memory)
+    assert not belongs_to(two, replace(memory, thermometers=None))
+    for change in ({'reasons': ('',)}, {'relaxed_c': np.zeros((2, 2))}, {'age_s': np.zeros(1)}):
+        known = replace(memory.thermometers, **change)
+        assert not belongs_to(two, replace(memory, thermometers=known))
 
 
 def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(model, make_model):

@@ -17,6 +17,9 @@ from wrist_ft_comp.drift.arx_filter import Arx
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray, IntArray
 
+#: Up to this many cells, stepping all latents at once is faster than filtering each of them: with
+#: 28 latents one cell takes a sixth of the time, and 40 cells take as long.
+_STEPPED_CELLS = 30
 #: Cells that a relaxation runs through in one matrix product.
 _BLOCK = 32
 
@@ -84,22 +87,25 @@ class ArxPls:
         """State, shape (R, L), after inputs x, shape (F,), for ever: a soaked robot."""
         return self._filters[2] * self._scores(x)[:, np.newaxis]
 
-    def step(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Advance by a cell: inputs (F,), outputs (M,); state in transposed direct form II."""
-        numerators, denominators, _ = self._filters
-        t = self._scores(x)[:, np.newaxis]
-        if not state.shape[1]:
-            return state, self._outputs((numerators * t)[:, 0])
-        u = numerators[:, :1] * t + state[:, :1]
-        shifted = np.concatenate((state[:, 1:], np.zeros_like(t)), axis=1)
-        return shifted + numerators[:, 1:] * t - denominators[:, 1:] * u, self._outputs(u[:, 0])
-
     def run(self, state: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, x of shape (N, F), outputs (N, M): the fold of step, faster."""
+        """
+        Advance by N cells: inputs (N, F), outputs (N, M).
+
+        The state is that of filters in transposed direct form II. A few cells are stepped, all
+        latents at once; many are filtered latent by latent.
+        """
         numerators, denominators, _ = self._filters
         t = self._scores(x)
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
+        if len(x) <= _STEPPED_CELLS:
+            u, end = np.empty_like(t), np.zeros((len(state), 1))
+            for k in range(len(t)):
+                u[k] = numerators[:, 0] * t[k] + state[:, 0]
+                delayed = numerators[:, 1:] * t[k, :, np.newaxis]
+                fed_back = denominators[:, 1:] * u[k, :, np.newaxis]
+                state = np.concatenate((state[:, 1:], end), axis=1) + delayed - fed_back
+            return state, self._outputs(u)
         series = np.ascontiguousarray(t.T)  # (R, N)
         after = np.empty_like(state)
         for r in range(len(self.latents)):

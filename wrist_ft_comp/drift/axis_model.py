@@ -127,17 +127,13 @@ class AxisModel:
 
     def step(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Advance by one thermal cell, temperatures (J,), °C; new state (S,) and drift (M,)."""
-        before, behind = self._split(state)
-        filtered = self._thermometer_features.clamp(temperature_c)
-        if self._filter_bank is not None:
-            before, filtered = self._filter_bank.step(before, filtered)
-        behind, outputs = self.dynamics.step(behind, self.features.expand_within(filtered))
-        return np.concatenate((before.ravel(), behind.ravel())), outputs
+        after, outputs = self.run(state, temperature_c[np.newaxis])
+        return after, outputs[0]
 
     def run(
         self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M) or (1, M): the fold of step."""
+        """Advance by N cells, temperatures (N, J), drift (N, M) or (1, M)."""
         before, behind = self._split(state)
         filtered = self._thermometer_features.clamp(temperature_c)
         if self._filter_bank is not None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import (
     AXES,
@@ -50,7 +50,7 @@ class DriftModel:
     #: those of the first cell.
     start_s: float = 0.0
     #: What each thermometer should read by the others; None with one, or where it is not known.
-    prediction: Prediction | None = None
+    prediction: ThermometerPrediction | None = None
 
     def __post_init__(self) -> None:
         if self.period_ns <= 0 or self.thermometers < 1:
@@ -235,19 +235,14 @@ def step(
     model: DriftModel, state: DriftState, temperature_c: FloatArray
 ) -> tuple[DriftState, Drift]:
     """Advance by one cell of mean temperatures, °C, (J,); the state is not modified."""
-    after: dict[str, FloatArray] = {}
-    drift = no_drift()
-    for name, axis in model.axes.items():
-        after[name], outputs = axis.step(state[name], temperature_c)
-        for part, value in zip(drift, outputs, strict=False):
-            part[AXES.index(name)] = value
-    return after, drift
+    after, drift = run(model, state, temperature_c[np.newaxis])
+    return after, Drift(drift.zero[0], drift.sensitivity[0])
 
 
 def run(
     model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
 ) -> tuple[DriftState, Drift]:
-    """Advance by N cells, temperatures (N, J), drift (N, 6) or (1, 6): the fold of step."""
+    """Advance by N cells, temperatures (N, J), drift (N, 6), or (1, 6) of the last."""
     after: dict[str, FloatArray] = {}
     drift = no_drift(1 if last_only else len(temperature_c))
     for name, axis in model.axes.items():

@@ -10,7 +10,7 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.folds import find_plateaus
-from wrist_ft_comp.fit.thermometers import runs_of
+from wrist_ft_comp.fit.thermometer_prediction import runs_of
 from wrist_ft_comp.signals import (
     AXES,
     axis_unit,

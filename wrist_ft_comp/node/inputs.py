@@ -1,6 +1,6 @@
 """The parts that take raw wrenches and temperatures in, and judge them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import math
 import time
@@ -24,11 +24,10 @@ from wrist_ft_comp.signals import (
     SAME_CLOCK_S,
     temperature_channel,
 )
-from wrist_ft_comp.stream.agreement import numbered
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.sample_checks import why_unusable
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
@@ -284,11 +283,10 @@ class TemperatureInput(Part):
         if cells:
             self.hub.tell('on_cells', cells, at_ns)
 
-    def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
+    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Watch for thermometers that jump."""
-        for completed in cells:
-            replaced = self._tracker.agreement.replaced
-            self._watch.look(completed, self._tracker.grid.period_ns, replaced)
+        for cell in cells:
+            self._watch.look(cell, self._tracker.grid.period_ns, self._tracker.replaced)
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""
@@ -328,7 +326,7 @@ class TemperatureInput(Part):
         if self._tracker.reading_c is not None and self._tracker.temperature_c is not None:
             for j, value in enumerate(self._tracker.reading_c, start=1):
                 numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
-            for j in self._tracker.agreement.replaced:
+            for j in self._tracker.replaced:
                 believed_c = self._tracker.temperature_c[j]
                 numbers[f'thermometer_{j + 1}_believed_c'] = f'{believed_c:.2f}'
         yield doubtful(self.title, self._doubts(grown), 'all thermometers report', numbers)
@@ -342,7 +340,8 @@ class TemperatureInput(Part):
                 f'readings of thermometer {j + 1} are dropped; they are '
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
-        yield from self._tracker.agreement.sentences
+        if self._tracker.thermometers is not None:
+            yield from self._tracker.thermometers.sentences
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {_arrival(0)}'
@@ -378,7 +377,7 @@ class TemperatureInput(Part):
             yield 'a temperature was dropped, because its stamp was far from those around it'
         if unstamped := [j for j, stamped in enumerate(self._stamped) if stamped is False]:
             arrival = _arrival(self._stamp_ns)
-            yield f'thermometer {numbered(unstamped)} does not stamp its readings; {arrival}'
+            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {arrival}'
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
@@ -399,13 +398,13 @@ class TemperatureInput(Part):
                 )
             elif at_s is None:
                 never.append(j)
-            elif time.monotonic() - at_s > limit_s and j not in self._tracker.agreement.replaced:
+            elif time.monotonic() - at_s > limit_s and j not in self._tracker.replaced:
                 silent.append(j)
         if never:
-            yield f'thermometer {numbered(never)} has not reported; {drift}'
+            yield f'thermometer {_numbers(never)} has not reported; {drift}'
         if silent:
             yield (
-                f'thermometer {numbered(silent)} silent for more than {limit_s:g} s; drift is held'
+                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
             )
 
     def _outside(self) -> Iterator[str]:
@@ -420,6 +419,11 @@ class TemperatureInput(Part):
             unit = other_unit(float(temperature_c[outside[0]]), low_c, high_c)
             hint = f'. In {unit} it would be inside: check the unit' if unit else ''
         yield (
-            f'thermometer {numbered(outside)} outside the calibrated range; drift is less '
+            f'thermometer {_numbers(outside)} outside the calibrated range; drift is less '
             f'certain there, and held further out{hint}'
         )
+
+
+def _numbers(thermometers: Iterable[int]) -> str:
+    """Write thermometers as numbers from 1."""
+    return ', '.join(str(j + 1) for j in thermometers)

@@ -12,7 +12,7 @@ from wrist_ft_comp.ros.node_log import ERROR, Growth, OK, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 
 
 class Output(Part):
@@ -29,7 +29,7 @@ class Output(Part):
         """Offer the topic."""
         self.drift = self.hub.advertise(WrenchStamped, '~/drift')
 
-    def on_cells(self, _cells: Sequence[CompletedCells], stamp_ns: int) -> None:
+    def on_cells(self, _cells: Sequence[ThermalCell], stamp_ns: int) -> None:
         """Publish what is subtracted at the end of cells."""
         if self._compensator.compensating:
             zero = self._compensator.compensation.zero

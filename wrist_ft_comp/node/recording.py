@@ -28,7 +28,7 @@ from wrist_ft_comp.stored.documents import writing
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: What to do, in every message about a disk that refuses.
@@ -153,7 +153,7 @@ class Recorder(Part):
         for recording in self._running:
             recording.averager.add_force(stamp_ns, force, speed)
 
-    def on_cells(self, cells: Sequence[CompletedCells], _stamp_ns: int) -> None:
+    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Append rows for thermal cells."""
         for recording in self._running:
             recording.averager.add_cells(cells)

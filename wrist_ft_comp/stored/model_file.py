@@ -17,7 +17,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.drift.prediction import Prediction
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.signals import FloatArray, SENSOR_FACTS
 from wrist_ft_comp.stored.documents import Kind, plain
@@ -118,19 +118,19 @@ def _build_model(document: Document) -> DriftModel:
         prediction=_build_prediction(document['thermometers']))  # fmt: skip
 
 
-def _build_prediction(entries: Sequence[Document]) -> Prediction | None:
+def _build_prediction(entries: Sequence[Document]) -> ThermometerPrediction | None:
     """Build what thermometers predict of each other; a single one has no others."""
     if not all('prediction' in entry for entry in entries):
         return None
     parts = {
         part.name: [entry['prediction'][part.name] for entry in entries]
-        for part in fields(Prediction)
+        for part in fields(ThermometerPrediction)
     }
     (time_constants_s, *others) = parts.pop('time_constants_s')
     if any(other != time_constants_s for other in others):
         raise ModelFileError('All predictions must have the same time_constants_s.')
     arrays = {name: _array(name, values) for name, values in parts.items()}
-    return Prediction(_array('time_constants_s', time_constants_s), **arrays)
+    return ThermometerPrediction(_array('time_constants_s', time_constants_s), **arrays)
 
 
 def _build_axis(entry: Document, thermometers: int) -> AxisModel:

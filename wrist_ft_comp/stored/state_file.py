@@ -59,23 +59,19 @@ def load_state(path: Path) -> SavedState | None:
 
 def _document(state: SavedState) -> Document:
     """Convert a state to plain values; what could not be read again is left out."""
-    memory = state.thermal
+    memory, thermal = state.thermal, None
     if memory is not None:
-        blocks = (*memory.history, *(memory.open_cells.blocks if memory.open_cells else ()))
-        means, filters = (block.temperature_c for block in blocks), memory.filters.values()
-        offsets = (memory.distrust.kept, memory.distrust.released) if memory.distrust else ()
-        if not _readable(*offsets, memory.temperature_c, *filters, *memory.compensation, *means):
-            memory = None
-    thermal: Document | None = None
-    if memory is not None:
-        thermal = {**vars(memory), **memory.compensation._asdict()}
-        del thermal['compensation'], thermal['open_cells']
-        if thermal['distrust'] is None:
-            del thermal['distrust']
-        thermal['history'] = [block._asdict() for block in memory.history]
-        if cells := memory.open_cells:
-            listed = [block._asdict() for block in cells.blocks]
-            thermal['open_cells'] = {**vars(cells), 'blocks': listed}
+        arrays = [memory.temperature_c, memory.start_c, *memory.compensation]
+        arrays += [*memory.filters.values(), *(block.temperature_c for block in memory.history)]
+        if memory.thermometers is not None:
+            parts = vars(memory.thermometers).values()
+            arrays += [part for part in parts if isinstance(part, np.ndarray)]
+        if _readable(*arrays):
+            thermal = {**vars(memory), **memory.compensation._asdict()}
+            del thermal['compensation']
+            thermal['history'] = [block._asdict() for block in memory.history]
+            if memory.thermometers is None:
+                del thermal['thermometers']
     tare, external_tare = (
         wrench.tolist() if _readable(wrench) else [0.0] * len(AXES)
         for wrench in (state.tare, state.external_tare)

@@ -22,7 +22,7 @@ from wrist_ft_comp.signals import (
     Samples,
     temperature_channel,
 )
-from wrist_ft_comp.stream.gap import straight_lines
+from wrist_ft_comp.stream.gap import fill_gaps
 from wrist_ft_comp.stream.sample_checks import SampleChecks, UNIT_OF_STAMPS
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
@@ -201,17 +201,13 @@ class GridBuilder:
 
     def _bridge(self, temperature_c: FloatArray, channels: list[str], first: int) -> FloatArray:
         """Fill empty cells by the rule for gaps, shape (N, J), also from before the first cell."""
-        bridged = np.empty_like(temperature_c)
-        for j, channel in enumerate(channels):
+        before_c = []
+        for channel in channels:
             cells = np.concatenate(self._cells[channel])
             # One cell of what lies before the first: it may be years away, by a broken stamp.
             begin = int(cells[cells <= first].max())
-            means = np.append(self._dense(channel, begin, begin), temperature_c[:, j])
-            at = np.append(begin, first + np.arange(len(bridged)))
-            measured = np.isfinite(means)
-            measured[1] &= begin < first
-            bridged[:, j] = straight_lines(at[measured], means[measured], first, len(bridged))
-        return bridged
+            before_c.append(self._dense(channel, begin, begin)[0])
+        return fill_gaps(temperature_c, np.array(before_c), self._period_ns)
 
 
 def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:

@@ -10,7 +10,7 @@ from wrist_ft_comp.signals import (
     ROTATION_CHANNEL,
     temperature_channel,
 )
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 
 _NAN = float('nan')
 #: A row waits for late wrenches for this many cells, and what comes without wrenches for a row.
@@ -82,20 +82,20 @@ class CellAverager:
         for i, value in enumerate(values, start=1):
             sums[i] += value
 
-    def add_cells(self, completed: Sequence[CompletedCells]) -> None:
+    def add_cells(self, completed: Sequence[ThermalCell]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
-        for cells in completed:
-            if cells.first_cell < self._end:  # time ran back: what waits is of the time before
+        for cell in completed:
+            if cell.number < self._end:  # time ran back: what waits is of the time before
                 self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
                 self._temperatures.clear()
-                self._latest = [min(latest, cells.first_cell) for latest in self._latest]
-            self._end, self._silent = cells.first_cell + cells.count, False
+                self._latest = [min(latest, cell.number) for latest in self._latest]
+            self._end, self._silent = cell.number + 1, False
             if not -inf < self._begin <= self._end:  # at first, and when time ran back
-                self._begin = cells.first_cell
+                self._begin = cell.number
             self._cells = {at: sums for at, sums in self._cells.items() if at >= self._begin}
-            self._temperatures[cells.first_cell] = [
+            self._temperatures[cell.number] = [
                 float(value) if measured else _NAN
-                for value, measured in zip(cells.temperature_c, cells.measured, strict=True)
+                for value, measured in zip(cell.temperature_c, cell.measured, strict=True)
             ]
 
     def rows(self, *, final: bool = False) -> list[Row]:

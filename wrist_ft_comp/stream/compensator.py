@@ -11,7 +11,7 @@ from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
@@ -94,7 +94,7 @@ class Compensator:
         stamp_ns: int,
         temperature_c: float,
         keep_output_of: Wrench | None = None,
-    ) -> list[CompletedCells]:
+    ) -> list[ThermalCell]:
         """
         Take one temperature of a thermometer, counted from 0; give the cells that it completes.
 

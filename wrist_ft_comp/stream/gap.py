@@ -1,23 +1,24 @@
 """
 Gaps in the temperatures: one rule for the running stream, for a restarted one and for files.
 
-- In cells without a sample of a thermometer, its temperature is on the straight line between the
-  cells before and after. Until the cell after is there, the last value is held.
-- After a gap of all thermometers that is longer than the model's memory, the sensor has soaked at
-  the temperatures after the gap.
-- After such a gap of one thermometer, while others reported, the model starts at rest. It starts
-  before the end of the gap, by the length of its memory.
+- A thermometer that is silent while others report keeps its last value.
+- In cells in which no thermometer reports, temperatures are on the straight line between the cells
+  before and after.
+- After an outage of all thermometers, these go on with the first cell by whose end all have
+  reported that do so within some seconds.
+- After a gap of all that is longer than the model's memory, the sensor has soaked at the
+  temperatures after the gap.
 
-The stream differs from a file in one thing: within a gap it does not know the end of the line.
+The stream differs from a file in one thing: it learns of the cells of a gap when the gap has
+ended, and holds the drift until then.
 """
 
-from itertools import pairwise
+import math
 
 import numpy as np
 
-from wrist_ft_comp.drift.drift_model import Drift, DriftModel, rest_c, run_from_rest
+from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stream.agreement import Agreement, Offsets
 
 #: A model's memory in slowest time constants: after three, 5 % of a change are left.
 TIME_CONSTANTS = 3.0
@@ -25,6 +26,9 @@ TIME_CONSTANTS = 3.0
 LEAST_GAP_S = 60.0
 #: Longest memory that is assumed, s; the stream keeps as many cells.
 MOST_GAP_S = 6 * 3600.0
+#: All thermometers were out when none reported for longer, s; and after an outage one is waited
+#: for as long. It is the default of temperature_timeout, which the stream uses.
+OUTAGE_S = 5.0
 #: Two clocks disagree where their times since the save differ by more than this, s.
 _SLIP_S = 60.0
 
@@ -47,87 +51,37 @@ def longest_gap_cells(model: DriftModel) -> int:
     return int(longest_gap_s(model) * NANOSECONDS / model.period_ns)
 
 
-def straight_lines(
-    measured_cells: IntArray, measured_c: FloatArray, first_cell: int, count: int
-) -> FloatArray:
+def outage_cells(period_ns: int, outage_s: float = OUTAGE_S) -> int:
+    """Count the cells of the longest silence of all thermometers that is no outage."""
+    return max(1, math.ceil(outage_s * NANOSECONDS / period_ns))
+
+
+def reporting_cells(measured: BoolArray, period_ns: int) -> IntArray:
+    """List the cells in which a thermometer reports, of N; ``measured`` says which do, (N, J)."""
+    longest = outage_cells(period_ns)
+    cells = np.flatnonzero(measured.any(axis=1))
+    reports: BoolArray = np.ones(len(cells), dtype=bool)
+    for end in np.flatnonzero(np.diff(cells) > longest) + 1:
+        first = cells[end]
+        back = measured[first : first + longest + 1]
+        whole = int(back.argmax(axis=0).max())  # one that is not back yet counts as the first
+        reports[end:] &= cells[end:] >= first + whole
+    return cells[reports]
+
+
+def fill_gaps(means_c: FloatArray, before_c: FloatArray, period_ns: int) -> FloatArray:
     """
-    Fill the cells of a thermometer: ``count`` temperatures, °C, from ``first_cell`` on.
+    Fill the cells without a sample by the rule for gaps: temperatures, °C, (N, J).
 
-    Takes the numbers of the cells with a sample, ascending, and their temperatures, °C, (n,).
-    After the last of them its value is held.
+    ``means_c``, (N, J), is NaN in them; ``before_c``, (J,), was read before the first cell.
     """
-    cells = first_cell + np.arange(count)
-    return np.asarray(np.interp(cells, measured_cells, measured_c))
-
-
-def starts(measured: BoolArray, longest: int) -> list[tuple[int, int]]:
-    """
-    List where the model has to start from rest, because of gaps longer than ``longest``, cells.
-
-    ``measured``, (N, J), marks the cells with a sample of each thermometer. A start is the cell
-    from which to run the model, and the cell from which its drift counts; (0, 0) is the first.
-    """
-    heard: BoolArray = np.logical_or.reduce(measured, axis=1)
-    soaked = np.unique(np.append(0, _ends_of_gaps(heard, longest)))
-    ends = [_ends_of_gaps(measured[:, j], longest) for j in range(measured.shape[1])]
-    cells = np.unique(np.concatenate((soaked, *ends)))
-    last_soaked = soaked[np.searchsorted(soaked, cells, side='right') - 1]
-    first = np.maximum(cells - longest, last_soaked)
-    return list(zip(first.tolist(), cells.tolist(), strict=True))
-
-
-def _ends_of_gaps(measured: BoolArray, longest: int) -> IntArray:
-    """List the measured cells, of N, that follow a gap of more cells than the longest."""
-    at = np.concatenate(([-1], np.flatnonzero(measured)))
-    return np.asarray(at[1:][np.diff(at) > longest + 1])
-
-
-def simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
-    """
-    Run a model freely over N cells on straight lines, (N, J), and over gaps: drift (N, 6).
-
-    A wrong thermometer is replaced from where the stream would have found it.
-    """
-    agreement = Agreement(model, temperature_c.shape[1])
-    if not agreement.able:
-        return _run_over_gaps(model, temperature_c, measured)
-    believed_c, heard, longest = temperature_c.copy(), measured.copy(), longest_gap_cells(model)
-    parts, offsets, begin = [], Offsets(), 0
-
-    def run(end: int) -> Drift:
-        return _run_over_gaps(model, believed_c[:end], heard[:end])
-
-    def newest(end: int) -> Drift:
-        seconds = (np.arange(end - begin)[:, np.newaxis] + 1) * model.period_ns / NANOSECONDS
-        return offsets.on(Drift(*(values[begin:] for values in run(end))), seconds)
-
-    for first in range(0, len(measured), agreement.cells):
-        end = min(first + agreement.cells, len(measured))
-        part = slice(first, end)
-        believed_c[part], rewrite = agreement.add(temperature_c[part], measured[part])
-        heard[part, list(agreement.replaced)] |= measured[part].any(axis=1, keepdims=True)
-        if rewrite is not None:
-            parts.append(newest(end))
-            soaked = starts(heard[:end], longest)[-1][0]
-            rest = slice(soaked, soaked + model.start_cells)
-            rested_c = rest_c(believed_c[rest])
-            rewrite.apply(believed_c[:end], heard[:end])
-            before, now = (Drift(*(v[-1] for v in drift)) for drift in (parts[-1], run(end)))
-            rests_c = rested_c, rest_c(believed_c[rest])
-            offsets = offsets.going_on(model, rests_c, before, now)
-            begin = end
-    parts.append(newest(len(measured)))
-    return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
-
-def _run_over_gaps(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
-    """Run a model over N cells, (N, J), from rest, and again after gaps: drift (N, 6)."""
-    at = starts(measured, longest_gap_cells(model))
-    parts = []
-    for (first, cell), (_, end) in pairwise([*at, (0, len(measured))]):
-        drift = run_from_rest(model, temperature_c[first:end])[1]
-        parts.append(Drift(*(part[cell - first :] for part in drift)))
-    return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    measured, cells = np.isfinite(means_c), np.arange(len(means_c))
+    newest = np.maximum.accumulate(np.where(measured, cells[:, np.newaxis], -1), axis=0)
+    held_c = np.where(
+        newest < 0, before_c, np.take_along_axis(means_c, np.maximum(newest, 0), axis=0)
+    )
+    at = reporting_cells(measured, period_ns)
+    return np.stack([np.interp(cells, at, column[at]) for column in held_c.T], axis=1)
 
 
 def doubt(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:

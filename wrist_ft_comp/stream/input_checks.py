@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from wrist_ft_comp.signals import AXES, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stream.stream_grid import CompletedCells
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.stream.temperature_spikes import jumps
 
 #: A reading is frozen after this many looks in a row with the same value.
@@ -86,16 +86,18 @@ class ThermometerWatch:
         #: The newest jump of each, K.
         self.last_jump_k: FloatArray = np.zeros(thermometers)
         self._before: FloatArray | None = None
-        #: For how many cells each has been silent.
-        self._silent: IntArray = np.zeros(thermometers, np.int64)
+        #: The cells in which each was heard.
+        self._heard_in: IntArray = np.zeros(thermometers, np.int64)
 
-    def look(self, cells: CompletedCells, period_ns: int, replaced: Collection[int] = ()) -> None:
-        """Look at completed cells of a period, ns, of all thermometers that are not replaced."""
-        before, self._before = self._before, cells.temperature_c
-        apart, self._silent = self._silent + cells.count, np.array(cells.silent)
+    def look(self, cell: ThermalCell, period_ns: int, replaced: Collection[int] = ()) -> None:
+        """Look at a completed cell of a period, ns, of all thermometers that are not replaced."""
+        before, self._before = self._before, cell.temperature_c
+        heard_in = cell.number - np.array(cell.silent)
+        apart = np.maximum(heard_in - self._heard_in, 1)  # less where a clock was set back
+        self._heard_in = heard_in
         if before is None:
             return
-        step_k = cells.temperature_c - before
+        step_k = cell.temperature_c - before
         jumped = jumps(step_k, apart * period_ns / NANOSECONDS)
         jumped[list(replaced)] = False
         self.jumps += jumped

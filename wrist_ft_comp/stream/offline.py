@@ -1,17 +1,24 @@
 """The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
 from collections import Counter
-from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.drift_model import Drift, DriftModel
+from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, temperature_channel
-from wrist_ft_comp.stream.agreement import Agreement
-from wrist_ft_comp.stream.gap import simulate
+from wrist_ft_comp.signals import (
+    AXES,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Recording,
+    temperature_channel,
+)
+from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
+from wrist_ft_comp.stream.thermometer_prediction import judge
 
 
 class DriftTrack(NamedTuple):
@@ -51,11 +58,11 @@ def simulate_drift(
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
     if before is None:
-        return simulate(model, recording.temperature_c, recording.measured)
+        return _simulate(model, recording.temperature_c, recording.measured)
     between = max(recording.first_cell - before.first_cell - len(before), 0)
     line = np.linspace(before.temperature_c[-1], recording.temperature_c[0], between + 2)[1:-1]
     silent = np.zeros((between, recording.thermometers), dtype=bool)
-    drift = simulate(
+    drift = _simulate(
         model,
         np.concatenate((before.temperature_c, line, recording.temperature_c)),
         np.concatenate((before.measured, silent, recording.measured)),
@@ -63,39 +70,33 @@ def simulate_drift(
     return Drift(*(part[-len(recording) :] for part in drift))
 
 
-def lies(model: DriftModel, recording: Recording) -> list[str]:
-    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
-    bins = _agreements(model, recording)
-    return list(dict.fromkeys(finding for agreement in bins for finding in agreement.findings))
+def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
+    """Run a model freely over N cells, (N, J), as the stream does: drift (N, 6)."""
+    cells = reporting_cells(measured, model.period_ns)
+    believed_c = [state.believed_c for state in judge(model, temperature_c, measured)]
+    if believed_c:
+        columns, every = np.stack(believed_c, axis=1), np.arange(len(measured))
+        temperature_c = np.stack([np.interp(every, cells, column) for column in columns], axis=1)
+    soaked = cells[1:][np.diff(cells) > longest_gap_cells(model) + 1]
+    parts = [
+        run_from_rest(model, temperature_c[begin:end])[1]
+        for begin, end in pairwise([0, *soaked.tolist(), len(measured)])
+    ]
+    return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
-    """
-    Give what a node would have reported of the thermometers, and for which share of the time.
-
-    Which of them contradict changes from bin to bin; the sentence that held longest is given.
-    """
-    said, doubts = Counter[str](), Counter[str]()
-    for agreement in _agreements(model, recording):
-        said.update(agreement.sentences)
-        doubts[agreement.doubt] += 1
-    bins = doubts.total()
-    del doubts['']
-    shorter = tuple(doubt for doubt, _ in doubts.most_common()[1:])
-    return {
-        sentence: count / bins
-        for sentence, count in said.items()
-        if not sentence.startswith(shorter)
-    }
+    """Give what a node would have said of replaced thermometers, and in which share of cells."""
+    said, judged = Counter[str](), 0
+    for state in judge(model, recording.temperature_c, recording.measured):
+        said.update(state.sentences)
+        judged += 1
+    return {sentence: count / judged for sentence, count in said.items()}
 
 
-def _agreements(model: DriftModel, recording: Recording) -> Iterator[Agreement]:
-    """Yield how thermometers agree after every bin: one object, which the next bin changes."""
-    agreement = Agreement(model, recording.thermometers)
-    for first in range(0, len(recording), agreement.cells):
-        cells = slice(first, first + agreement.cells)
-        agreement.add(recording.temperature_c[cells], recording.measured[cells])
-        yield agreement
+def lies(model: DriftModel, recording: Recording) -> list[str]:
+    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
+    return list(thermometer_doubts(model, recording))
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

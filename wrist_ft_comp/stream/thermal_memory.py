@@ -5,7 +5,6 @@ The sensor remembers an hour of temperatures, and a restart takes seconds. For t
 time between is a gap in the temperatures like any other (``stream/gap.py``).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +12,8 @@ import numpy as np
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.stream.thermometer_prediction import start, ThermometerState
 
 
 class Block(NamedTuple):
@@ -24,48 +24,26 @@ class Block(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class OpenCells:
-    """Cells in which a thermometer is silent; they change when it reports again."""
-
-    #: Whether the sensor had soaked before them. If not, the filter state is that before them.
-    from_rest: bool
-    #: For how many cells each thermometer has been silent, shape (J,).
-    silent: tuple[int, ...]
-    #: Their temperatures, held where a thermometer is silent; oldest first.
-    blocks: tuple[Block, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Distrust:
-    """Which thermometers are replaced, and what keeps the drift from stepping."""
-
-    #: Why, by the number of the thermometer, counted from 1.
-    replaced: Mapping[str, str]
-    #: As in ``agreement.Offsets``, shapes (2, 6).
-    kept: FloatArray
-    released: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class ThermalMemory:
     """What a stream remembers of the temperatures."""
 
     #: Stamp at which the last completed thermal cell ended, and cell length h, ns.
     end_ns: int
     period_ns: int
-    #: Of the last cell, °C, shape (J,).
+    #: As they were read last, °C, shape (J,).
     temperature_c: FloatArray
-    #: State of every modelled axis after the last cell, or before the open cells.
+    #: For how many cells each thermometer has been silent, shape (J,).
+    silent: tuple[int, ...]
+    #: State of every modelled axis after the last cell.
     filters: DriftState
     #: What was being subtracted, arrays of shape (6,).
     compensation: Drift
-    #: The cells up to the filter state, oldest first, for another model that goes live after the
-    #: restart.
+    #: The cells of the start, °C, (n, J): the sensor had soaked at their mean temperature.
+    start_c: FloatArray
+    #: The cells until now, oldest first, for another model that goes live after the restart.
     history: tuple[Block, ...]
-    #: The last cells, which may still change; None when no thermometer is silent.
-    open_cells: OpenCells | None = None
-    #: None when all thermometers are believed, and always were.
-    distrust: Distrust | None = None
+    #: What is known of the thermometers; None where they are not predicted.
+    thermometers: ThermometerState | None = None
 
 
 def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
@@ -84,26 +62,26 @@ def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     """Whether a memory, perhaps from a file, has the shapes of a model, so that it can be used."""
-    shape, blocks = (model.thermometers,), memory.history
-    if memory.open_cells is not None:
-        blocks = (*blocks, *memory.open_cells.blocks)
-        if len(memory.open_cells.silent) != model.thermometers:
-            return False
-    if memory.distrust is not None:
-        numbers = {str(j + 1) for j in range(model.thermometers)}
-        if model.prediction is None or not memory.distrust.replaced.keys() < numbers:
-            return False
-        if {memory.distrust.kept.shape, memory.distrust.released.shape} != {(2, len(AXES))}:
-            return False
-    if any(c.shape != shape for c in (memory.temperature_c, *(mean for mean, _ in blocks))):
+    shape, cells = (model.thermometers,), memory.start_c
+    rows = (memory.temperature_c, *cells, *(mean for mean, _ in memory.history))
+    if len(memory.silent) != model.thermometers or any(row.shape != shape for row in rows):
         return False
-    start = drift_model.start(model, memory.temperature_c)
+    if not 0 < len(cells) <= model.start_cells:
+        return False
+    filters = drift_model.start(model, memory.temperature_c)
     if (
         memory.period_ns != model.period_ns
-        or memory.filters.keys() != start.keys()
-        or any(memory.filters[axis].shape != start[axis].shape for axis in start)
+        or memory.filters.keys() != filters.keys()
+        or any(memory.filters[axis].shape != filters[axis].shape for axis in filters)
     ):
         return False
+    state, prediction = memory.thermometers, model.prediction
+    if (state is None) != (prediction is None):
+        return False
+    if state is not None and prediction is not None:
+        expected = vars(start(prediction, memory.temperature_c))
+        if any(np.shape(part) != np.shape(expected[name]) for name, part in vars(state).items()):
+            return False
     with np.errstate(all='ignore'):
         _, drift = drift_model.step(model, memory.filters, memory.temperature_c)
     return bool(np.isfinite(drift).all())
