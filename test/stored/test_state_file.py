@@ -22,7 +22,7 @@ TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)
 six = st.lists(number, min_size=6, max_size=6).map(np.array)
 filters = st.lists(number, max_size=12).map(np.array)
-stamps = st.integers(-(2**63), 2**63 - 1)
+stamps = st.integers(-(2**63) + 1, 2**63 - 1)
 blocks = st.lists(
     st.builds(Block, st.lists(number, max_size=3).map(np.array), st.integers(1, 1000)), max_size=9
 ).map(tuple)
@@ -121,6 +121,13 @@ def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_pat
     assert back is not None
     assert (back.tare.any(), back.external_tare.any()) == (place != 0, place != 1)
     assert (back.thermal is None) == (place > 1)
+
+
+def test_a_table_of_rows_of_different_length_is_refused(load):
+    document = plain(example())
+    document['thermal']['start_c'] = [[20.0], [20.0, 21.0]]
+    with pytest.raises(StateFileError, match='rows differ in length'):
+        load(document)
 
 
 def test_no_file_is_no_state(tmp_path):

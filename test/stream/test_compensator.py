@@ -396,6 +396,7 @@ class TestTrouble:
         whole = drift_model.start(slow, np.array([40.0]))
         for second in range(10):
             compensator.add_temperature(0, second * SECOND, 40.0)
+        assert compensator.memory() is not None
         gap = hours * 3600
         line = np.linspace(40.0, 22.0, gap + 2)[1:-1]
         cold = np.concatenate((line, np.full(20, 22.0)))[:, np.newaxis]
@@ -411,6 +412,7 @@ class TestTrouble:
             patch.setattr(drift_model, 'run', counted)
             for second in range(21):
                 compensator.add_temperature(0, (10 + gap + second) * SECOND, 22.0)
+                assert compensator.memory() is not None
         assert 0 < most <= 1800
         assert compensator.tracker.drift.zero[2] == pytest.approx(drift.zero[-1, 2], rel=1e-12)
 

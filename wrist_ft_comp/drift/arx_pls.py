@@ -99,12 +99,14 @@ class ArxPls:
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
         if len(x) <= _STEPPED_CELLS:
-            u, end = np.empty_like(t), np.zeros((len(state), 1))
+            u = np.empty_like(t)
             for k in range(len(t)):
                 u[k] = numerators[:, 0] * t[k] + state[:, 0]
                 delayed = numerators[:, 1:] * t[k, :, np.newaxis]
                 fed_back = denominators[:, 1:] * u[k, :, np.newaxis]
-                state = np.concatenate((state[:, 1:], end), axis=1) + delayed - fed_back
+                shifted = np.zeros_like(state)
+                shifted[:, :-1] = state[:, 1:]
+                state = shifted + delayed - fed_back
             return state, self._outputs(u)
         series = np.ascontiguousarray(t.T)  # (R, N)
         after = np.empty_like(state)

@@ -53,7 +53,13 @@ def load_state(path: Path) -> SavedState | None:
         return None
     if thermal := document['thermal']:
         thermal['compensation'] = {name: thermal.pop(name) for name in Drift._fields}
-    state: SavedState = restored(SavedState, document)
+    try:
+        state: SavedState = restored(SavedState, document)
+    except ValueError as error:
+        raise StateFileError(
+            f'{path} holds a table whose rows differ in length. {KIND.renewed_by}, or restore the '
+            'file.'
+        ) from error
     return state
 
 

@@ -82,6 +82,8 @@ class DriftTracker:
         self._silent = (0,) * thermometers
         #: Memory to continue from at the first cell, and its age by the system's clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
+        #: What was given last to be saved.
+        self._memory: ThermalMemory | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -155,7 +157,9 @@ class DriftTracker:
             readings = Readings(believed_c, np.array(cell.measured), period_s, gap * period_s)
             self.thermometers = thermometer_prediction.step(prediction, state, readings)
             believed_c = self.thermometers.believed_c
-        line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
+        line_c = believed_c[np.newaxis]
+        if gap:
+            line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
         self.history.add(line_c)
         if self.model is not None:
             self._waiting = np.concatenate((self._waiting, line_c))
@@ -210,6 +214,7 @@ class DriftTracker:
         self.forgot = False
         self.drift = no_drift()
         self._start_c = self._waiting = np.zeros((0, self._count))
+        self._memory = None
         if model is None or not len(self.history):
             return
         self._waiting = self.history.temperature_c.copy()
@@ -224,17 +229,24 @@ class DriftTracker:
             )
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
-        """Give what a restarted stream needs to continue; None before there is a state."""
+        """
+        Give what a restarted stream needs to continue; None before there is a state.
+
+        While the model catches up with a long gap, it is what was given before that.
+        """
         if self._awaited is not None:
             return self._awaited[0]
-        self._follow(len(self._waiting))
+        if len(self._waiting) > _CELLS_AT_ONCE:
+            return self._memory
+        self._follow(_CELLS_AT_ONCE)
         if self._state is None or self.reading_c is None:
             return None
         period_ns = self.grid.period_ns
-        return ThermalMemory(
+        self._memory = ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self._silent, self._state, compensation,
             self._start_c, blocks_of(self.history.temperature_c, self._block_cells),
             self.thermometers)  # fmt: skip
+        return self._memory
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """
