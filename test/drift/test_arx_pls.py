@@ -33,7 +33,7 @@ def general():
 
 
 def test_a_model_is_the_sum_of_its_latents(general):
-    """y = ȳ + W_y⁻¹ Σ_r H_r(t_r) q_r (eq. 15), t = (x - x̄) W_x R, summed up latent by latent."""
+    """Latent by latent: y = ȳ + W_y⁻¹ Σ_r H_r(t_r) q_r (eq. 15), t = (x - x̄) W_x R."""
     x = np.random.default_rng(1).standard_normal((100, 3))
     expected = np.tile(general.output_mean, (100, 1))
     for r, latent in enumerate(general.latents):
