@@ -91,9 +91,9 @@ class ThermometerState:
     @property
     def sentences(self) -> list[str]:
         """Say which thermometers are replaced and why, and what the drift follows."""
-        used = 'what the others predict of it is used until it agrees again'
+        used = '; what the others predict of it is used until it agrees again'
         pairs = enumerate(self.reasons, start=1)
-        return [f'thermometer {number} {why}; {used}' for number, why in pairs if why]
+        return [f'thermometer {number} {why}{used}' for number, why in pairs if why]
 
 
 def start(
