@@ -32,7 +32,7 @@ LIVE = {
     'no stamp at all': 'wrenches come without stamps; the time of arrival is taken',
     'thermometer without a stamp': 'thermometer 1 does not stamp its readings; the time of',
     'no topic of a wrench': 'no raw wrenches arrive; is the driver running?',
-    'one spike': 'force_z of .* alone in 1 of 599 cells, first at stamp 1723248497 s with 7',
+    'one spike': r'force_z of .* stands out by up to \d\d.* N for 1 s in all, first at 0:0',
     'one reading of absolute zero': f'{DROPPED}{NO_SENSOR}-273.1 °C',
     'one wrench that is none': 'some wrenches are unusable and dropped; .*: they are not finite',
     'one stamp hours ahead': 'a temperature was dropped, because its stamp was far from those',
