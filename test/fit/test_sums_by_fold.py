@@ -121,7 +121,7 @@ def columns_of(problem):
 def test_a_step_between_two_tares_is_no_drift(make_axis_data):
     stepped = np.repeat([0.0, 7.0, -3.0], [150, 100, 150])
     problem = make_axis_data([np.full(400, 30.0)], [stepped])
-    for steps, share in (((150, 250), 0.0), ((), 1.0)):
+    for steps, share in (((150, 250), 0.0), ((250, 150), 0.0), ((), 1.0)):
         sums = sum_by_fold(*columns_of(replace(problem, steps=(steps,))))
         left = sums.centred(sums.fold >= 0)[-1, -1]
         assert left == pytest.approx(share * np.sum((stepped - stepped.mean()) ** 2), abs=1e-6)

@@ -65,7 +65,7 @@ def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
         rows = [present.astype(float), w, w * w, y, y * y, w * y]
         sums.append(BinSums(*(_sum_bins(row, cells) for row in rows)))
         middle = (np.arange(len(sums[-1].count)) + 0.5) * cells
-        segments.append(first_segment + np.searchsorted(data.steps[i], middle))
+        segments.append(first_segment + np.searchsorted(sorted(data.steps[i]), middle))
         first_segment += len(data.steps[i]) + 1
     return BinnedData(
         period_s=cells * data.period_s, cells=cells,
