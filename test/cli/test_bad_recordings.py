@@ -20,7 +20,6 @@ import pytest
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recordings.columns import recording_from_columns
-from wrist_ft_comp.recordings.recordings import read_recording
 
 ROWS = 600
 EPOCH_S = 1_723_248_197.0
@@ -334,27 +333,6 @@ def test_dropped_samples_and_doubts_are_warnings(kind, form, door):
     if not kind.startswith(UNSEEN):
         shown = json.loads(door.run('show', *words, '--json').out)
         assert any(re.search(pattern, warning) for warning in shown['warnings'])
-
-
-@pytest.mark.parametrize(
-    ('column', 'unit', 'function'),
-    [
-        ('stamp_s', 'stamp_ms', lambda v: v * 1e3),
-        ('stamp_s', 'stamp_us', lambda v: v * 1e6),
-        ('stamp_s', 'stamp_ns', lambda v: (v * 1e9).astype(np.int64)),
-        ('temperature_c', 'temperature_k', kelvin),
-        ('temperature_c', 'temperature_f', fahrenheit),
-    ],
-)
-def test_a_unit_in_a_name_is_what_it_says(column, unit, function, door):
-    table = good()
-    expected = recording_from_columns(table)
-    rename(column, unit, function)(table)
-    for recording in (recording_from_columns(table), read_recording(door.csv(table))):
-        assert recording.first_cell == expected.first_cell
-        assert not recording.warnings
-        np.testing.assert_allclose(recording.temperature_c, expected.temperature_c, atol=1e-9)
-        np.testing.assert_array_equal(recording.wrench, expected.wrench)
 
 
 @pytest.mark.parametrize('gap_s', [59, 61, 70])

@@ -57,13 +57,6 @@ def test_orders_are_given_once_for_all_latents_or_once_per_latent(done, run, mak
         assert fit['chosen'] == 'arx_pls, 2 latents'
         for r, (note, orders) in enumerate(zip(fit['notes'], words, strict=False), 1):
             assert note.startswith(f'latent {r}: {orders}; J_{r} = ')
-    for wrong, sentence in (
-        ('2,2', "expected such as 2,2,1 or 1,1,0,direct, got '2,2'"),
-        ('2,0,1', 'm must be a number of at least 1; got 0'),
-    ):
-        refused = run(*argv, '--orders', wrong)
-        assert refused.code == 2
-        assert sentence in refused.err
     both = '--latents', 3, *['--orders', '1,1,0', '--orders', '1,1,0']
     assert 'Orders of 2 latents do not fit 3 latents' in run(*argv, *both).err
 
@@ -159,24 +152,31 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     assert fit['day_limit'] < 0.1 * fit['largest_drift']
 
 
+def slow_day(rng, rise_k, other=0.0):
+    """Force z that drifts by 0.4 N/K with a rise of temperature, and by something else."""
+    seconds = len(rise_k)
+    force = 3 + 0.4 * rise_k + other + rng.normal(0, 0.05, seconds)
+    celsius = 21 + rise_k + rng.normal(0, 0.02, seconds)
+    return {
+        'stamp_s': list(range(seconds)),
+        'force_z': force.tolist(),
+        'temperature_c': celsius.tolist(),
+    }
+
+
 def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(done, make, tmp_path):
     """What README asks to record, and a day whose room went its own way."""
     rng, time_s = np.random.default_rng(0), np.arange(7200)
     warming = 20 * (1 - np.exp(-time_s / 1500))
     cooling = np.where(time_s < 4800, warming, warming[4800] * np.exp(-(time_s - 4800) / 1500))
 
-    def day(rise_k, other):
-        columns = {
-            'stamp_s': time_s.tolist(),
-            'force_z': (3 + 0.4 * rise_k + other + rng.normal(0, 0.05, 7200)).tolist(),
-            'temperature_c': (21 + rise_k + rng.normal(0, 0.02, 7200)).tolist(),
-        }
-        return make.csv(tmp_path / 'day.csv', columns)
+    def day(*drifts):
+        return make.csv(tmp_path / 'day.csv', slow_day(rng, *drifts))
 
     model = tmp_path / 'm.yaml'
-    fit = json.loads(done('calibrate', day(warming, 0.0), '-o', model, '--json'))
+    fit = json.loads(done('calibrate', day(warming), '-o', model, '--json'))
     limit = fit['axes']['force_z']['day_limit']
-    judged = json.loads(done('evaluate', model, day(cooling, 0.0), '--json'))['axes']['force_z']
+    judged = json.loads(done('evaluate', model, day(cooling), '--json'))['axes']['force_z']
     assert judged['max_after'] < limit < 0.2 * judged['max_before']
     of_room = day(warming, np.sin(2 * np.pi * time_s / 5000))
     said = done('calibrate', of_room, '-o', model)
@@ -192,24 +192,16 @@ def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
     done, make, tmp_path, what, part
 ):
     rng, time_s = np.random.default_rng(1), np.arange(9000)
-    rise_k = 20 * (1 - np.exp(-time_s / 1500)) + 3 * np.sin(time_s / 900)
-
-    def day(temperature_c):
-        columns = {
-            'stamp_s': time_s.tolist(),
-            'force_z': (3 + 0.4 * rise_k + rng.normal(0, 0.05, 9000)).tolist(),
-            'temperature_c': temperature_c.tolist(),
-        }
-        return make.csv(tmp_path / 'day.csv', columns)
-
-    temperature_c = 21 + rise_k + rng.normal(0, 0.02, 9000)
-    whole, model = temperature_c.copy(), tmp_path / 'm.yaml'
-    temperature_c[part] = np.nan if what == 'is silent' else temperature_c[part.start]
-    fit = json.loads(done('calibrate', day(temperature_c), '-o', model, '--json'))
+    day = slow_day(rng, 20 * (1 - np.exp(-time_s / 1500)) + 3 * np.sin(time_s / 900))
+    path, model = make.csv(tmp_path / 'whole.csv', day), tmp_path / 'm.yaml'
+    stays = None if what == 'is silent' else day['temperature_c'][part.start]
+    day['temperature_c'][part] = [stays] * len(time_s[part])
+    broken = make.csv(tmp_path / 'day.csv', day)
+    fit = json.loads(done('calibrate', broken, '-o', model, '--json'))
     begin = timedelta(seconds=part.start)
     said = f'day.csv {what} for {len(time_s[part])} s, from {begin} on; wrenches of that'
     assert [warning for warning in fit['warnings'] if said in warning]
-    judged = json.loads(done('evaluate', model, day(whole), '--json'))['axes']['force_z']
+    judged = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
     assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']
 
 

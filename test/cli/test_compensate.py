@@ -54,25 +54,10 @@ def test_a_compensated_recording_is_not_compensated_again(run, make, model, tmp_
     assert 'was compensated already' not in run('evaluate', model, path).err
 
 
-@pytest.mark.parametrize('topic', ['bad topic', '', '1st', 'a//b', 'ümlaut'])
-def test_a_topic_that_ros_does_not_allow_is_refused(topic, run, bags, model, tmp_path):
-    words = ['-o', tmp_path / 'out', '--output-topic', topic]
-    assert run('compensate', model, bags['mcap'], *words).code == 2
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_output_topic_has_a_name(model, done, run, bags, tmp_path):
-    argv = ['compensate', model, bags['mcap'], '--output-topic']
-    done(*argv, 'clean', '-o', tmp_path / 'out')
+def test_the_output_topic_has_a_name(model, done, bags, tmp_path):
+    argv = ['compensate', model, bags['mcap'], '--output-topic', 'clean']
+    done(*argv, '-o', tmp_path / 'out')
     assert '/clean ' in done('show', tmp_path / 'out')
-    assert '/log already' in run(*argv, '/log', '-o', tmp_path / 'no').sentence
-    assert not (tmp_path / 'no').exists()
-
-
-def test_two_outputs_need_two_topics(run, bags, model, tmp_path):
-    words = ['--reference', 'payload', '--output-topic', 'wrench_external']
-    outcome = run('compensate', model, bags['mcap'], '-o', tmp_path / 'out', *words)
-    assert 'holds /wrench_external already' in outcome.sentence
 
 
 def test_compensation_without_a_tare_warns_of_the_offset(run, make, model, bags, tmp_path):

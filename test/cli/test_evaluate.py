@@ -47,13 +47,6 @@ def test_a_day_of_noise_is_judged_by_the_means_that_the_limit_was_stated_of(done
     assert f'force_z {limit:.2g} N' in text
 
 
-@pytest.mark.parametrize('tare_s', [0, -1])
-def test_without_a_tare_there_is_nothing_to_compare(tare_s, run, drift_csv, model):
-    outcome = run('evaluate', model, drift_csv, '--tare', tare_s)
-    assert outcome.code == 2
-    assert f"--tare: expected a number above 0, got '{tare_s}'" in outcome.err
-
-
 def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path):
     path, out = make.csv(tmp_path / 'short.csv', make.drifting(50)), tmp_path / 'out.csv'
     sentence = 'short.csv lasts 50 s, which is shorter than the tare of 60 s. Give a shorter'
@@ -162,32 +155,38 @@ def lagged_pair(seed, *, frozen=False):
     }
 
 
-def test_a_thermometer_that_froze_in_a_file_is_named_as_the_node_does(run, make, tmp_path):
-    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
-    model, cells = tmp_path / 'model.yaml', ('--thermal-period', 10, '--method', 'filtered_pls')
-    run('calibrate', *days, '-o', model, *cells)
+@pytest.fixture(scope='module')
+def pair_model(make, tmp_path_factory):
+    """A model of three such days."""
+    folder = tmp_path_factory.mktemp('pair')
+    days = [make.csv(folder / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
+    argv = 'calibrate', *days, '-o', folder / 'model.yaml', '--thermal-period', 10
+    assert main([*map(str, argv), '--method', 'filtered_pls']) == 0
+    return folder / 'model.yaml'
+
+
+def test_a_thermometer_that_froze_in_a_file_is_named_as_the_node_does(
+    run, make, pair_model, tmp_path
+):
     healthy, failed = (
         make.csv(tmp_path / f'frozen_{frozen}.csv', lagged_pair(7, frozen=frozen))
         for frozen in (False, True)
     )
-    assert 'stands still' not in run('evaluate', model, healthy).err
-    judged = run('evaluate', model, failed).err
-    live = Compensator(2, model=load_model(model).model)
+    assert 'stands still' not in run('evaluate', pair_model, healthy).err
+    judged = run('evaluate', pair_model, failed).err
+    live = Compensator(2, model=load_model(pair_model).model)
     for cell, pair in enumerate(read_recording(failed, period_s=10.0).temperature_c):
         for thermometer, value in enumerate(pair):
             live.add_temperature(thermometer, (10 * cell + thermometer + 1) * 10**9, value)
     (finding,) = live.tracker.thermometers.sentences
     assert finding.startswith('thermometer 2 stands still')
     assert judged.count(finding) == 1
-    assert finding in run('compensate', model, failed, '-o', tmp_path / 'copy.csv').err
+    assert finding in run('compensate', pair_model, failed, '-o', tmp_path / 'copy.csv').err
 
 
-def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, tmp_path):
+def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):
     """Also one whose column is empty, because its thermometer was dead all day."""
-    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
-    model, out = tmp_path / 'model.yaml', tmp_path / 'out.csv'
-    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
-    columns = lagged_pair(7)
+    columns, out = lagged_pair(7), ['-o', tmp_path / 'out.csv']
     dead = make.csv(
         tmp_path / 'dead.csv', {**columns, 'temperature_2_c': [None] * len(columns['force_z'])}
     )
@@ -197,8 +196,8 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, tmp_
         (single, 'Name the topics, or keep the columns, that it was calibrated with.'),
         (dead, 'temperature_2_c of dead.csv holds no sample; it is left out. Nothing is'),
     ):
-        for argv in (['evaluate', model, path], ['compensate', model, path, '-o', out]):
-            sentence = run(*argv).sentence
+        for command, more in (('evaluate', []), ('compensate', out)):
+            sentence = run(command, pair_model, path, *more).sentence
             assert f'{path.name} has 1 thermometer, the model expects 2. {words}' in sentence
 
 
@@ -258,16 +257,16 @@ def test_silence_of_the_thermometer_is_left_out_by_the_option_that_is_named(
     assert 'force_z: good' in again.out
 
 
-def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(run, make, tmp_path):
-    days = [make.csv(tmp_path / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
-    model, columns = tmp_path / 'model.yaml', lagged_pair(7)
-    run('calibrate', *days, '-o', model, '--thermal-period', 10, '--method', 'filtered_pls')
+def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(
+    run, make, pair_model, tmp_path
+):
+    columns = lagged_pair(7)
     columns['temperature_2_c'][400:] = [None] * 680
-    one = run('evaluate', model, make.csv(tmp_path / 'one.csv', columns)).err
+    one = run('evaluate', pair_model, make.csv(tmp_path / 'one.csv', columns)).err
     assert 'thermometer 2 is silent; what the others predict of it is used' in one
     assert 'held' not in one
     columns['temperature_c'][800:] = [None] * 280
-    both = run('evaluate', model, make.csv(tmp_path / 'both.csv', columns)).err
+    both = run('evaluate', pair_model, make.csv(tmp_path / 'both.csv', columns)).err
     for thermometer in (1, 2):
         assert f'Thermometer {thermometer} of both.csv is silent for 2800 s, from 2:13:20' in both
 

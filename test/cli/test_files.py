@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import demo, options
-from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.stored.model_file import KIND
 
@@ -47,11 +47,13 @@ def test_a_recording_named_twice_is_refused(run, drift_csv, tmp_path):
 
 
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
-def test_model_and_recording_in_the_place_of_the_other_are_refused(
-    command, run, model, drift_csv, tmp_path
+def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR0913, PLR0917
+    command, run, model, drift_csv, bags, tmp_path
 ):
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
-    assert 'Name the model first' in run(command, drift_csv, model, *more).sentence
+    files = bags['mcap'] / 'mcap.mcap', bags['sqlite3'] / 'sqlite3.db3'
+    for recording in (drift_csv, bags['mcap'], *files):
+        assert 'Name the model first' in run(command, recording, model, *more).sentence
     assert 'is a model file' in run(command, model, model, *more).sentence
 
 
@@ -63,28 +65,6 @@ def test_a_model_is_one_by_its_content(name, tmp_path):
     KIND.check_target(path)
     with pytest.raises(RecordingError, match='is a model file'):
         options.check_recordings([path])
-
-
-@pytest.mark.parametrize(
-    ('name', 'content'),
-    [('a.csv', 'stamp_s\n'), ('a.mcap', 'x'), ('a.db3', 'x'), ('folder', None)],
-)
-def test_a_recording_is_one_by_its_name_or_header(name, content, tmp_path):
-    path = tmp_path / name
-    path.mkdir() if content is None else path.write_text(content)
-    options.check_recordings([path])
-    with pytest.raises(ModelFileError, match='is a recording'):
-        options.check_model(path)
-    with pytest.raises(ModelFileError, match=r'exists and is no model file|is a folder'):
-        KIND.check_target(path)
-
-
-def test_missing_and_empty_files_may_be_written(tmp_path):
-    (tmp_path / 'empty').touch()
-    for path in (tmp_path / 'no', tmp_path / 'folder/no.yaml', tmp_path / 'empty'):
-        options.check_model(path)
-        options.check_recordings([path])
-        KIND.check_target(path)
 
 
 @pytest.mark.parametrize('target', ['/proc/nowhere/m.yaml', '/dev/null/m.yaml', 'file/m.yaml'])
@@ -191,15 +171,17 @@ def test_a_name_that_promises_something_else_is_refused(case, run, recordings, m
 
 def test_obstacles_of_a_copy_are_found_before_the_work(run, recordings, model, tmp_path):
     (tmp_path / 'empty.csv').touch()
-    csv, bag = recordings['csv'], recordings['mcap']
+    csv, copy = recordings['csv'], [recordings['mcap'], '-o', tmp_path / 'o', '--output-topic']
     for words, reason in (
         ([csv, '-o', tmp_path], 'it is a folder'),
         ([csv, '-o', csv], 'it is the same file as'),
         ([csv, '-o', model], 'it is the same file as'),
         ([csv, '-o', tmp_path / 'empty.csv'], 'it exists'),
-        ([bag, '-o', tmp_path / 'o', '--output-topic', '/wrench_raw'], 'holds /wrench_raw'),
+        ([*copy, '/wrench_raw'], 'holds /wrench_raw already'),
+        ([*copy, 'wrench_external', '--reference', 'payload'], 'holds /wrench_external already'),
     ):
         assert reason in run('compensate', model, *words).sentence
+    assert not (tmp_path / 'o').exists()
 
 
 def test_a_predecessor_and_an_empty_file_are_replaced(done, model, drift_csv, folder, tmp_path):

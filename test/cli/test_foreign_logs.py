@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.recordings.columns import meant_columns, recording_from_columns
+from wrist_ft_comp.recordings.columns import recording_from_columns
 from wrist_ft_comp.recordings.excerpt import parse_part, Part
 from wrist_ft_comp.recordings.foreign_log import iso_nanoseconds, log_map
 from wrist_ft_comp.recordings.recordings import read_recording
@@ -111,17 +111,6 @@ def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, done):
         assert re.search(r'stands out by up to \S+ N for \d+ s in all, first at 0:40:0', said), (
             said
         )
-
-
-def test_a_column_t_beside_a_time_is_a_temperature():
-    assert meant_columns(['time', 'T', 'Fz']) == {
-        'time': 'stamp_s', 'T': 'temperature_c', 'Fz': 'force_z',
-    }  # fmt: skip
-
-
-def test_a_second_column_of_an_axis_is_no_other_axis():
-    meant = meant_columns(['time', 'fz', 'force_z2', 'forcex', 'torque_y_raw'])
-    assert list(meant.values()) == ['stamp_s', 'force_z', '', 'force_x', 'torque_y']
 
 
 def test_a_name_with_a_sign_of_maps_has_to_be_another_one(tmp_path, run):
@@ -233,10 +222,14 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(
     )
     assert f'warning: {said}' in done('show', path)
     assert said in json.loads(done(*words))['warnings']
-    for behind in (':Nm', '*0.001'):
+    torques = []
+    for behind in (':Nm', '*0.001', ':Nmm'):
         given = [word.replace('(N-foo)', f'(N-foo){behind}') for word in words]
         given = [word.replace('t (days)', 't (days)*1') for word in given]
-        assert 'not understood' not in str(json.loads(done(*given))['warnings'])
+        printed = json.loads(done(*given))
+        assert 'not understood' not in str(printed['warnings'])
+        torques.append(printed['axes']['torque_x']['rms_before'])
+    assert torques[1:] == pytest.approx([0.001 * torques[0]] * 2)
 
 
 @pytest.mark.parametrize(('unit', 'size'), [('ms', 1e3), ('us', 1e6), ('ns', 1e9)])
@@ -358,19 +351,6 @@ def test_seconds_and_nanoseconds_in_two_columns_make_one_stamp(done, run, tmp_pa
     assert 'Line 9 of log.csv, column stamp_nanosec: expected nanoseconds, got' in sentence
 
 
-def test_units_and_factors_are_what_they_say():
-    names = log_map('force_x=a:lbf,force_y=b*9.81,torque_x=c d:Nmm,temperature_2_c=t:K', 'ms')
-    assert names.names == {
-        'a': 'force_x',
-        'b': 'force_y',
-        'c d': 'torque_x',
-        't': 'temperature_2_k',
-    }
-    assert names.factors['force_x'] == pytest.approx(4.44822, rel=1e-5)
-    assert names.factors['force_y'] == pytest.approx(9.81)
-    assert names.factors['torque_x'] == pytest.approx(1e-3)
-
-
 def test_times_are_read_to_the_nanosecond_and_refused_where_they_are_none():
     expected = 1_795_161_600_123_456_789
     assert iso_nanoseconds('2026-11-20T08:00:00.123456789Z') == expected
@@ -400,29 +380,6 @@ def test_a_map_that_cannot_be_meant_so_is_refused(columns, time, words):
         log_map(columns, time)
 
 
-def test_a_column_that_is_not_there_and_a_bad_time_are_named(tmp_path, run):
-    path = write(tmp_path / 'log.csv', 't,f,c', [['08:00', '1', '20'], ['08:01', '2', '21']])
-    words = ['show', path, '--columns']
-    assert "no column 'g'" in run(*words, 'stamp=t,force_z=g,temperature_c=c').sentence
-    given = 'stamp=t,force_z=f,temperature_c=c'
-    sentence = run(*words, given, '--time', 'iso').sentence
-    assert 'Line 2 of log.csv' in sentence
-    assert "got '08:00'" in sentence
-
-
-def test_topics_that_were_made_columns_are_raw_wrenches_unless_they_say_otherwise(tmp_path, done):
-    """As PlotJuggler and others write a bag's topics."""
-    t, wrench, celsius = day(1)
-    header = '__time,/ft/wrench/force/x,/ft/wrench/torque/z,/true/wrench/force/x,/ft/temperature'
-    rows = np.column_stack((t, wrench[:, [2, 5]], 0 * t, celsius)).tolist()
-    path = write(tmp_path / 'log.csv', header, rows)
-    words = commands(done('show', path))[0]
-    assert words[words.index('--columns') + 1].split(',') == [
-        'stamp=__time', 'force_x=/ft/wrench/force/x', 'torque_z=/ft/wrench/torque/z',
-        'reference_force_x=/true/wrench/force/x', 'temperature_c=/ft/temperature',
-    ]  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ('header', 'example'),
     [
@@ -443,22 +400,26 @@ def test_where_no_columns_can_be_guessed_the_refusal_leads_to_a_map(
 
 
 @pytest.mark.parametrize(
-    ('header', 'columns'),
+    ('header', 'channels'),
     [
-        ('"time", "Fz", "Temp"', 'stamp=time,force_z=Fz,temperature_c=Temp'),
+        ('"time", "Fz", "Temp"', 'stamp force_z temperature_c'),
+        ('t,Fz,T_sensor,T_x,T1', 'stamp force_z temperature_c torque_x temperature_2_c'),
+        ('time,T,Fz', 'stamp temperature_c force_z'),
+        ('t,fz,force_z2,forcex,torque_y_raw,T', 'stamp force_z - force_x torque_y temperature_c'),
+        # As PlotJuggler and others write a bag's topics.
         (
-            't,Fz,T_sensor,T_x,T1',
-            'stamp=t,force_z=Fz,temperature_c=T_sensor,torque_x=T_x,temperature_2_c=T1',
+            '__time,/ft/wrench/force/x,/ft/wrench/torque/z,/true/wrench/force/x,/ft/temperature',
+            'stamp force_x torque_z reference_force_x temperature_c',
         ),
     ],
 )
-def test_quotes_behind_blanks_and_short_names_of_temperatures_are_read(
-    header, columns, tmp_path, done
-):
-    width = header.count(',') + 1
-    rows = np.column_stack([23 + np.arange(9.0)] * width).tolist()
+def test_columns_are_what_their_names_say(header, channels, tmp_path, done):
+    names = [name.strip(' "') for name in header.split(',')]
+    rows = np.column_stack([23 + np.arange(9.0)] * len(names)).tolist()
     words = commands(done('show', write(tmp_path / 'log.csv', header, rows)))[0]
-    assert words[words.index('--columns') + 1] == columns
+    given = words[words.index('--columns') + 1].split(',')
+    meant = zip(channels.split(), names, strict=True)
+    assert given == [f'{channel}={name}' for channel, name in meant if channel != '-']
 
 
 def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
@@ -470,6 +431,9 @@ def test_a_time_that_is_no_number_leads_to_a_form_of_times(tmp_path, run):
     assert ' '.join((example[0], f"'{example[1]}'")) in run('show', log).sentence
     sentence = run('show', log, *example).sentence
     assert 'say what it is: --time iso, or a form such as --time "%d.%m.%Y %H:%M:%S";' in sentence
+    sentence = run('show', log, *example, '--time', 'iso').sentence
+    assert 'Line 2 of log.csv' in sentence
+    assert "expected a time as --time says, got '20." in sentence
     assert run('show', log, *example, '--time', '%d.%m.%Y %H:%M:%S').code == 0
 
 

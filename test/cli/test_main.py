@@ -39,6 +39,7 @@ def test_the_version_is_the_package_s(run):
 
 
 CALIBRATE = ['calibrate', 'a.csv', '-o', 'm']
+COMPENSATE = ['compensate', 'm', 'a', '-o', 'o', '--output-topic']
 
 
 @pytest.mark.parametrize(
@@ -54,6 +55,11 @@ CALIBRATE = ['calibrate', 'a.csv', '-o', 'm']
         ([*CALIBRATE, '--thermal-period', '0'], ['0.1 to 600']),
         ([*CALIBRATE, '--min-temperature-span', 'inf'], ['at least 0']),
         ([*CALIBRATE, '--degree', 'two'], ['int']),
+        ([*CALIBRATE, '--orders', '2,2'], ["expected such as 2,2,1 or 1,1,0,direct, got '2,2'"]),
+        ([*CALIBRATE, '--orders', '2,0,1'], ['m must be a number of at least 1; got 0']),
+        (['evaluate', 'm', 'a', '--tare', '0'], ["--tare: expected a number above 0, got '0'"]),
+        (['evaluate', 'm', 'a', '--tare', '-1'], ["--tare: expected a number above 0, got '-1'"]),
+        *(([*COMPENSATE, name], ['--output-topic']) for name in ('a b', '', '1', 'a//b', 'ü')),
         (['demo', '--speed', 'x'], ["'x'"]), (['demo', '--speed', '2000'], ['0.1 to 1000']),
         (['demo', '--seed', '-1'], ['whole']), (['demo', '--seed', '9' * 19], ['whole']),
     ],

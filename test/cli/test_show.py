@@ -84,13 +84,6 @@ def test_a_csv_says_its_channels_and_what_to_do_with_it(done, drift_csv, make, t
     assert done('show', loaded).rstrip().endswith('--reference recorded')
 
 
-def test_a_recording_says_what_it_lacks(done, make, tmp_path):
-    path = make.csv(tmp_path / 'run.csv', {'stamp_s': [0.0, 1.0], 'force_x': [1.0, 2.0]})
-    out = done('show', path)
-    assert 'holds no temperature' in out
-    assert 'calibrate' not in out
-
-
 def test_a_bag_says_which_topic_may_be_meant(done, bags):
     out = done('show', bags['mcap'], '--wrench-topic', '/other')
     words = f'wrist_ft_comp calibrate {bags["mcap"]} -o model.yaml --report model.html\n'

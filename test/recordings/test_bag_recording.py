@@ -35,33 +35,6 @@ def read(path, topics=None):
     return joined, warnings
 
 
-def textbook(path, store):
-    """Stamps and force z of the wrenches, deserialized one by one."""
-    stamps, forces = [], []
-    with Reader(path) as reader:
-        wanted = [c for c in reader.connections if c.topic == '/wrench_raw']
-        for connection, _, data in reader.messages(wanted):
-            message = store.deserialize_cdr(data, connection.msgtype)
-            stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-            forces.append(message.wrench.force.z)
-    return stamps, forces
-
-
-def test_every_storage_gives_what_rosbags_gives_one_by_one(
-    make_bag, storage, messages, monkeypatch
-):
-    monkeypatch.setattr(bag_file, 'BATCH', 700)
-    path = make_bag(*storage, count=2000)
-    parts, warnings = read(path)
-    stamps, forces = textbook(path, messages.store)
-    assert warnings == ()
-    assert len(stamps) == 2000
-    assert parts[AXES][0].tolist() == stamps
-    assert parts[AXES][1][:, 2].tolist() == forces
-    celsius = [25.0 + k * 1e-4 for k in range(0, 2000, 100)]
-    assert parts[('temperature_c',)][1][:, 0].tolist() == pytest.approx(celsius)
-
-
 @pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
 def test_a_bare_file_and_a_folder_without_metadata_read_like_the_bag(make_bag, storage):
     path = make_bag(storage, count=500)

@@ -11,7 +11,7 @@ from wrist_ft_comp.recordings.recordings import (
     read_recording,
     rewrite_recording,
 )
-from wrist_ft_comp.signals import NANOSECONDS, Topics
+from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.wire import cdr
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
@@ -187,25 +187,3 @@ def test_a_target_that_exists_or_is_the_source_is_refused(source, tmp_path):
         with pytest.raises(OutputError, match=sentence):
             rewrite_recording(source, target, halve)
     assert existing.read_text() == 'mine'
-
-
-def test_a_bag_is_described_from_its_index(make_bag):
-    summary = describe_recording(make_bag('mcap', 'file', count=1000))
-    assert summary.kind == 'rosbag2, mcap, file compression'
-    assert {(c.name, c.samples, c.role) for c in summary.channels} == {
-        ('/wrench_raw', 1000, 'raw wrench'),
-        ('/temperature', 10, 'temperature'),
-        ('/log', 10, ''),
-    }
-    assert summary.last_ns - summary.first_ns == 999_000_000
-
-
-def test_a_csv_recording_is_described_by_its_samples(make_csv):
-    summary = describe_recording(make_csv(CSV))
-    assert summary.kind == 'CSV recording'
-    assert [(c.name, c.kind, c.samples, c.role) for c in summary.channels] == [
-        ('force_z', 'N', 2, 'raw wrench'),
-        ('torque_x', 'N m', 1, 'raw wrench'),
-        ('temperature_c', '°C', 2, 'temperature'),
-    ]
-    assert (summary.first_ns, summary.last_ns) == (0, NANOSECONDS)

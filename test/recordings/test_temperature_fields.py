@@ -16,7 +16,7 @@ from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.recordings.bag_opening import backend as chosen_backend
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
-from wrist_ft_comp.recordings.recordings import describe_recording, read_recording
+from wrist_ft_comp.recordings.recordings import describe_recording
 from wrist_ft_comp.signals import temperature_channel, Topics
 from wrist_ft_comp.wire.cdr_fields import _CODES as CODES
 from wrist_ft_comp.wire.cdr_fields import follow, read_numbers
@@ -138,15 +138,6 @@ def test_every_storage_gives_the_temperatures_of_any_message(
     assert motor == (arrived, pytest.approx(degrees + 10))
 
 
-@pytest.mark.usefixtures('ready')
-def test_a_recording_holds_the_means_of_thermal_cells(driver, messages, tmp_path):
-    path = messages.write(tmp_path / 'bag', driver.parts(3000), 'mcap')
-    topics = Topics(temperatures=('/driver/frame:temperature:K', '/driver/state:temperatures[2]'))
-    recording = read_recording(path, topics=topics)
-    assert recording.temperature_c[:, 0] == pytest.approx([20.4995, 21.4995, 22.4995], abs=1e-5)
-    assert recording.temperature_c[:, 1] == pytest.approx([32.45, 33.45, 34.45])
-
-
 WRONG = [
     (
         '/driver/frame:temprature',
@@ -203,7 +194,10 @@ def test_times_of_arrival_are_not_compared_with_the_stamps_of_another_clock(
 @pytest.mark.usefixtures('ready')
 def test_usable_topics_and_fields_are_found_and_rated(driver, messages, tmp_path):
     path = messages.write(tmp_path / 'bag', driver.parts(1001), 'mcap', 'file')
-    found = {candidate.entry: candidate for candidate in describe_recording(path).candidates}
+    summary = describe_recording(path)
+    assert summary.kind == 'rosbag2, mcap, file compression'
+    assert summary.last_ns - summary.first_ns == 1_000_007_000 - 4000
+    found = {candidate.entry: candidate for candidate in summary.candidates}
     assert list(found) == [
         '/driver/frame:wrench', '/wrench_raw', '/driver/frame:temperature',
         *(f'/driver/state:temperatures[{k}]' for k in range(6)),

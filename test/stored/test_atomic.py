@@ -79,7 +79,10 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
 
 
 @pytest.mark.parametrize('content', ['text', b'PNG'])
-def test_a_target_that_cannot_be_written_is_a_sentence(content, target):
+def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypatch):
+    def refuse(_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
     kind = Output(name='sheet', says='^old', endings='')
     kind.write(target, content)
     assert target.read_bytes() in {b'text', b'PNG'}
@@ -87,6 +90,11 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target):
         kind.write(target / 'a.out', content)
     with pytest.raises(OutputError, match='it is a folder'):
         kind.write(target.parent, content)
+    monkeypatch.setattr(os, 'fsync', refuse)
+    target.write_text('old')
+    with pytest.raises(OutputError, match=r'file\.txt cannot be written: No space left'):
+        kind.write(target, 'new')
+    assert target.read_text() == 'old'
 
 
 @pytest.mark.parametrize(

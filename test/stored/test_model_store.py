@@ -81,19 +81,6 @@ def test_a_broken_list_is_a_sentence(store, content):
         store.history()
 
 
-def test_a_list_that_cannot_be_written_is_a_sentence_and_changes_nothing(store, monkeypatch):
-    store.activate(entries(store.directory / 'models/a.yaml'))
-
-    def refuse(_path):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr('os.fsync', refuse)
-    with pytest.raises(ModelFileError, match='No space left on device'):
-        store.activate([HistoryEntry(None)])
-    assert store.history() == entries(store.directory / 'models/a.yaml')
-    assert [path.name for path in store.directory.iterdir()] == ['active.json']
-
-
 def test_names_within_one_second_differ(store):
     paths = []
     for _ in range(3):

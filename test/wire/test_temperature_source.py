@@ -15,7 +15,6 @@ from wrist_ft_comp.wire.temperature_source import (
     parse_sources,
     path_text,
     TemperatureSource,
-    to_celsius,
 )
 
 
@@ -78,15 +77,6 @@ def test_the_same_number_twice_is_refused():
             parse_sources(twice)
     with pytest.raises(SettingsError, match="'/a' and 'a' are one and the same"):
         parse_sources(['/a', 'a'], resolve=lambda name: f'/{name.strip("/")}')
-
-
-@pytest.mark.parametrize(
-    ('unit', 'number', 'celsius'),
-    [('C', 21.5, 21.5), ('K', 273.15, 0.0), ('F', 212.0, 100.0), ('F', -40.0, -40.0)],
-)
-def test_numbers_are_converted_from_the_unit_that_was_named(unit, number, celsius):
-    assert to_celsius(number, unit) == pytest.approx(celsius)
-    np.testing.assert_allclose(to_celsius(np.array([number, number]), unit), celsius)
 
 
 class Message:
@@ -177,20 +167,6 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths():
         'joints[1].motor_temp',
     ]  # fmt: skip
     assert found['joints[1].motor_temp'] == 41.0
-
-
-def test_a_message_of_rclpy_lists_its_fields_itself():
-    class Extra:
-        _kelvin = 300.0
-        kelvin = property(lambda self: self._kelvin)
-
-        def get_fields_and_field_types(self):
-            return {'kelvin': 'double'}
-
-    assert list(numbers_in(Extra())) == [(('kelvin',), 300.0)]
-    assert parse_source('/a:kelvin:K').read(Extra()) == pytest.approx(26.85)
-    with pytest.raises(SettingsError, match='no field _kelvin'):
-        TemperatureSource('/a', ('_kelvin',)).read(Extra())
 
 
 def test_the_stamp_is_the_headers_where_it_was_filled():

@@ -104,15 +104,6 @@ def test_three_seconds_are_kept_and_a_clock_set_back_begins_anew():
     assert np.isfinite(ask(gravity, 5.0, 9.0)[0][:, 0]).tolist() == [True, False]
 
 
-def test_frames_that_are_missing_are_named():
-    gravity = GravityByTf('world', 'tool')
-    assert np.isnan(ask(gravity, 0)[0]).all()
-    assert gravity.missing() == (
-        'TF does not say how tool is turned against world: world and tool are missing. The frames '
-        'there are: none.'
-    )
-
-
 def test_directions_count_where_gravity_moved():
     force = 2 * Rotation.from_euler('x', np.linspace(0, 1, 50)).apply([0, 0, GRAVITY])
     found = describe_force(moments_of(force[:20]) + moments_of(force[20:]))
