@@ -62,10 +62,13 @@ def read_chamber_table(path: Path, *, keep_copied_columns: bool = False) -> Cham
     delimiter = max(',;\t', key=''.join(lines[:1]).count)
     rows = csv.reader(lines, delimiter=delimiter)
     header, *steps = ([cell.strip().replace(',', '.') for cell in row] for row in rows)
-    columns = dict(zip(header, zip(*steps, strict=True), strict=True))
-    loads = [name for name in columns if name.startswith('load_')]
-    if len(loads) != 1 or not any(name.startswith('output_at_') for name in columns):
+    loads = [name for name in header if name.startswith('load_')]
+    if len(loads) != 1 or not any(name.startswith('output_at_') for name in header):
         raise ValueError('expected one column load_<unit>, and columns output_at_<T>_c.')
+    for number, step in enumerate(steps, 1):
+        if len(step) != len(header):
+            raise ValueError(f'load step {number} has {len(step)} cells of {len(header)}.')
+    columns = dict(zip(header, zip(*steps, strict=True), strict=True))
     kept: dict[float, tuple[str, ...]] = {}
     left_out = []
     for name, cells in columns.items():

@@ -88,7 +88,7 @@ def test_the_gain_is_one_at_20_degrees_and_temperatures_are_steps(comma, tmp_pat
         ('step,output_at_20_c\n0,1\n', 'one column load_<unit>'),
         ('load_n,output_at_20_c\n0,1\n0,2\n', 'reach full load'),
         ('load_n,output_at_20_c\n0,1\n5,nan\n', 'must be finite'),
-        ('load_n,output_at_20_c\n0,1\n5\n', 'cannot be converted'),
+        ('load_n,output_at_20_c\n0,1\n5\n', 'cannot be converted: load step 2 has 1 cells of 2'),
     ],
 )
 def test_what_is_no_chamber_table_is_refused_and_nothing_is_written(table, sentence, tmp_path):
