@@ -2,10 +2,10 @@
 One table of bad recordings: whatever door they come through, one sentence, and nothing is lost.
 
 A row is a kind of bad input, how it is made of a good recording, what the sentence says, and the
-doors it can come through: a CSV file, a bag, and the messages of a bag as they come to a running
-node (test/node/compensator/test_bad_input.py); that a table in memory gives what a CSV file of it
-gives is tested in test/recordings/test_columns.py. A refusal is exit code 1 and one line on
-standard error; what is only dropped or doubted is a warning of ``calibrate``, beside its model.
+doors it can come through: a CSV file and a bag. That a table in memory gives what a CSV file of it
+gives is tested in test/recordings/test_columns.py; what a running node does about faults while
+they happen, in test/node/compensator/test_input_faults.py. A refusal is exit code 1 and one line
+on standard error; what is only dropped or doubted is a warning of ``calibrate``, beside its model.
 """
 
 import json

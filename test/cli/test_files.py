@@ -42,10 +42,6 @@ def test_model_and_recording_with_other_thermometers_are_refused(run, make, mode
         assert 'expects 1' in sentence
 
 
-def test_a_recording_named_twice_is_refused(run, drift_csv, tmp_path):
-    assert 'twice' in run('calibrate', drift_csv, drift_csv, '-o', tmp_path / 'm.yaml').sentence
-
-
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
 def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR0913, PLR0917
     command, run, model, drift_csv, bags, tmp_path
@@ -55,6 +51,8 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     for recording in (drift_csv, bags['mcap'], *files):
         assert 'Name the model first' in run(command, recording, model, *more).sentence
     assert 'is a model file' in run(command, model, model, *more).sentence
+    (tmp_path / 'empty').touch()
+    assert 'is not a model file' in run(command, tmp_path / 'empty', drift_csv, *more).sentence
 
 
 @pytest.mark.parametrize('name', ['m.yaml', 'm', 'm.csv'])

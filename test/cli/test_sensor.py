@@ -126,6 +126,7 @@ class TestWhatWasLearntFrom:
     def test_a_copy_is_counted_once(self, day, drift_csv, run, tmp_path):
         output = '-o', tmp_path / 'm.yaml'
         copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
+        assert 'twice' in run('calibrate', drift_csv, drift_csv, *output).sentence
         assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
         bare = day / 'day.mcap'
         assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence

@@ -84,12 +84,6 @@ def test_a_csv_says_its_channels_and_what_to_do_with_it(done, drift_csv, make, t
     assert done('show', loaded).rstrip().endswith('--reference recorded')
 
 
-def test_a_bag_says_which_topic_may_be_meant(done, bags):
-    out = done('show', bags['mcap'], '--wrench-topic', '/other')
-    words = f'wrist_ft_comp calibrate {bags["mcap"]} -o model.yaml --report model.html\n'
-    assert words in out, 'the one there is has the name that is taken anyway'
-
-
 def test_a_bag_without_wrenches_names_no_topic_that_would_not_help(done, messages, tmp_path):
     part = ('/motor/heat', messages.temperature_type, 1, messages.temperature(1, 20.0))
     out = done('show', messages.write(tmp_path / 'bag', [part]))

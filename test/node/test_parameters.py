@@ -95,9 +95,6 @@ def test_change_at_run_time_is_accepted_and_converted(make):
 @pytest.mark.parametrize(
     ('name', 'value', 'word'),
     [
-        ('speed', -1.0, 'speed'),
-        ('positive', float('inf'), 'got inf'),
-        ('mode', 'medium', 'slow, fast'),
         ('levels', [0.5, 2.0], 'from 0 to 1'),
         ('count', 'three', 'INTEGER'),
         ('label', 'new', 'read-only'),

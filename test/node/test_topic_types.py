@@ -1,13 +1,7 @@
 import pytest
-from sensor_msgs.msg import BatteryState
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.topic_types import load_type
-
-
-@pytest.mark.usefixtures('ros_domain')
-def test_a_type_is_imported_by_its_name():
-    assert load_type('/state', 'sensor_msgs/msg/BatteryState') is BatteryState
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,7 @@ def test_temperatures_may_be_in_kelvin_or_fahrenheit(name, scale, zero):
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
+        ({'temperature_k': np.ones(ROWS)}, 'temperature_k and temperature_c, which is the same'),
         ({'force_z': np.ones(9)}, r'force_z of table must have shape \(400,\).*got \(9,\)'),
         ({'force_z': np.ones((ROWS, 2))}, r'must have shape \(400,\).*got \(400, 2\)'),
         ({'force_z': ['warm'] * ROWS}, 'force_z of table must hold numbers: could not convert'),

@@ -104,31 +104,30 @@ def test_unseen_temperatures_are_named_in_one_sentence(seen):
     assert '20 to 25, 30 to 35 °C' in text
 
 
-@pytest.mark.parametrize(('levels', 'asked'), [('weak', True), ('good', False)])
-def test_a_second_thermometer_is_asked_for_where_one_is_not_enough(levels, asked, seen):
-    text = advice(seen(ramp(20, 30)), {'force_x': levels})
-    assert ('two: put another one' in text) == asked
-    two = seen(np.stack((ramp(20, 30), ramp(20, 40)), axis=1))
-    assert 'two: put another one' not in advice(two, {'force_x': levels})
+NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
+PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
+BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
+#: Temperatures, what else is known, and a part of what is asked for, or of what is not.
+ASKED = [
+    (ramp(20, 35) + NOISE, {}, 'let it cool down', ''),
+    (ramp(20, 35), {}, 'let it cool down', ''),
+    (ramp(35, 20), {}, 'let it warm up', ''),
+    (BOTH_WAYS, {}, '', 'let it'),
+    (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'two: put another one', ''),
+    (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'two: put another one'),
+    (PAIR, {'levels': {'force_x': 'weak'}}, '', 'two: put another one'),
+    (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
+    (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
+    (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
+    (ramp(20, 35), {'hours': (2.0, 2.0)}, '', 'second day'),
+]
 
 
-def test_a_missing_warm_up_or_cooling_is_asked_for_in_spite_of_noise(seen):
-    noise = np.random.default_rng(1).normal(0, 0.2, HOUR)
-    assert 'let it cool down' in advice(seen(ramp(20, 35) + noise))
-    assert 'let it cool down' in advice(seen(ramp(20, 35)))
-    assert 'let it warm up' in advice(seen(ramp(35, 20)))
-    assert 'let it' not in advice(seen(np.concatenate((ramp(20, 35), ramp(35, 25)))))
-
-
-def test_longer_recordings_are_asked_for(seen):
-    coverage = seen(ramp(20, 35))
-    assert 'lasts 0.5 h; record 1.0 h or more.' in advice(coverage, hours=(0.5,))
-    assert 'record 4.0 h or more, as the slowest lag is 60 min' in advice(
-        coverage, hours=(2.0,), slowest_s=3600.0
-    )
-    assert 'lasts' not in advice(coverage, hours=(2.0,), slowest_s=1000.0)
-    assert 'second day' in advice(coverage)
-    assert 'second day' not in advice(coverage, hours=(2.0, 2.0))
+@pytest.mark.parametrize(('temperature_c', 'known', 'asked', 'not_asked'), ASKED)
+def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_asked):
+    text = advice(seen(temperature_c), **known)
+    assert asked in text
+    assert not not_asked or not_asked not in text
 
 
 def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):

@@ -112,7 +112,3 @@ def test_directions_count_where_gravity_moved():
     np.testing.assert_allclose(found.spread, spread, atol=1e-6)
     assert found.seen == 2
     assert describe_force(moments_of(np.full((3, 3), np.nan))) is None
-
-
-def test_without_a_world_frame_a_frame_is_its_own_root():
-    assert GravityByTf('', 'flange').root() == 'flange'

@@ -4,12 +4,14 @@ from contextlib import ExitStack, suppress
 from functools import partial
 import itertools
 import queue
+import sys
 import threading
+from types import ModuleType
 from typing import Any
 from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseArray, WrenchStamped
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -74,6 +76,8 @@ class Rig:
         self.own_wrench = 'wrench_topic' not in options['parameters']
         #: What was published on ``wrench``, as bytes or messages, and nobody took yet.
         self.outputs: queue.Queue[Any] = queue.Queue()
+        #: What was published on ``wrench_external``, as bytes.
+        self.externals: queue.Queue[bytes] = queue.Queue()
         self._connect(options)
 
     def _connect(self, options):
@@ -84,6 +88,7 @@ class Rig:
         _NEWEST[self.directory] = self.node
         self._statuses: list[Any] = []
         self.node._output.publish = self.outputs.put
+        self.node.external.publish = self.externals.put
         self.node._diagnostics.publish = lambda array: self._statuses.extend(array.status)
         for service in self.node._offered:
             service._send = lambda response, answers: answers.put(response)
@@ -349,6 +354,15 @@ def _request(data):
 def rig(bench, tmp_path):
     """Make compensators with the same data_directory; ``model`` is a stored one to start with."""
     return partial(_make_rig, Rig, bench, tmp_path)
+
+
+@pytest.fixture
+def tf_messages(monkeypatch):
+    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
+    package = ModuleType('tf2_msgs.msg')
+    package.TFMessage = PoseArray
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
 
 
 @pytest.fixture

@@ -1,8 +1,5 @@
 """Specific force in the node's own recording, over DDS."""
 
-import sys
-from types import ModuleType
-
 from geometry_msgs.msg import AccelStamped, PoseArray
 import numpy as np
 import pytest
@@ -52,15 +49,6 @@ def test_an_imu_is_recorded_beside_the_wrench(wired, messages):
     np.testing.assert_allclose(found, [[3.0, 0, 9.0]] * CELLS)
     squares = (np.array(sent) ** 2).sum(axis=1).reshape(-1, 20)[:CELLS]
     np.testing.assert_allclose(recording.rotation_speed[:CELLS], np.sqrt(squares.mean(axis=1)))
-
-
-@pytest.fixture
-def tf_messages(monkeypatch):
-    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
-    package = ModuleType('tf2_msgs.msg')
-    package.TFMessage = PoseArray
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
 
 
 @pytest.mark.usefixtures('tf_messages')

@@ -2,7 +2,6 @@
 
 import json
 import math
-import queue
 
 import numpy as np
 import pytest
@@ -86,11 +85,9 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     assert f"ur_msgs/srv/SetPayload '{{mass: {kept[1]['mass_kg']:.4g}, " in answer.message
     assert working.diagnosis('payload').values['last_identification'] == answer.message
     assert working.node.external.wanted is False, 'nobody wants wrenches any more'
-    externals = queue.Queue()
-    working.node.external.publish = externals.put
     assert working.set('payload.active', 'identified-1').successful
     send(working, minute, range(1202, 1210))
-    assert externals.qsize() == 8
+    assert working.externals.qsize() == 8
 
 
 def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
@@ -109,6 +106,33 @@ def refusal(node):
     return sentence
 
 
+@pytest.mark.parametrize(
+    ('patience_s', 'happens', 'words'),
+    [
+        (
+            60.0, lambda node: node.compensator.reset_tare(),
+            'The tare or the model changed meanwhile. Call again.',
+        ),
+        (
+            60.0, lambda node: node.identification.end(),
+            'No payload was identified: The node is shutting down.',
+        ),
+        (0.05, lambda _: None, 'Wrenches with specific force have stayed away for 0.05 s'),
+    ],
+    ids=['tare', 'end', 'silence'],
+)  # fmt: skip
+def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR0913, PLR0917
+    working, minute, monkeypatch, patience_s, happens, words
+):
+    monkeypatch.setattr(identify, '_PATIENCE_S', patience_s)
+    answers = ask(working)
+    send(working, minute, range(10))
+    happens(working.node)
+    working.wait_until(lambda: not answers.empty(), 'the answer')
+    assert words in answers.get().message
+    assert not working.node.identification.end()
+
+
 def test_a_robot_that_stands_still_is_asked_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
@@ -118,26 +142,3 @@ def test_a_robot_that_stands_still_is_asked_to_move(working):
     working.wait_until(lambda: not answers.empty(), 'the answer')
     assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message
     assert not (working.directory / 'models/payloads.json').exists()
-
-
-def test_a_tare_meanwhile_ends_an_identification(working, minute):
-    answers = ask(working)
-    send(working, minute, range(10))
-    working.node.compensator.reset_tare()
-    working.wait_until(lambda: not answers.empty(), 'the answer')
-    assert 'The tare or the model changed meanwhile. Call again.' in answers.get().message
-
-
-def test_silence_ends_an_identification(working, minute, monkeypatch):
-    monkeypatch.setattr(identify, '_PATIENCE_S', 0.05)
-    answers = ask(working)
-    send(working, minute, range(10))
-    working.wait_until(lambda: not answers.empty(), 'the answer')
-    assert 'Wrenches with specific force have stayed away for 0.05 s' in answers.get().message
-
-
-def test_a_caller_that_waits_is_answered_at_the_end(working):
-    answers = ask(working)
-    assert working.node.identification.end()
-    assert answers.get().message == 'No payload was identified: The node is shutting down.'
-    assert not working.node.identification.end()

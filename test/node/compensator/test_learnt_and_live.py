@@ -2,10 +2,8 @@
 
 from dataclasses import replace
 import json
-import sys
-from types import ModuleType
 
-from geometry_msgs.msg import PoseArray, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from hypothesis import example, given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -60,13 +58,6 @@ def learn(tmp_path, day, write_working_day, capsys):
 def errors_in_free_motion(node, say):
     """Move freely: errors of the weight that is taken off, and wrench_external less its mean."""
     externals = []
-
-    def keep(data):
-        wrench = deserialize_message(data, WrenchStamped).wrench
-        parts = (wrench.force, wrench.torque)
-        externals.append([getattr(part, name) for part in parts for name in 'xyz'])
-
-    node.node.external.publish = keep
     node.warm_up(WARM_C)
     wrong = []
     for k, pose in enumerate(POSES):
@@ -74,6 +65,9 @@ def errors_in_free_motion(node, say):
         say(stamp, pose, up)
         node.ask_output(stamp, TOOL.weight(up) + (WARM_C - 20.0) * DRIFT + 1.0)
         wrong.append(node.node.external.weight_at(stamp) - TOOL.weight(up))
+        wrench = deserialize_message(node.externals.get_nowait(), WrenchStamped).wrench
+        parts = (wrench.force, wrench.torque)
+        externals.append([getattr(part, name) for part in parts for name in 'xyz'])
     assert len(externals) == len(POSES)
     return np.array(wrong), np.array(externals) - np.mean(externals, axis=0)
 
@@ -112,11 +106,8 @@ def test_a_payload_learnt_by_an_imu_is_subtracted_by_its_raw_samples(
     assert_within(errors_in_free_motion(node, say), entry)
 
 
-def test_a_payload_learnt_by_tf_is_subtracted_by_tf(learn, rig, messages, felt, monkeypatch):
-    package = ModuleType('tf2_msgs.msg')  # the node needs a type only: bytes are bytes
-    package.TFMessage = PoseArray
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+@pytest.mark.usefixtures('tf_messages')
+def test_a_payload_learnt_by_tf_is_subtracted_by_tf(learn, rig, messages, felt):
     model, name, entry = learn(felt, '--gravity-frame', 'base')
     assert entry['source'] == 'tf'
     chosen = {'gravity.source': 'tf', 'gravity.frame': 'base', 'payload.active': name}

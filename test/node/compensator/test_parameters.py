@@ -25,7 +25,8 @@ def test_recordings_elsewhere_are_refused(rig):
 
 
 def test_a_calibration_takes_the_parameters_of_its_time(rig):
-    node = rig(thermometers=2, parameters={'thermal_period': 5})
+    topics = ['temperature', 'state:joints[2].heat:K', '/far/temperature', 'state:data.3']
+    node = rig(topics=topics, parameters={'thermal_period': 5})
     folder = node.directory / 'recordings'
     folder.mkdir(parents=True)
     for name in ('a.csv', 'b.csv'):
@@ -35,7 +36,12 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     assert job.skip_unusable
     assert job.period_s == 5.0
     assert job.topics.wrench == node.topic('wrench_raw')
-    assert job.topics.temperatures == (node.topic('temperature'), node.topic('temperature_2'))
+    assert job.topics.temperatures == (
+        node.topic('temperature'),
+        f'{node.topic("state")}:joints[2].heat:K',
+        '/far/temperature',
+        f'{node.topic("state")}:data.3',
+    )
     assert job.topics.reference == node.topic('wrench_reference')
     for name, value in {
         'calibration.recordings': ['recordings/b.csv', ''],

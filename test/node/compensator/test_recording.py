@@ -96,17 +96,6 @@ def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_o
     assert read_recording(path).reference[0].tolist() == [3.0] * 6
 
 
-def test_a_data_directory_that_is_a_file_is_a_sentence(rig, tmp_path):
-    (tmp_path / 'data').write_text('')
-    node = rig()
-    for _ in range(2):
-        sentence = node.refusal('record', True)
-        assert f'{tmp_path / "data"} cannot be written: ' in sentence
-        assert sentence.endswith('Make room or choose another data_directory.')
-    feed(node, 3)
-    assert 'There is no recording in' in node.refusal('calibrate')
-
-
 def test_a_model_of_another_period_ends_the_recording(rig, make_model):
     model = make_model('slow.yaml', period_s=10.0)
     node = rig()
@@ -157,34 +146,23 @@ def test_a_reference_of_another_clock_neither_doubles_nor_disorders_cells(rig, a
     assert np.isnan(table['reference_force_x']).all()
 
 
-def test_a_recording_whose_file_is_deleted_ends_with_a_sentence(rig):
+@pytest.mark.parametrize('more', [0, 5], ids=['at the end', 'at a row'])
+def test_a_recording_whose_file_is_deleted_ends_with_a_sentence(rig, more):
     node = rig()
     path = start_recording(node)
     feed(node, 5)
     path.unlink()
-    feed(node, 5, first=5)
-    answer = node.call('record', False)
-    assert not answer.success
-    assert f'{path} cannot be written: it was deleted in the meantime.' in answer.message
-    assert 'The recording has ended after 4 thermal cells' in answer.message
+    feed(node, more, first=5)
+    sentence = node.refusal('record', False)
+    assert f'{path} cannot be written: it was deleted in the meantime.' in sentence
+    assert 'The recording has ended after 4 thermal cells.' in sentence
+    assert sentence.endswith(
+        ' See that its file stays and the disk has room, or choose another data_directory, then '
+        'record again.'
+    )
     assert start_recording(node).exists()
     feed(node, 3, first=20)
     assert 'recorded 3 thermal cells' in node.call('record', False).message
-
-
-@pytest.mark.parametrize('ends', [False, True])
-def test_a_recording_whose_file_is_deleted_says_what_to_do(rig, ends):
-    node = rig()
-    path = start_recording(node)
-    feed(node, 5)
-    path.unlink()
-    feed(node, 0 if ends else 2, first=5)
-    sentence = node.refusal('record', False)
-    assert 'it was deleted in the meantime. The recording has ended after ' in sentence
-    assert sentence.endswith(
-        ' thermal cells. See that its file stays and the disk has room, or choose another '
-        'data_directory, then record again.'
-    )
 
 
 @pytest.mark.parametrize('kind', ['force', 'reference'])

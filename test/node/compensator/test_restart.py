@@ -166,34 +166,13 @@ def test_a_broken_state_is_logged_and_replaced(rig, stored, tmp_path, capfd):
     assert 'state.json is not a state file' in origin(node)
     assert 'state.json is not a state file' in capfd.readouterr().err
     node.warm_up(30.0)
-    node.wait_until(lambda: node.node.state_keeper.writer.written > 0, 'a save')
+    node.diagnosis('model', lambda status: int(status.values['state_saves']) >= 1)
     assert load_state(path) is not None
 
 
 def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     node = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
     assert node.node.compensator.tracker.awaiting_gap
-
-
-def test_the_saved_state_is_the_memory_of_the_stream(rig, stored):
-    node = rig(model=stored, parameters={'save_period': 0.1})
-    for second in range(20):
-        node.warm(START + second * SECOND, warming(second))
-    node.node.compensator.restore_tare(TARE, np.zeros(6))
-    path = node.directory / 'state.json'
-    expected = node.node.compensator.memory()
-
-    def saved():
-        state = load_state(path)
-        return state is not None and state.tare.any() and state.thermal.end_ns == expected.end_ns
-
-    node.wait_until(saved, 'the save')
-    state = load_state(path)
-    assert state.model_sha256 == stored.sha256
-    assert state.thermal.filters['force_z'] == pytest.approx(expected.filters['force_z'])
-    np.testing.assert_array_equal(state.tare, TARE)
-    assert abs(time.time_ns() - state.saved_ns) < 60 * SECOND
-    node.diagnosis('model', lambda status: int(status.values['state_saves']) >= 1)
 
 
 def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd):
@@ -213,6 +192,12 @@ def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd
     for second in range(4, 8):
         node.warm(START + second * SECOND, 30.0)
     assert node.diagnosis('model', lambda status: status.level != WARN)
+    (node.directory / 'state.json').unlink()
+    (node.directory / 'state.json').mkdir()
+    node.put_temperature(START + 8 * SECOND, 30.0)
+    capfd.readouterr()
+    node.bench.close()
+    assert 'state.json cannot be written' in capfd.readouterr().err, 'also at the end'
 
 
 def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):

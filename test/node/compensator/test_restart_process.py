@@ -72,6 +72,8 @@ def test_every_sensor_of_a_killed_process_goes_on_with_its_own_drift_and_tare(
         bench.wait_until(saved, 'a state of each')
         code, errors = process.end(signal.SIGINT if life else signal.SIGKILL)
         assert code == (0 if life else -signal.SIGKILL), errors
+        assert 'Traceback' not in errors
+        assert 'terminate called' not in errors
     assert errors.count('the drift goes on from the thermal state saved') == len(gains)
     assert errors.count('compensating 1 axis with ') == len(gains)
 

@@ -86,7 +86,9 @@ def test_a_folder_that_cannot_be_written_is_named_at_start(rig):
     node = rig(parameters={'data_directory': '/proc/wrist_ft_comp'})
     said = '/proc/wrist_ft_comp cannot be written: No such file or directory. Mend its rights'
     assert said in node.diagnosis('model').message
-    assert 'cannot be written' in node.call('record', True).message
+    sentence = node.refusal('record', True)
+    assert sentence.startswith('/proc/wrist_ft_comp cannot be written: ')
+    assert sentence.endswith('Make room or choose another data_directory.')
 
 
 def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.ros.running import node_per_sensor
 
-MODULE = 'wrist_ft_comp.node.compensator'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 _NUMBERS = itertools.count()
@@ -73,33 +71,9 @@ def test_each_sensor_has_its_own_model_thermometer_tare_and_files(pair, models, 
         sensor.refused_value('sensors', ['other'])
 
 
-def test_one_node_runs_without_names_of_sensors(ros_context):
-    (node,) = make(context=ros_context, namespace='/alone')
-    assert node.get_fully_qualified_name() == '/alone/wrist_ft_comp'
-    assert node.store.directory.name == 'alone__wrist_ft_comp'
-    node.destroy_node()
-
-
 def test_a_remap_by_full_name_means_one_sensor(ros_context):
     arguments = ['--ros-args', '-p', 'sensors:=[left, right]', '-r', '/left/wrench_raw:=/driver']
     nodes = make(context=ros_context, cli_args=arguments)
     assert [node.own_topics[0] for node in nodes] == ['/driver', '/right/wrench_raw']
     for node in nodes:
         node.destroy_node()
-
-
-def test_remaps_of_namespace_and_node_hold_and_a_signal_ends_all(bench, executable, tmp_path):
-    process = executable(
-        MODULE,
-        *('-r', '__ns:=/arms', '-r', '__node:=comp', '-p', 'executor:=default'),
-        *('-p', 'sensors:=[left, right]', '-p', f'data_directory:={tmp_path}'),
-    )
-    for name in ('left', 'right'):
-        service = f'/arms/{name}/comp'
-        assert bench.call(Trigger, f'{service}/reset_tare', Trigger.Request()).success
-        assert bench.call(SetBool, f'{service}/record', SetBool.Request(data=True)).success
-    code, errors = process.end()
-    assert code == 0, errors
-    assert 'Traceback' not in errors
-    assert 'terminate called' not in errors
-    assert errors.count('recorded 0 thermal cells') == 2
