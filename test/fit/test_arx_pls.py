@@ -92,7 +92,8 @@ def test_the_model_is_that_of_the_textbook(orders):
     j, expected = textbook(x, y, orders)
     _, run = model.run(model.start(x[0]), x)
     run, expected = run - run.mean(axis=0), expected - expected.mean(axis=0)
-    assert (size := np.abs(expected).max()) > 1
+    size = np.abs(expected).max()
+    assert size > 1
     np.testing.assert_allclose(run, expected, rtol=0, atol=1e-10 * size)
     for r, note in enumerate(notes, 1):
         assert note == f'latent {r}: {orders[r - 1]}; J_{r} = {j[r - 1]:.4g} (eq. 19)'

@@ -70,7 +70,8 @@ def test_the_model_is_that_of_the_textbook(constants, outputs):
     block = drawn_block(outputs=outputs)
     model, notes = fit_filtered_pls(block, constants, PERIOD_S)
     expected = textbook(block, constants)
-    assert (size := np.abs(expected).max()) > 1.0
+    size = np.abs(expected).max()
+    assert size > 1.0
     np.testing.assert_allclose(explained_by(model, block), expected, rtol=0, atol=1e-10 * size)
     assert len(notes) == len(constants)
     for latent, tau_s in zip(model.latents, constants, strict=True):

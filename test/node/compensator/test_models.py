@@ -1,17 +1,12 @@
-from dataclasses import asdict
-import json
 import os
 
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.stored.model_store import HistoryEntry
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 OK, WARN, ERROR = b'\0', b'\1', b'\2'
-#: A list in which no model was live.
-LIST = json.dumps({'history': [asdict(HistoryEntry(None))]})
 
 
 def live(node):
