@@ -1,8 +1,11 @@
+from dataclasses import asdict
+import json
 import os
 
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.stored.model_store import HistoryEntry
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
