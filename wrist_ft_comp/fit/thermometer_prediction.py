@@ -20,7 +20,7 @@ _MEAN_S = 60.0
 _FEWEST_MEANS = 60
 #: Errors are averaged over this time before they say what is usual, s.
 _ERROR_MEAN_S = 300.0
-#: The change of such an error over this time says by how much a prediction moves wrongly, s.
+#: An averaged error changes within this time; the largest change in the recordings is usual, s.
 _ERROR_CHANGE_S = 600.0
 #: The prediction moves by at least this before one that stands still is taken for frozen, K ...
 _LEAST_STILL_K = 0.5

@@ -109,8 +109,8 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
         return ''
     return (
         f'{entries[changed[-1]].name}: {entries[changed[-1]].incident} Learning goes on after '
-        f'{DAYS_TO_AGREE} days without an incident ({agreeing} so far), or by ~/calibrate or '
-        '~/adopt.'
+        f'{DAYS_TO_AGREE} days without an incident ({agreeing} so far). To let it go on now, call '
+        '~/calibrate or ~/adopt.'
     )
 
 
