@@ -175,8 +175,8 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
         + '. A new segment begins there, as after a tare.'
         for step in steps[:_NAMED_STEPS]
     ]
-    if more := len(steps) - _NAMED_STEPS:
-        sentences += [f'{recording.name} steps {more} times more.'] if more > 0 else []
+    if len(steps) > _NAMED_STEPS:
+        sentences.append(f'{recording.name} steps {len(steps) - _NAMED_STEPS} times more.')
     cells = sorted({*recording.steps, *(step.cell for step in steps)})
     return replace(recording, wrench=wrench, steps=tuple(cells)), sentences
 
