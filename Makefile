@@ -66,7 +66,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/accuracy/residuals.py
+	$(BIN)/python bench/accuracy/contacts.py
 	$(BIN)/python bench/accuracy/worlds.py
 	$(BIN)/python bench/cost/calibration.py
 	$(BIN)/python bench/cost/stream.py
