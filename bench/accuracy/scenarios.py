@@ -10,7 +10,7 @@ from pathlib import Path
 from judging import recording_of
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import free_run, relaxation
+from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, Recording, Samples
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Arx
-from wrist_ft_comp.drift.arx_filter import free_run as arx_run
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx import free_run as arx_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders, STATIC

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import free_run, relaxation
+from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds

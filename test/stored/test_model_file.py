@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.arx_filter import Arx, relaxation
+from wrist_ft_comp.drift.arx import Arx, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel

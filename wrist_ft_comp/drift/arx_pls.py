@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray, IntArray
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError

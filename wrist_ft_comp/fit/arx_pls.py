@@ -13,7 +13,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_least_squares import (

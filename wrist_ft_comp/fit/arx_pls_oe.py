@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.drift.arx_filter import free_run
+from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, relaxation
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_least_squares import fit_one_step, Orders, stabilise

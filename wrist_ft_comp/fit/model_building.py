@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import relaxation, static_gain
+from wrist_ft_comp.drift.arx import relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import from_gains
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Beyond, Features

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import static_gain
+from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features

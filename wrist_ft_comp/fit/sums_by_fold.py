@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.drift.arx_filter import free_run, relaxation
+from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
