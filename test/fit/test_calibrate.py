@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
-from wrist_ft_comp.fit.calibrate import calibrate, summarise
-from wrist_ft_comp.fit.data_checks import MIN_SAMPLES
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.folds import MIN_SAMPLES
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.report.summary import summarise
 
 STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
 CELLS = 240

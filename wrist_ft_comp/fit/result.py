@@ -7,7 +7,6 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
@@ -155,26 +154,3 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
-
-    @property
-    def acceptance(self) -> list[str]:
-        """Say by axis what another day is accepted by; nothing of a chamber test."""
-
-        def limit(fit: AxisFit) -> str:
-            if fit.model is None:
-                return 'not compensated'
-            if np.isnan(fit.day_limit):
-                return 'nothing can be promised; record another day, too'
-            return f'below {fit.day_limit:.2g} {fit.unit}'
-
-        lines = [
-            f'  {axis}: {limit(fit)}; uncompensated {fit.largest_drift:.2g} {fit.unit}'
-            for axis, fit in self.fits.items()
-            if np.isfinite(fit.largest_drift)
-        ]
-        if not lines:
-            return []
-        low_c, high_c = max(self.temperature_range_c.tolist(), key=lambda ends: ends[1] - ends[0])
-        tared = f'On another day, tared, between {low_c:.0f} and {high_c:.0f} °C'
-        means = f'means over {averaged_s(self.model):g} s'
-        return [f'{tared}, {means} (95 of 100 days):', *lines]
