@@ -10,8 +10,8 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.competition import anchor, finish
 from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
+from wrist_ft_comp.fit.named_methods import anchor, finish
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200

@@ -10,7 +10,7 @@ from wrist_ft_comp.drift.arx import free_run as arx_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders, STATIC
-from wrist_ft_comp.fit.paper_methods import identify, identify_paper_method
+from wrist_ft_comp.fit.named_methods import identify, identify_paper_method
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)

@@ -56,8 +56,6 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     latent, in words. TooShortError is raised where an ARX finds too few consecutive samples.
     """
     outer = fit_pls(block.x, block.y, len(orders))
-    if not outer.latents:
-        return None, ()
     latents: list[Arx] = []
     notes: list[str] = []
     inner = zip(latent_segments(block, outer, block.scaled_outputs), orders, strict=False)
@@ -71,12 +69,7 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
             note += f'; a pole of radius {radius:.6f} was moved inside the unit circle'
         latents.append(latent)
         notes.append(note)
-    model = ArxPls(
-        input_mean=block.input_mean, input_weight=block.input_weight, rotations=outer.rotations,
-        latents=tuple(latents), output_loadings=outer.output_loadings,
-        output_weight=block.output_weight,
-        output_mean=np.zeros(len(block.output_weight)))  # fmt: skip
-    return model, tuple(notes)
+    return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
 
 
 def latent_segments(

@@ -26,7 +26,7 @@ from wrist_ft_comp.fit.data_checks import (
 )
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
 from wrist_ft_comp.fit.folds import assign_folds, FITTED_BIN_S, MIN_SAMPLES
-from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.fit.named_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings

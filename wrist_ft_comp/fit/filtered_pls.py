@@ -23,8 +23,9 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_least_squares import fit_one_step, Orders, stabilise
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import simplest_good, squares_left
+from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, simplest_good
 from wrist_ft_comp.fit.pls import dominant_weights, EXHAUSTED
+from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S
 from wrist_ft_comp.fit.xy_block import XyBlock
 from wrist_ft_comp.signals import FloatArray
 
@@ -32,8 +33,7 @@ from wrist_ft_comp.signals import FloatArray
 Filter = float | Orders
 #: The filters that compete for each latent, the simplest first.
 FILTERS: tuple[Filter, ...] = (
-    0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0,
-    Orders(n=1, m=2, direct=True), Orders(n=2, m=2, direct=True),
+    *LONG_BANK_S, Orders(n=1, m=2, direct=True), Orders(n=2, m=2, direct=True)
 )  # fmt: skip
 
 
@@ -71,13 +71,11 @@ def fit_filtered_pls(
         deflation, remaining = latent.deflation, latent.remaining
     if not latents:
         return None, ()
-    model = ArxPls(
-        input_mean=block.input_mean, input_weight=block.input_weight,
-        rotations=np.stack([latent.rotation for latent in latents], axis=1),
-        latents=tuple(latent.arx for latent in latents),
-        output_loadings=np.stack([latent.loading for latent in latents], axis=1),
-        output_weight=block.output_weight,
-        output_mean=np.zeros(len(block.output_weight)))  # fmt: skip
+    model = block.model(
+        np.stack([latent.rotation for latent in latents], axis=1),
+        [latent.arx for latent in latents],
+        np.stack([latent.loading for latent in latents], axis=1),
+    )
     return model, tuple(f'latent {r}: h is {latent.note}' for r, latent in enumerate(latents, 1))
 
 
@@ -110,11 +108,7 @@ def choose_filters(data: AxisData, block: XyBlock, latents: int) -> tuple[Filter
                 }
         left = {
             option: np.concatenate(
-                [
-                    squares_left(data, latent.remaining, fold)
-                    for fold, latent in by_fold.items()
-                    if latent
-                ]
+                [_left(data, latent.remaining, fold) for fold, latent in by_fold.items() if latent]
             )
             for option, by_fold in found.items()
             if all(by_fold.values())
@@ -129,6 +123,13 @@ def choose_filters(data: AxisData, block: XyBlock, latents: int) -> tuple[Filter
             if latent
         }
     return tuple(chosen)
+
+
+def _left(data: AxisData, remaining: Sequence[FloatArray], fold: int) -> FloatArray:
+    """Mean squares that all outputs, (N_i, M), leave of a fold in sum, by part."""
+    outputs = [[values[:, m] for values in remaining] for m in range(remaining[0].shape[1])]
+    by_output = [part_errors(fold_bins(data, output, fold)) for output in outputs]
+    return np.asarray(np.sum(by_output, axis=0))
 
 
 def _extract(

@@ -13,6 +13,7 @@ from scipy.ndimage import median_filter
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
+from wrist_ft_comp.fit.folds import JUDGED_BIN_S
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.signals import (
     AXES,
@@ -21,7 +22,6 @@ from wrist_ft_comp.signals import (
     noise_level,
     Recording,
     Reference,
-    stretches,
     time_in,
 )
 from wrist_ft_comp.steps import find_steps
@@ -137,15 +137,16 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     mounted = np.zeros(len(raw), dtype=np.int64)
     found = find_steps(raw[np.newaxis], mounted, counts, noise, recording.period_s)
     # Drift moves on while nothing is recorded, so what changes over a gap is no step.
-    parts, at = stretches(counts, recording.period_s), np.flatnonzero(counts)
+    at = np.flatnonzero(counts)
+    after = np.searchsorted(at, [step.cell for step in found])
+    gaps = at[after] - at[after - 1]
+    widest = max(JUDGED_BIN_S / recording.period_s, 1.0)
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
     steps = sorted(
         (
             step
-            for step in found
-            if step.certain
-            and parts[at[np.searchsorted(at, step.cell)]] == parts[step.cell - 1]
-            and (abs(step.jump) > smallest).any()
+            for step, gap in zip(found, gaps.tolist(), strict=True)
+            if step.certain and gap <= widest and (abs(step.jump) > smallest).any()
         ),
         key=lambda step: step.cell,
     )

@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, stretches
@@ -85,6 +87,18 @@ class XyBlock:
         """Join the valid cells of (N_i, K), each recording centred for its unknown offset."""
         parts = [values[rows] for values, rows in zip(series, self.valid, strict=True)]
         return np.concatenate([part - part.mean(axis=0) for part in parts if len(part)])
+
+    def model(
+        self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
+    ) -> ArxPls | None:
+        """Put an identified model together, in the block's units; None without any latent."""
+        if not len(latents):
+            return None
+        return ArxPls(
+            input_mean=self.input_mean, input_weight=self.input_weight, rotations=rotations,
+            latents=tuple(latents), output_loadings=output_loadings,
+            output_weight=self.output_weight,
+            output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
 
     @cached_property
     def _valid_inputs(self) -> FloatArray:
