@@ -33,7 +33,7 @@ from wrist_ft_comp.fit.model_building import (
     by_relaxation,
 )
 from wrist_ft_comp.fit.named_methods import finish
-from wrist_ft_comp.fit.result import AxisFit, OUTPUTS, Term
+from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.ridge_bank import POOL_S
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData
@@ -48,12 +48,8 @@ _ROUNDING = 1e-9
 class LagFit(NamedTuple):
     """Drift behind free time constants, fitted."""
 
-    #: Features of the temperatures behind one relaxation.
-    features: Features
     #: Increasing, s, shape (K,); a single 0 is static.
     time_constants_s: FloatArray
-    #: From the features behind each to zero and sensitivity drift, shape (K, F, M).
-    gains: FloatArray
     #: None without any drift.
     model: AxisModel | None
 
@@ -62,8 +58,7 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
     Let free time constants compete on the error of the free run.
 
-    Standard errors are those of the jackknife over the folds that were held out. A drift that goes
-    on for longer than the recordings is refused.
+    A drift that goes on for longer than the recordings is refused.
     """
     features = build_features(data.temperature_c, settings)
     everything = fit_lags(data, features)
@@ -78,10 +73,21 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
             for scored in fold_bins(data, unexplained(data, fits[name].model), fold)
         ]
     chosen = [*everything][simplest_good([part_errors(bins[name]) for name in everything])]
-    lags, others = everything[chosen], [fits[chosen] for fits in held_out.values()]
-    if lags.time_constants_s[-1] < data.longest_s:
-        fit = finish(data, (lags.model, ()), chosen, bins, [*everything])
-        return state_errors(fit, lags, others)
+    tau_s, model = everything[chosen]
+    if tau_s[-1] < data.longest_s:
+        notes: tuple[str, ...] = ()
+        if tau_s[-1] > 0.99 * _BOUNDS_S[1]:
+            longest = f'{_BOUNDS_S[1]:.0f} s'
+            notes = (f'its slowest time constant is the longest that is searched, {longest}',)
+        fit = finish(data, (model, notes), chosen, bins, [*everything])
+        if not tau_s.any():
+            return fit
+        # The jackknife: how far the fits scatter that were made without each fold in turn.
+        others_s = [fits[chosen].time_constants_s for fits in held_out.values()]
+        errors_s = np.sqrt((len(others_s) - 1) * np.var(others_s, axis=0))
+        return replace(
+            fit, time_constants_s=tuple(tau_s.tolist()),
+            time_constant_errors_s=tuple(errors_s.tolist()))  # fmt: skip
     slow = (
         f'its slowest time constant is at least {data.longest_s:.0f} s, as long as the longest '
         'recording'
@@ -136,7 +142,7 @@ def fit_lags(
                 x = of_degree.expand(of_degree.reference_c)
                 at_rest = x @ gains[:, :, 1].sum(axis=0) + values[-1]
                 model = anchored(model, [0.0, float(at_rest)])
-            fits[name] = LagFit(of_degree, tau_s, gains, model)
+            fits[name] = LagFit(tau_s, model)
     return fits
 
 
@@ -175,30 +181,3 @@ def _project(data: BinnedData, columns: Sequence[FloatArray]) -> tuple[FloatArra
     scaled, y = stacked[:, :-1] * weight, stacked[:, -1]
     gains = np.linalg.lstsq(scaled, y, rcond=None)[0]
     return np.asarray(y - scaled @ gains), np.asarray(gains * weight)
-
-
-def state_errors(fit: AxisFit, lags: LagFit, held_out: Sequence[LagFit]) -> AxisFit:
-    """Add time constants and gains, with the standard errors that fits without a fold tell."""
-    tau_s = lags.time_constants_s
-    errors_s = _jackknife([other.time_constants_s for other in held_out])
-    errors = _jackknife([other.gains for other in held_out])
-    terms = tuple(
-        Term(output, float(tau), feature, float(lags.gains[k, f, m]), float(errors[k, f, m]))
-        for m, output in enumerate(OUTPUTS[: lags.gains.shape[2]])
-        for k, tau in enumerate(tau_s)
-        for f, feature in enumerate(lags.features.names)
-    )
-    if not tau_s.any():
-        return replace(fit, terms=terms)
-    notes = fit.notes
-    if tau_s[-1] > 0.99 * _BOUNDS_S[1]:
-        longest = f'{_BOUNDS_S[1]:.0f} s'
-        notes = f'its slowest time constant is the longest that is searched, {longest}', *notes
-    return replace(
-        fit, time_constants_s=tuple(tau_s.tolist()),
-        time_constant_errors_s=tuple(errors_s.tolist()), terms=terms, notes=notes)  # fmt: skip
-
-
-def _jackknife(estimates: Sequence[FloatArray]) -> FloatArray:
-    """Estimate standard errors of what was fitted without each fold in turn, shapes (…) to (…)."""
-    return np.asarray(np.sqrt((len(estimates) - 1) * np.var(estimates, axis=0)))

@@ -1,7 +1,7 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,6 @@ from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.signals import FloatArray, IntArray, SensorNames
 
-Output = Literal['zero', 'sensitivity']
-OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
 #: A time constant longer than this share of the longest recording is not sure.
@@ -27,21 +25,6 @@ class Candidate:
     name: str
     rms: float
     weight: float = 0.0
-
-
-@dataclass(frozen=True)
-class Term:
-    """A gain of a fitted model, from a feature behind a relaxation to an output."""
-
-    output: Output
-    #: Of the relaxation, s; 0 is static.
-    time_constant_s: float
-    #: Such as ``θ1`` or ``θ2²``, or the knot of a hat.
-    feature: str
-    #: Per unit of the feature: N or N m for zero drift, 1 for sensitivity drift.
-    gain: float
-    #: Its standard error.
-    error: float
 
 
 class FoldErrors(NamedTuple):
@@ -106,8 +89,6 @@ class AxisFit:
     reason: str = ''
     #: Standard errors of the time constants, s; NaN where these were not searched.
     time_constant_errors_s: tuple[float, ...] = ()
-    #: Gains with standard errors, where the method determines them one by one.
-    terms: tuple[Term, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
     #: The errors behind rms_before and rms_after, for pictures.

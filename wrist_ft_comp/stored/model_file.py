@@ -35,7 +35,7 @@ _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: What is written of an axis.
 _KEPT = (
     'chosen', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
-    'time_constants_s', 'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
+    'time_constants_s', 'time_constant_errors_s', 'notes', 'candidates', 'model',
 )  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
