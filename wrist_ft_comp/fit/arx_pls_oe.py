@@ -26,12 +26,7 @@ from wrist_ft_comp.fit.cross_validation import (
     simplest_good,
     unexplained,
 )
-from wrist_ft_comp.fit.model_building import (
-    anchored,
-    build_axis_model,
-    build_features,
-    by_relaxation,
-)
+from wrist_ft_comp.fit.model_building import build_axis_model, build_features
 from wrist_ft_comp.fit.named_methods import finish
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.ridge_bank import POOL_S
@@ -134,14 +129,8 @@ def fit_lags(
                 tau_s = np.exp(np.sort(found.x))
             # What runs is fitted cell by cell.
             columns = _columns(cells, of_degree, tau_s)
-            values = _project(cells, columns)[1]
-            shape = len(tau_s), len(of_degree.names)
-            gains = by_relaxation(values, *shape, loaded=cells.loaded)
+            gains = _project(cells, columns)[1]
             model = build_axis_model(of_degree, tau_s, gains, columns, data.period_s)
-            if model is not None and cells.loaded:
-                x = of_degree.expand(of_degree.reference_c)
-                at_rest = x @ gains[:, :, 1].sum(axis=0) + values[-1]
-                model = anchored(model, [0.0, float(at_rest)])
             fits[name] = LagFit(tau_s, model)
     return fits
 

@@ -17,12 +17,7 @@ from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.cross_validation import bin_means, hold_out, tare
 from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
 from wrist_ft_comp.fit.folds import BINS_PER_FOLD
-from wrist_ft_comp.fit.model_building import (
-    anchored,
-    build_axis_model,
-    build_features,
-    by_relaxation,
-)
+from wrist_ft_comp.fit.model_building import build_axis_model, build_features
 from wrist_ft_comp.fit.result import AxisFit, Candidate
 from wrist_ft_comp.fit.ridge_bank import candidates, LONG_BANK_S, Pool, POOL_S, RidgeFit
 from wrist_ft_comp.fit.settings import IdentificationSettings
@@ -82,10 +77,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if weights[0] == 1:
         return fit
     gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
-    by_tau = by_relaxation(gains[:-1], len(POOL_S), pool.inputs, loaded=pool.loaded)
-    model = build_axis_model(features, POOL_S, by_tau, inputs, data.period_s)
-    if model is not None:  # at rest at T_ref there is no zero drift
-        model = anchored(model, [0.0, float(gains[-2])] if pool.loaded else [0.0])
+    model = build_axis_model(features, POOL_S, gains[:-1], inputs, data.period_s)
     return replace(fit, model=model)
 
 
@@ -189,34 +181,26 @@ def _axis_fit(
         average = np.where(members, weights if total > 0 else 1.0, 0.0)
         rows.append(Candidate(name, stated(average / average.sum()), total))
     used, after = weights[0] < 1, stated(weights)
-    heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
     reason = (
-        f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, no '
-        f'compensation {rows[0].rms:.3g} {data.unit}; most weight have '
-        + ' and '.join(f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest)
-        + '.'
-        if used
-        else f'Nothing that was tried holds on held-out data: no compensation leaves '
+        f'Nothing that was tried holds on held-out data: no compensation leaves '
         f'{rows[0].rms:.3g} {data.unit} RMS.'
     )
-    held_out = hold_out(
-        [
-            (
-                of_fold.recording,
-                of_fold.fold,
-                np.minimum(of_fold.cells, len(data.residual[of_fold.recording]) - 1),
-                -of_fold.tared[:, 0],
-                -of_fold.tared @ weights,
-            )
-            for of_fold in left
-        ],
-        period_s,
-        tared=True,
-    )
+    if used:
+        heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
+        names_of_two = [f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest]
+        reason = (
+            f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, '
+            f'no compensation {rows[0].rms:.3g} {data.unit}; most weight have '
+            f'{" and ".join(names_of_two)}.'
+        )
+    errors = []
+    for i, fold, cells, tared, _ in left:
+        inside = np.minimum(cells, len(data.residual[i]) - 1)
+        errors.append((i, fold, inside, -tared[:, 0], -tared @ weights))
     expected = expected_rms(data, _mean_squares(weights, left), single @ weights, single[:, 0])
     return AxisFit(
         model=None, chosen=COMBINATION if used else 'none', candidates=tuple(rows),
         rms_before=rows[0].rms, rms_after=after,
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
-        reason=reason, unit=data.unit, held_out=held_out,
+        reason=reason, unit=data.unit, held_out=hold_out(errors, period_s, tared=True),
         expected_rms=expected if after else 0.0)  # fmt: skip

@@ -121,30 +121,22 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
     """
     if data.load is None:
         return [residual[:, np.newaxis] for residual in data.residual]
-    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in data.load]))
-    return [
-        _observe_windows(residual, load, data.period_s, _LOADED_SHARE * float(deviation))
-        for residual, load in zip(data.residual, data.load, strict=True)
-    ]
-
-
-def _observe_windows(
-    residual: FloatArray, load: FloatArray, period_s: float, min_deviation: float
-) -> FloatArray:
-    """Slope and zero drift of one recording, shape (N, 2)."""
-    observed = np.full((len(residual), 2), np.nan)
-    present = np.isfinite(residual) & np.isfinite(load)
-    cells = max(round(OBSERVATION_WINDOW_S / period_s), 1)
-    at = np.flatnonzero(present)
-    parts = stretches(present, period_s)[at]
-    starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
-    # Windows count anew in each stretch, so none crosses a gap.
-    windows = np.stack((parts, (at - starts) // cells))
-    for window in np.unique(windows, axis=1).T:
-        rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
-        w = load[rows] - load[rows].mean()
-        if len(rows) > 2 and np.std(w) >= min_deviation:
-            slope = float(w @ residual[rows] / (w @ w))
-            observed[rows, 0] = residual[rows] - slope * load[rows]
-            observed[rows, 1] = slope
-    return observed
+    deviation = float(np.std(np.concatenate([w[np.isfinite(w)] for w in data.load])))
+    cells = max(round(OBSERVATION_WINDOW_S / data.period_s), 1)
+    drifts = list[FloatArray]()
+    for residual, load in zip(data.residual, data.load, strict=True):
+        observed = np.full((len(residual), 2), np.nan)
+        present = np.isfinite(residual) & np.isfinite(load)
+        at = np.flatnonzero(present)
+        parts = stretches(present, data.period_s)[at]
+        starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
+        # Windows count anew in each stretch, so none crosses a gap.
+        windows = np.stack((parts, (at - starts) // cells))
+        for window in np.unique(windows, axis=1).T:
+            rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
+            w = load[rows] - load[rows].mean()
+            if len(rows) > 2 and np.std(w) >= _LOADED_SHARE * deviation:
+                slope = float(w @ residual[rows] / (w @ w))
+                observed[rows] = np.stack((residual[rows] - slope * load[rows], 0 * w + slope), 1)
+        drifts.append(observed)
+    return drifts
