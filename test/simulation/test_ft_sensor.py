@@ -23,7 +23,6 @@ from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,
-    duty_cycle,
     room_temperature,
     RunSettings,
     true_wrench,
@@ -235,7 +234,7 @@ def test_seed_makes_the_specimen():
 
 def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
     run = draw_run(RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9)), noise()[0])
-    levels = duty_cycle(run, [0.0, 9.99, 10.0, 19.99, 20.0, 1e6])
+    levels = drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
     np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
 
 
