@@ -3,17 +3,14 @@
 from copy import deepcopy
 from dataclasses import replace
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import CalibrationRefusedError, SettingsError
+from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import MIN_SAMPLES
-from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.report.summary import summarise
 
 STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))
 CELLS = 240
@@ -154,19 +151,6 @@ def test_recordings_that_are_not_alike_are_refused(good):
             calibrate([first, replace(second, **change)], STATIC)
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
-        *(({'min_temperature_span_k': k}, 'at least 0; got') for k in (-0.1, np.nan, np.inf)),
-        ({'max_gap_s': -0.1}, 'max_gap_s must be a number of at least 0; got'),
-    ],
-)
-def test_settings_outside_their_range_are_refused(change, sentence):
-    with pytest.raises(SettingsError, match=sentence):
-        CalibrationSettings(**change)
-
-
 @pytest.mark.parametrize(('silent', 'named'), [(slice(50, 111), True), (slice(51, 111), False)])
 def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(good, silent, named):
     measured = good[1].measured.copy()
@@ -198,37 +182,3 @@ def test_a_time_constant_that_the_recordings_hardly_show_is_named_or_refused(goo
     refusal = r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h'
     with pytest.raises(CalibrationRefusedError, match=refusal):
         learn(1e5)
-
-
-def lines(before, after, *, outputs=2, warnings=(), unit='N'):
-    """Sum up a calibration of force z, by a model with a number of outputs."""
-    model = SimpleNamespace(outputs=outputs)
-    chosen = 'static, degree 1'
-    fit = AxisFit(model if outputs else None, chosen, (), before, after, unit=unit)
-    ranges = np.array([[20, 35.5], [-5, 30]])
-    return summarise(Calibration(None, {'force_z': fit}, ranges, 5400.0, warnings)).splitlines()
-
-
-@pytest.mark.parametrize(('outputs', 'what'), [(1, 'zero'), (2, 'zero and sensitivity')])
-@pytest.mark.parametrize('unit', ['N', 'N m'])
-def test_an_axis_says_before_after_unit_and_choice(outputs, what, unit):
-    line = lines(12.3456, 0.0123456, outputs=outputs, unit=unit)[0]
-    assert line == f'force_z: 12.3 -> 0.0123 {unit} RMS held out ({what}; static, degree 1)'
-
-
-def test_an_axis_without_compensation_says_so():
-    line = lines(0.5, 0.5, outputs=0)[0]
-    assert line == 'force_z: no compensation; drift held out 0.5 N RMS'
-
-
-def test_harm_is_called_harm():
-    assert lines(1.0, 2.0)[0].endswith('WORSE THAN NONE')
-    assert 'WORSE' not in lines(1.0, 1.04)[0]
-
-
-def test_recordings_are_summed_up_and_warnings_follow():
-    assert lines(2.0, 1.0, warnings=('One.', 'Two.'))[1:] == [
-        'learnt from 1.50 h at 20.0 to 35.5, -5.0 to 30.0 °C',
-        'warning: One.',
-        'warning: Two.',
-    ]

@@ -92,10 +92,10 @@ def calibrate(
         f'in recording {number}, {recording.name}': recording.sensor
         for number, recording in enumerate(recordings, 1)
     }
-    apart = differences(sensors)
-    warnings = [
-        *(warning for recording in recordings for warning in recording.warnings),
-        *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
+    warnings = [warning for recording in recordings for warning in recording.warnings]
+    if apart := differences(sensors):
+        warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
+    warnings += [
         *dropped,
         *stepped,
         *skipped,

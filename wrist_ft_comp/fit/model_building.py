@@ -69,7 +69,8 @@ def build_axis_model(
         lower_c=np.tile(features.lower_c, count), upper_c=np.tile(features.upper_c, count),
         knots_c=features.knots_c * count)  # fmt: skip
     everything = np.concatenate(inputs)
-    by_output = gains[: len(gains) // width * width].reshape(-1, width)
+    outputs = 2 if len(gains) > width else 1
+    by_output = gains[: outputs * width].reshape(outputs, width)
     rows = np.stack((everything.mean(axis=0), everything.std(axis=0), *by_output))
     if features.kind == 'powers':  # from relaxation, power, thermometer to power first
         shape = len(rows), count, features.degree, features.thermometers
@@ -77,12 +78,12 @@ def build_axis_model(
     mean, deviation = rows[:2]
     weight = 1.0 / np.where(deviation > 0, deviation, 1.0)
     flat = np.ascontiguousarray(rows[2:].T)
-    dynamics = from_gains([static_gain()], flat[np.newaxis], mean, weight, np.ones(len(by_output)))
+    dynamics = from_gains([static_gain()], flat[np.newaxis], mean, weight, np.ones(outputs))
     if dynamics is None:
         return None
     bank = tuple(relaxation(tau, period_s) for tau in time_constants_s.tolist())
     model = AxisModel(joined, dynamics, bank if time_constants_s.any() else ())
-    if len(by_output) == 1:
+    if outputs == 1:
         return anchored(model, [0.0])
     x = features.expand(features.reference_c)
     sensitivity = x @ by_output[1].reshape(count, -1).sum(axis=0) + gains[-1]
