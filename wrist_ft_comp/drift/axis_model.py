@@ -142,7 +142,7 @@ class AxisModel:
             size = int(np.prod(bank.state_shape))
             before, filtered = bank.run(state[:size].reshape(bank.state_shape), filtered)
             state = state[size:]
-        behind = state.reshape(self.dynamics.state_shape)
+        behind: FloatArray = state.reshape(self.dynamics.state_shape)
         if last_only and not behind.size:  # what has no memory need not see the cells before
             filtered = filtered[-1:]
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))

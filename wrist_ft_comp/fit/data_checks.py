@@ -206,7 +206,10 @@ def drop_unknown_temperatures(
     for recording in recordings:
         wrench = recording.wrench.copy()
         for j in range(recording.thermometers):
-            runs = _unknown_runs(recording, j, max_gap_s)
+            measured = recording.measured[:, j]
+            values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
+            (frozen,) = _find_stuck([values_c], recording.period_s)
+            runs = _unknown_runs(recording, j, ~measured | frozen, max_gap_s)
             if not runs:
                 continue
             for first, last in runs:
@@ -222,16 +225,15 @@ def drop_unknown_temperatures(
     return sound, sentences
 
 
-def _unknown_runs(recording: Recording, j: int, max_gap_s: float) -> list[tuple[int, int]]:
-    """Find where a thermometer is silent or frozen for long while wrenches come, longest first."""
-    measured = recording.measured[:, j]
-    values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
-    (frozen,) = _find_stuck([values_c], recording.period_s)
+def _unknown_runs(
+    recording: Recording, j: int, missing: BoolArray, max_gap_s: float
+) -> list[tuple[int, int]]:
+    """Find where a thermometer is missing for long while wrenches come, longest first."""
     # One that always reports seldom is not silent in between.
-    usual = np.median(np.diff(np.flatnonzero(measured))) if measured.sum() > 1 else 0.0
-    most = max(max_gap_s / recording.period_s, _SEVERAL * usual)
+    reports = np.flatnonzero(recording.measured[:, j])
+    usual = np.median(np.diff(reports)) if len(reports) > 1 else 0.0
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
-    return _long_runs(~measured | frozen, present, most)
+    return _long_runs(missing, present, max(max_gap_s / recording.period_s, _SEVERAL * usual))
 
 
 def _long_runs(missing: BoolArray, counts: BoolArray, cells: float) -> list[tuple[int, int]]:
@@ -259,7 +261,7 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
-            if runs := _unknown_runs(recording, j, max_gap_s):
+            if runs := _unknown_runs(recording, j, ~recording.measured[:, j], max_gap_s):
                 first, last = runs[0]
                 how = 'a straight line was drawn over it'
                 if not recording.measured[last:, j].any():

@@ -13,9 +13,6 @@ from wrist_ft_comp.fit.folds import MOST_PLATEAUS
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.signals import FloatArray
 
-#: Knots of hats where temperatures are no plateaus, evenly spaced.
-_EVEN_KNOTS = 6
-
 
 def build_features(
     temperature_c: Sequence[FloatArray],
@@ -39,7 +36,7 @@ def build_features(
             elif len(plateaus) == 1:
                 plateaus = plateaus[0] + np.array([0.0, 1.0])  # a constant needs a hat, too
             elif len(plateaus) > MOST_PLATEAUS:
-                plateaus = np.linspace(plateaus[0], plateaus[-1], _EVEN_KNOTS)
+                plateaus = np.linspace(plateaus[0], plateaus[-1], MOST_PLATEAUS // 2)
             knots.append(plateaus)
     return Features(
         kind=settings.features, reference_c=everything.mean(axis=0),
