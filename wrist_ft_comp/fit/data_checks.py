@@ -134,39 +134,34 @@ def drop_stuck_cells(
                 'not connected. It is left uncompensated.'
             )
             continue
+        lost = list[str]()
         stuck = _find_stuck(series, recordings[0].period_s)
-        shares = [
-            cells.sum() / max(len(values), 1) for cells, values in zip(stuck, finite, strict=True)
-        ]
-        others = any(
-            len(values) and share <= MOST_LEFT_OUT
-            for share, values in zip(shares, finite, strict=True)
-        )
-        for i, (cells, share) in enumerate(zip(stuck, shares, strict=True)):
+        for i, (recording, cells) in enumerate(zip(recordings, stuck, strict=True)):
             if not cells.any():
                 continue
+            share = float(cells.sum()) / len(finite[i])
             kept, counts = np.unique(series[i][cells], return_counts=True)
             value = float(kept[np.argmax(counts)])
             extremes = np.array([finite[i].min(), finite[i].max()])
             verb = 'freezes' if differ(extremes, value).all() else 'saturates'
             what = (
-                f'{axis} of {recordings[i].name} {verb} at {value:.6g} {axis_unit(axis)}: '
-                f'{cells.sum() * recordings[i].period_s:.0f} s ({100 * share:.1f} %) without any '
-                f'change, first at {time_in(recordings[i], int(np.argmax(cells)))}'
+                f'{axis} of {recording.name} {verb} at {value:.6g} {axis_unit(axis)}: '
+                f'{cells.sum() * recording.period_s:.0f} s ({100 * share:.1f} %) without any '
+                f'change, first at {time_in(recording, int(np.argmax(cells)))}'
             )
-            if share > MOST_LEFT_OUT and not others:
-                raise CalibrationRefusedError(
-                    f'{what}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the '
-                    'range and the driver of the sensor, and record again.'
-                )
             wrench = sound[i].wrench.copy()
+            wrench[cells, column] = np.nan
             if share > MOST_LEFT_OUT:
                 wrench[:, column] = np.nan
-                sentences.append(f'{what}; it is not learnt from that recording.')
-            else:
-                wrench[cells, column] = np.nan
-                sentences.append(f'{what}; left out.')
+                lost.append(what)
+            left_out = 'it is not learnt from that recording' if what in lost else 'left out'
+            sentences.append(f'{what}; {left_out}.')
             sound[i] = replace(sound[i], wrench=wrench)
+        if lost and not any(axis in recording.axes_present for recording in sound):
+            raise CalibrationRefusedError(
+                f'{lost[0]}; up to {100 * MOST_LEFT_OUT:.0f} % can be left out. Check the range '
+                'and the driver of the sensor, and record again.'
+            )
     if dead == len(axes):
         names = ', '.join(recording.name for recording in recordings)
         raise CalibrationRefusedError(
