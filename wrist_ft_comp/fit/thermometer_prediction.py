@@ -1,4 +1,9 @@
-"""How each thermometer is predicted from the others: ridge regressions and held-out errors."""
+"""
+How each thermometer is predicted from the others: ridge regressions and held-out errors.
+
+The others stand behind the longest bank of relaxations of ``auto``, with its strengths of the
+ridge; the strength that errs least is taken.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -8,12 +13,9 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 
-#: Relaxations of the other thermometers, s: from none to what a robot's body remembers.
-_TIME_CONSTANTS_S: FloatArray = np.array([0.0, 60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0])
-#: Strengths of the ridge, as shares of a column's variance; the one that errs least is taken.
-_STRENGTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
 #: Less than this, s, cannot tell one thermometer by another.
@@ -51,7 +53,7 @@ def predict_each_other(
     if thermometers < 2 or len(target_c) * mean_s < _SHORTEST_S:
         return None
     # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
-    filters = [relaxation(tau, period_s) for tau in _TIME_CONSTANTS_S.tolist()]
+    filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
     relaxed_c = np.concatenate(
         [
             np.stack(
@@ -88,7 +90,8 @@ def predict_each_other(
         still_k[j] = max(_NEAR_K, _UNUSUAL * moved_k, changed_k)
         agree_k[j] = max(_NEAR_K if len(recordings) > 2 else _NEAR_UNSHOWN_K, _UNUSUAL * largest_k)
         silence_s[j] = max(_USUAL_S, _UNUSUAL * silent_s)
-    return ThermometerPrediction(_TIME_CONSTANTS_S, gains, constant_c, still_k, silence_s, agree_k)
+    time_constants_s = np.array(LONG_BANK_S)
+    return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)
 
 
 def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:
@@ -101,7 +104,7 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Regress by the strength that errs least, over folds: its errors, gains and constant."""
     best = (np.inf, 0.0, target_c)
-    for strength in _STRENGTHS:
+    for strength in STRENGTHS:
         error_k, logs = np.empty_like(target_c), []
         for number in np.unique(fold):
             out = fold == number
