@@ -182,3 +182,14 @@ def test_a_time_constant_that_the_recordings_hardly_show_is_named_or_refused(goo
     refusal = r'force_x drifts too slowly .* at least 2400 s, .* Record at least 1.3 h'
     with pytest.raises(CalibrationRefusedError, match=refusal):
         learn(1e5)
+
+
+def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
+    swing = 8 * np.sin(np.arange(CELLS) / 2)
+    runs = [with_raw(run, swing + 0.03 * run.temperature_c[:, 0]) for run in good]
+    for run in runs:
+        run.reference[:, 0], run.wrench[:, 5] = swing, np.nan
+    assert calibrate(runs, replace(STATIC, reference='recorded')).fits['force_x'].rms_after < 0.1
+    again = replace(runs[0], name='again.csv')
+    with pytest.raises(CalibrationRefusedError, match=r'again.csv holds the readings of run0.csv'):
+        calibrate([*runs, again], replace(STATIC, reference='recorded'))

@@ -29,6 +29,9 @@ from wrist_ft_comp.stream.temperature_spikes import jumps
 #: Two recordings are the same day where readings differ by less than this many times their noise,
 #: as they do where one of them has fewer digits; of another day a quarter of them does so.
 _EQUAL_NOISE = 0.5
+#: So do temperatures by this, K, of a thermometer with few digits. Without it, two days on which
+#: a robot repeats one program were one day: its motion passes for noise.
+_EQUAL_K = 0.5
 #: Share that counts as nearly all: of the cells of two recordings of one day that are equal, since
 #: rounded stamps move a few samples to the next cell; and of the neighbouring cells that differ in
 #: a channel that measures.
@@ -100,16 +103,17 @@ def check_recordings(
 
 
 def _are_the_same(one: Recording, other: Recording) -> bool:
-    """Whether wrenches are equal up to rounding, whatever their stamps; noise never repeats."""
+    """Whether readings are equal up to rounding, whatever their stamps; noise never repeats."""
     cells = min(len(one), len(other))
     if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
         return False
-    shares = []
+    apart_k = np.abs(one.temperature_c[:cells] - other.temperature_c[:cells])
+    shares = [np.mean(apart_k <= _EQUAL_K)]
     for ours, theirs in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True):
         if noise := noise_level((ours, theirs)):
             equal = np.abs(ours - theirs) <= _EQUAL_NOISE * noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
-    return bool(shares) and min(shares) > _NEARLY_ALL
+    return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
 
 
 def drop_stuck_cells(
