@@ -110,7 +110,7 @@ def _fit(
             out = fold == number
             gains, constant_c = _ridge(columns[~out], target_c[~out], strength)
             error_k[out] = target_c[out] - constant_c - columns[out] @ gains
-            logs.append(np.log(np.mean(error_k[out] ** 2) + np.finfo(float).tiny))
+            logs.append(np.log(max(np.mean(error_k[out] ** 2), 1e-12)))  # 1 µK is none
         best = min(best, (float(np.mean(logs)), strength, error_k), key=lambda found: found[0])
     return best[2], *_ridge(columns, target_c, best[1])
 
