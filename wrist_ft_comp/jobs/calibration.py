@@ -14,7 +14,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.fit.calibrate import calibrate, summarise
+from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.learning_job import answer_learning, keep_payloads
 from wrist_ft_comp.jobs.process import serve
@@ -26,6 +26,7 @@ from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.report.view import calibration_view, ReportView
 from wrist_ft_comp.signals import CLOCK_NS, part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
