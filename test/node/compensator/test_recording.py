@@ -96,15 +96,49 @@ def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_o
     assert read_recording(path).reference[0].tolist() == [3.0] * 6
 
 
-def test_a_model_of_another_period_ends_the_recording(rig, make_model):
+def test_a_recording_keeps_its_cells_where_a_model_brings_longer_ones(rig, make_model):
     model = make_model('slow.yaml', period_s=10.0)
     node = rig()
     path = start_recording(node)
     feed(node, 4)
     assert node.set('model_file', str(model.path)).successful
-    assert 'the new model has thermal cells of 10 s' in node.refusal('record', False)
-    assert len(read_recording(path)) == 3
-    assert node.call('record', True).success
+    feed(node, 60, first=4)
+    assert node.call('record', False).success
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    cells = (table['stamp_ns'] - START) // SECOND
+    np.testing.assert_array_equal(cells, np.arange(len(cells)))
+    assert len(cells) > 40
+    np.testing.assert_allclose(table['force_z'], 1.5 + 10 * cells)
+    measured = np.isfinite(table['temperature_c'])
+    assert cells[measured].tolist() == [0, 1, 2, 5, 15, 25, 35, 45, 55]
+    recording = read_recording(path, period_s=10.0)
+    np.testing.assert_allclose(recording.temperature_c[2:4, 0], [49.5, 59.5])
+
+
+def test_two_recordings_get_the_same_rows_and_one_that_ends_leaves_the_other(rig):
+    node = rig()
+    recorder, failures = node.node.recorder, []
+    written = []
+
+    class Writer:
+        append, close = staticmethod(lambda *row: written.append(row)), staticmethod(lambda: None)
+
+    other = recorder.begin(Writer(), failures.append)
+    feed(node, 5)
+    path = start_recording(node)
+    node.send_reference(START + 5 * SECOND, [1.0] * 6)
+    feed(node, 5, first=5)
+    assert node.call('record', False).success
+    feed(node, 5, first=10)
+    recorder.finish(other)
+    table = np.genfromtxt(path, delimiter=',', names=True)
+    cells = [(stamp_ns - START) // SECOND for stamp_ns, _ in written]
+    assert cells == list(range(14)), 'it waits for no reference any more'
+    both = dict(zip(cells, (values for _, values in written), strict=True))
+    for row in table:
+        cell = int((row['stamp_ns'] - START) // SECOND)
+        np.testing.assert_array_equal(list(row)[1:7], both[cell][:6])
+    assert not failures
 
 
 def test_a_recording_that_cannot_hear_its_reference_does_not_begin(rig):

@@ -93,6 +93,6 @@ class Learner:
 def learner(rig, tmp_path, monkeypatch):
     """Start nodes that learn, all with the same data_directory."""
     command = (sys.executable, '-c', JOB, str(tmp_path))
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
     return partial(Learner, rig, tmp_path, [0])

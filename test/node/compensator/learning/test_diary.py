@@ -29,17 +29,7 @@ def test_a_day_is_a_recording_of_24_h_with_five_digits(learner):
     np.testing.assert_allclose(recording.rotation_speed[1:], 0.01)
 
 
-def test_a_day_of_more_cells_than_a_recording_may_have_goes_on_in_another_file(
-    learner, monkeypatch
-):
-    monkeypatch.setattr('wrist_ft_comp.stream.batch_grid.MAX_NUMBERS', 100)
-    node = learner()
-    node.hear(121)
-    lengths = [len(read_recording(node.days / name, period_s=600.0)) for name in node.files()]
-    assert lengths == [49, 49, 22]
-
-
-@pytest.mark.parametrize(('hours', 'days'), [(1.9, 1), (2.2, 2), (-1.0, 2), (-20.0, 2)])
+@pytest.mark.parametrize(('hours', 'days'), [(1.9, 1), (2.2, 2), (-1.0, 2)])
 def test_a_silence_of_2_h_and_stamps_that_run_back_end_a_day(learner, hours, days):
     node = learner()
     node.hear(30, later=200)
@@ -102,8 +92,7 @@ def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learn
     assert len(read_recording(path, period_s=600.0)) == 29, 'five are missing, one is not complete'
 
 
-def test_the_days_never_take_more_than_their_room(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
+def test_the_days_never_take_more_than_their_room(learner, tmp_path):
     days = tmp_path / 'data/days'
     days.mkdir(parents=True)
     with (days / 'day_00001.csv').open('wb') as file:
@@ -122,11 +111,10 @@ def test_the_days_never_take_more_than_their_room(learner, tmp_path, monkeypatch
 def test_two_clocks_do_not_fill_the_folder_with_files(tmp_path, apart_s, names):
     """Rows that leap to and fro end no day; an honest day before them stays."""
     files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
-    for second in range(1000):
+    for second in range(1050):
         files.append(second * 10**9, (1.0, 2.0))
-    for second in range(1000, 1050):
-        files.append(second * 10**9, (1.0, 2.0))
-        files.append((second + apart_s) * 10**9, (1.0, 2.0))
+        if second >= 1000:
+            files.append((second + apart_s) * 10**9, (1.0, 2.0))
     files.close()
     assert sorted(file.name for file in (tmp_path / 'days').iterdir()) == names
     assert (tmp_path / 'days/day_00001.csv').read_text().count('\n') >= 1001
@@ -160,7 +148,7 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
     assert recording.warnings == ()
 
 
-@pytest.mark.parametrize('ahead_s', [3600, 86_400, -3600])
+@pytest.mark.parametrize('ahead_s', [3600, -3600])
 def test_an_imu_whose_clock_is_off_for_a_while_spoils_no_day(learner, ahead_s):
     node = learner(thermal_period=1.0)
     for second in range(1500):
@@ -179,21 +167,7 @@ def test_an_imu_whose_clock_is_off_for_a_while_spoils_no_day(learner, ahead_s):
     np.testing.assert_array_equal(day['linear_acceleration_z'][700:], 9.0)
 
 
-def test_a_day_ends_when_it_has_its_share_of_the_room(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
-    days = tmp_path / 'data/days'
-    days.mkdir(parents=True)
-    node = learner(**{'learning.max_mb': 50.0})
-    node.hear(20)
-    with (days / 'day_00001.csv').open('ab') as file:
-        file.write(b'#' * 10_000_000)
-    node.hear(20)
-    node.judged()
-    assert node.files() == ['day_00001.csv', 'day_00002.csv']
-
-
-def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path, monkeypatch):
-    monkeypatch.setattr(day_files, '_MEASURED_EVERY_ROWS', 1)
+def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path):
     node = learner()
     node.a_day()
     node.node.destroy_node()
