@@ -1,12 +1,8 @@
 """A learning job: it judges the newest day, learns from all, and leaves files that load."""
 
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 import tempfile
-import time
 from unittest.mock import ANY
 
 import numpy as np
@@ -18,15 +14,12 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import entry, learning_job
 from wrist_ft_comp.jobs.learning_job import alone
-from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
+from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
-    DayEntry,
-    Diary,
     diary_path,
     load_diary,
-    save_diary,
 )
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
@@ -242,16 +235,6 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
     assert (left > 0.2) == rests, left
 
 
-def test_presses_of_minutes_are_no_drift(tmp_path):
-    drifts = []
-    for pressed_s in (0, 280):
-        write_day(tmp_path, 1, 2700, pressed_s)
-        diary_path(tmp_path).unlink(missing_ok=True)
-        assert entry.answer(job_of(tmp_path, 1))['incident'] == ''
-        drifts.append(load_diary(tmp_path).days[0].left['none'])
-    np.testing.assert_allclose(drifts[1], drifts[0], rtol=0.1)
-
-
 @pytest.mark.parametrize(
     ('parked_s', 'kind', 'said'), [(900, '', ''), (1800, CONTACTS, 'is parked with a part')]
 )
@@ -314,35 +297,3 @@ def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tm
         diary_path(tmp_path).unlink(missing_ok=True)
         assert entry.answer(job_of(tmp_path, 1))['success']
         assert load_diary(tmp_path).days[0].kind == kind
-
-
-def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
-    save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
-    sound = diary_path(own_days).read_text()
-    for hours, said in (
-        ('[' * 986 + ']' * 986, 'nested too deep'), ('9' * 400, '400 digits'), ('1e999', '1e999'),
-    ):  # fmt: skip
-        diary_path(own_days).write_text(sound.replace('12345.0', hours))
-        assert load_diary(own_days).days == ()
-        answer = entry.answer(job_of(own_days, 1))
-        assert answer['success']
-        assert said in answer['incident']
-
-
-def test_a_job_that_is_killed_leaves_files_that_load(sensor, answers, tmp_path):
-    assert answers[0]['success']
-    rng = np.random.default_rng(7)
-    for _ in range(2):
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'wrist_ft_comp.jobs.entry', str(os.getpid())],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env={**os.environ, 'TMPDIR': str(tmp_path)}, text=True)  # fmt: skip
-        process.stdin.write(encode_job(job_of(sensor, 3)))
-        process.stdin.close()
-        time.sleep(rng.uniform(0.2, 2.5))
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        assert json.loads(diary_path(sensor).read_text())['version'] == 2
-        for path in sensor.glob('models/*.yaml'):
-            load_model(path)

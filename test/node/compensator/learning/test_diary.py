@@ -1,7 +1,5 @@
 import os
 import resource
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.recordings.recordings import read_recording
-from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stream.cell_averager import row_channels
 
 HOUR, DAY = 6, 144  # cells
@@ -148,25 +145,6 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
     assert recording.warnings == ()
 
 
-@pytest.mark.parametrize('ahead_s', [3600, -3600])
-def test_an_imu_whose_clock_is_off_for_a_while_spoils_no_day(learner, ahead_s):
-    node = learner(thermal_period=1.0)
-    for second in range(1500):
-        stamp = (1_700_000_000 + second) * 10**9
-        at = stamp + (ahead_s * 10**9 if second < 700 else 0)
-        node.node.tell('on_force', at, (0.0, 0.0, 9.0 + (second < 700)), None)
-        node.rig.put(stamp, [1.0] * 6)
-        node.node.recorder.poll()
-        node.rig.put_temperature(stamp, 25.0)
-    node.node.destroy_node()
-    assert node.files() == ['day_00001.csv']
-    day = np.genfromtxt(node.days / 'day_00001.csv', delimiter=',', names=True)
-    np.testing.assert_array_equal(day['stamp_s'] - 1_700_000_000, np.arange(1499) + 0.5)
-    assert np.isfinite([day['force_x'], day['temperature_c']]).all()
-    assert np.isnan(day['linear_acceleration_z'][:650]).all()
-    np.testing.assert_array_equal(day['linear_acceleration_z'][700:], 9.0)
-
-
 def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path):
     node = learner()
     node.a_day()
@@ -192,15 +170,3 @@ def test_a_second_node_names_the_process_that_holds_the_folder(learner, tmp_path
     assert 'data_directory of its own' in str(refused.value)
     node.node.destroy_node()
     assert learner().days == node.days
-
-
-def test_a_killed_process_leaves_no_lock(tmp_path):
-    source = (
-        'import os, signal, sys; from pathlib import Path\n'
-        'from wrist_ft_comp.stored.model_store import ModelStore\n'
-        'store = ModelStore(Path(sys.argv[1]))\n'
-        'store.sweep(); os.kill(os.getpid(), signal.SIGKILL)'
-    )
-    process = subprocess.run([sys.executable, '-c', source, str(tmp_path)], check=False)
-    assert process.returncode == -9
-    assert ModelStore(tmp_path).sweep() == 0

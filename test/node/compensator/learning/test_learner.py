@@ -1,5 +1,3 @@
-import time
-
 import numpy as np
 import pytest
 
@@ -277,16 +275,3 @@ def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
     assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
     assert node.rig.call('adopt').success
     assert offered.exists()
-
-
-def test_a_job_of_a_thousand_days_holds_up_nobody(learner, tmp_path):
-    days = tmp_path / 'data/days'
-    days.mkdir(parents=True)
-    for number in range(1, 1001):
-        (days / f'day_{number:05d}.csv').write_text('stamp_s\n')
-    node = learner(data_directory=str(tmp_path / 'data'))
-    begun = time.monotonic()
-    node.node.learning.poll()
-    assert time.monotonic() - begun < 0.5, 'a process takes longer to begin to read'
-    node.judged(1)
-    assert len(node.asked()[0]['recordings']) == 999, 'the newest day goes on'
