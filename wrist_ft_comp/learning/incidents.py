@@ -202,9 +202,8 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
         at, jump = step.cell, step.jump / noise
         size = np.linalg.norm(jump)
         tolerated = _JUMP_TOLERANCE * size
-        if size <= _LEAST_JUMP_SIGMA or not np.any(
-            np.abs(step.jump) > _LEAST_DRIFT_SHARE * drift_rms
-        ):
+        matters = np.abs(step.jump) > _LEAST_DRIFT_SHARE * drift_rms
+        if size <= _LEAST_JUMP_SIGMA or not matters.any():
             continue
         if _distance_to_zero(raw[max(0, at - near) : at + near], min(at, near), jump) < tolerated:
             continue  # a tare
@@ -216,7 +215,7 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
             continue  # a press beside which nothing is free of contact
         change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
         if np.linalg.norm(change - jump) >= (1 - _CONFIRMED_SHARE) * size:
-            continue
+            continue  # heat, or a press that ends where nothing is free of contact
         marked = np.arange(len(recording)) >= at
         for weight in _changes_of_weight(day, at, near):
             if np.linalg.norm(weight[present] / noise - jump) < tolerated:
@@ -233,9 +232,9 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     return None
 
 
-def _distance_to_zero(near: FloatArray, at: int, jump: FloatArray) -> float:
-    """Compute how far a step, before cell ``at``, leaves readings near it, (n, A), from zero."""
-    after = near + (np.arange(len(near)) < at)[:, np.newaxis] * jump
+def _distance_to_zero(readings: FloatArray, at: int, jump: FloatArray) -> float:
+    """Compute how far a step before cell ``at`` leaves the readings near it, (n, A), from zero."""
+    after = readings + (np.arange(len(readings)) < at)[:, np.newaxis] * jump
     # A robot that moves is between two cells when it is tared: the nearest point between them.
     change = np.diff(after, axis=0)
     share = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
