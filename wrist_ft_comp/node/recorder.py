@@ -18,6 +18,7 @@ from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.part import Part, Service, Vector
 from wrist_ft_comp.signals import (
+    AXES,
     FORCE_CHANNELS,
     LARGEST,
     NANOSECONDS,
@@ -270,11 +271,18 @@ class RecordService(Part):
             self._recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def doubt(self) -> str:
-        """Say that the reference was heard and is not recorded any more; empty where it is."""
-        if self.current is None or not self._heard:
+        """Say that no wrenches, or no reference that was heard, are recorded; empty where all is."""
+        if self.current is None:
             return ''
+        lacking_s = min(self._recorder.lacking_s(self.current, axis) for axis in AXES)
+        if lacking_s >= LACKING_S:
+            return (
+                f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are silent, '
+                'or their stamps are of another clock than those of the temperatures. Nothing can '
+                'be learnt from that; set one clock, then record again'
+            )
         lacking_s = self._recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
-        if lacking_s < LACKING_S:
+        if not self._heard or lacking_s < LACKING_S:
             return ''
         return (
             f'the last {lacking_s:.0f} s were recorded without wrench_reference: it is silent, or '

@@ -194,6 +194,18 @@ def test_cells_without_what_was_there_before_are_a_warning(rig, kind, off_s, sai
     assert node.diagnosis(status).level == b'\0'
 
 
+@pytest.mark.parametrize('ahead_s', [100, -700])
+def test_wrenches_of_another_clock_are_said_before_a_warm_up_is_lost(rig, ahead_s):
+    node = rig()
+    start_recording(node)
+    for second in range(200):
+        node.put(START + second * SECOND, [1.0] * 6)
+        node.put_temperature(START + (second + ahead_s) * SECOND, 25.0)
+        assert second > 55 or node.node.recording.doubt() == ''
+    found = node.diagnosis('calibration')
+    assert (found.level, 'recorded without raw wrenches' in found.message) == (b'\1', True)
+
+
 @pytest.mark.parametrize('source', ['tf', 'imu'])
 def test_a_robot_at_rest_by_tf_and_an_imu_in_g_are_no_warning_while_recording(rig, source):
     node = rig(parameters={'gravity.source': 'imu'})
