@@ -22,7 +22,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.jobs.calibration import run_job
+from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ros.running import make_executor, spin, Stop
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS

@@ -10,17 +10,18 @@ from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
+from wrist_ft_comp.node.calibrate import CalibrateService
 from wrist_ft_comp.node.correction import Correction
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
+from wrist_ft_comp.node.jobs import JobMaker
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import WrenchTopic
 from wrist_ft_comp.node.output import Output
 from wrist_ft_comp.node.parameters import PARAMETERS
-from wrist_ft_comp.node.recording import Recorder, RecordService
+from wrist_ft_comp.node.recorder import Recorder, RecordService
 from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService

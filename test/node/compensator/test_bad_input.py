@@ -13,7 +13,7 @@ import runpy
 
 import pytest
 
-from wrist_ft_comp.jobs.calibration import _answer
+from wrist_ft_comp.jobs.entry import answer
 
 FILES = runpy.run_path(str(Path(__file__).parents[2] / 'cli/test_bad_recordings.py'))
 KINDS = {**FILES['REFUSED'], **FILES['WARNED']}
@@ -46,7 +46,7 @@ class JobHere:
     """A calibration in this process, without a report."""
 
     def __init__(self, job):
-        self._outcome = _answer(replace(job, report=None))
+        self._outcome = answer(replace(job, report=None))
 
     def poll(self):
         return self._outcome
@@ -56,7 +56,7 @@ class JobHere:
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
 def test_the_node_warns_and_drops_as_the_files_do(kind, rig, messages, monkeypatch):
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.start_job', JobHere)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.start_job', JobHere)
     change, pattern, _ = KINDS[kind]
     table = FILES['good']()
     if change:

@@ -1,5 +1,6 @@
 """A node knows whether its model is of its sensor."""
 
+from functools import partial
 import math
 from pathlib import Path
 import shutil
@@ -108,8 +109,9 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
 
 def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp_path):
     for hour, topics in enumerate((TOPICS, TOPICS, TOPICS[::-1])):
-        days = DayFiles(tmp_path, ('force_z', 'temperature_c', 'temperature_2_c'), 1e9)
-        days.sensor = lambda topics=topics: {'temperature_topics': topics}
+        channels = ('force_z', 'temperature_c', 'temperature_2_c')
+        sensor = partial(dict, temperature_topics=topics)
+        days = DayFiles(tmp_path, channels, 1e9, sensor=sensor)
         for minute in range(60):
             days.append(START + (60 * hour + minute) * 60 * SECOND, [1.0, 20.0, 25.0])
         days.close()
