@@ -199,7 +199,7 @@ def test_usable_topics_and_fields_are_found_and_rated(driver, messages, tmp_path
     assert summary.last_ns - summary.first_ns == 1_000_007_000 - 4000
     found = {candidate.entry: candidate for candidate in summary.candidates}
     assert list(found) == [
-        '/driver/frame:wrench', '/wrench_raw', '/driver/frame:temperature',
+        '/wrench_raw', '/driver/frame:temperature',
         *(f'/driver/state:temperatures[{k}]' for k in range(6)),
         '/driver/state:motors[0].temperature', '/driver/state:motors[1].temperature',
         '/driver/state:raw_temperature[0]', '/driver/state:raw_temperature[1]',

@@ -10,13 +10,13 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.message_fields import FieldInputs, WrenchTopic
+from wrist_ft_comp.node.message_fields import FieldInputs
 from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.topic_types import no_wrench
+from wrist_ft_comp.ros.topic_types import wrong_type
 from wrist_ft_comp.signals import (
     AXES,
     is_plausible,
@@ -28,7 +28,7 @@ from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
+from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
@@ -102,11 +102,8 @@ class WrenchInput(Part):
         counts: Counts,
         newest: Callable[[], Newest | None],
         name: str = 'wrench_raw',
-        inside: WrenchTopic | None = None,
     ) -> None:
         self._counts, self.newest, self._name = counts, newest, name
-        #: Reads the wrenches where they are inside messages of another type.
-        self._inside = inside
         self.sensor = SensorWatch()
         #: Stamp of the newest wrench that was looked at, ns; None before the first.
         self.stamp_ns: int | None = None
@@ -124,9 +121,6 @@ class WrenchInput(Part):
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
-        if self._inside is not None:
-            self._inside.poll()
-            self._counts.malformed = self._inside.unreadable
         newest, number = self.newest(), self._counts.wrenches
         if newest is not None and number != self._looked_at:
             self._looked_at, self._heard_s = number, time.monotonic()
@@ -143,8 +137,6 @@ class WrenchInput(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
-        if self._inside is not None:
-            self._inside.look()
         self.poll()
         counts, publishers = self._counts, self.hub.count_publishers(self._topic)
         strange = counts.not_finite + counts.implausible
@@ -169,8 +161,6 @@ class WrenchInput(Part):
         if grown['unusable']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
             why = f': they are {why_unusable(AXES[0], counts.strange)}' * (grown['strange'] > 0)
-            if self._inside is not None and not grown['strange']:
-                why = f': {self._inside.misread}'
             message = f'{which} unusable and dropped; check the driver{why}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
@@ -181,14 +171,11 @@ class WrenchInput(Part):
 
     def _silence(self, publishers: int) -> str:
         """Say that no wrenches come, and guess why."""
-        if self._inside is not None and self._inside.problem:
-            return f'no raw wrenches arrive: {self._inside.problem}'
         if policy := self.hub.incompatible.get(self._name):
             return (
                 f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
             )
-        plain = self._inside is None and self.newest() is None
-        if plain and (problem := no_wrench(self.hub, self._topic)):
+        if problem := wrong_type(self.hub, self._topic, WRENCH):
             return f'no raw wrenches arrive: {problem}'
         if publishers:
             return (

@@ -1,8 +1,4 @@
-"""
-Takes in what lies in messages of any type: raw wrenches, and temperatures, which are polled.
-
-Also takes sensor_msgs/Temperature.
-"""
+"""Takes temperatures: sensor_msgs/Temperature, and numbers in messages of any type."""
 
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -13,8 +9,7 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
-from wrist_ft_comp.recordings.bag import Connection, define_installed
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.topic_types import (
@@ -25,7 +20,6 @@ from wrist_ft_comp.ros.topic_types import (
     types_on,
 )
 from wrist_ft_comp.wire.temperature_source import header_stamp_ns, TemperatureSource
-from wrist_ft_comp.wire.wrench_source import WrenchReader, WrenchSource
 
 #: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
 #: has none, and a temperature, °C.
@@ -97,50 +91,6 @@ class AnyTopic:
     def _open(self, kind: Any, _name: str) -> Any:
         """Subscribe to messages of a type, by its class and its name."""
         return self._node.subscribe_unserved(kind, self._name)
-
-
-class WrenchTopic(AnyTopic):
-    """Makes geometry_msgs/WrenchStamped, for ``take``, of what one topic's messages hold."""
-
-    def __init__(
-        self, node: Hub, topic: str, source: WrenchSource, take: Callable[[bytes], None]
-    ) -> None:
-        super().__init__(node, topic, source.topic)
-        #: Messages without a wrench, and what was wrong with the last one.
-        self.unreadable, self.misread = 0, ''
-        self._source, self._take, self._publishers = source, take, 0
-
-    def poll(self) -> None:
-        """Look as soon as publishers came or went, ten times a second; a look takes half a ms."""
-        publishers = self._node.count_publishers(self._topic)
-        if publishers != self._publishers:
-            self._publishers = publishers
-            self.look()
-
-    def look(self) -> None:
-        """Look for publishers that came, or came back with another type or version."""
-        super().look()
-        if self._type:
-            self.problem = other_version(self._node, self._topic)
-
-    def _open(self, kind: Any, name: str) -> Any:
-        """Subscribe to every message, as to raw wrenches."""
-        definitions = define_installed(Connection(0, self._topic, name, 0, None))
-        reader = WrenchReader(self._source, name, definitions)
-        return self._node.subscribe(
-            kind, self._name, partial(self._on_message, reader), messages.FAST_SENSOR
-        )
-
-    def _on_message(self, reader: WrenchReader, data: bytes) -> None:
-        """Hand on the wrench of one message."""
-        if self.problem:
-            return
-        try:
-            wrench = reader.stamped(data, self._node.now_ns())
-        except (RecordingError, SettingsError) as error:
-            self.unreadable, self.misread = self.unreadable + 1, str(error).rstrip('.')
-            return
-        self._take(wrench)
 
 
 class FieldTopic(AnyTopic):

@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.cdr import TEMPERATURE, WRENCH
+from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, Path, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
@@ -73,17 +73,6 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
     if not types or wanted in types:
         return ''
     return f'{topic} carries {short(types[0])}, not {short(wanted)}'
-
-
-def no_wrench(node: Node, topic: str) -> str:
-    """Say that a topic carries no geometry_msgs/WrenchStamped, and what to write; else nothing."""
-    problem = wrong_type(node, topic, WRENCH)
-    if not problem:
-        return ''
-    first = {('force', 'x'), ('force', 0)}
-    found = [path[:-2] for path in _numbers_on(node, topic) if path[-2:] in first]
-    entries = ' or '.join(f'{topic}:{path_text(path) or "."}' for path in found)
-    return f'{problem}; set wrench_topic to {entries or f"{topic}:FIELD"} for a wrench inside'
 
 
 def no_temperature(node: Node, topic: str) -> str:

@@ -204,10 +204,6 @@ def test_a_package_whose_library_cannot_be_loaded_is_a_warning(rig, driver):
     driver().helper.create_publisher(DisparityImage, node.topic('image'), 10)
     said = node.diagnosis('temperature', 'stereo_msgs').message
     assert 'its libraries cannot be loaded (Could not import' in said
-    inside = rig(parameters={'wrench_topic': f'{node.topic("image")}:f'})
-    assert said.split(': ', 1)[1].startswith(
-        inside.diagnosis('input', 'stereo_msgs').message.split(': ', 1)[1]
-    )
 
 
 def test_tf_whose_library_cannot_be_loaded_is_refused_and_not_needed_with_an_imu(
@@ -300,7 +296,6 @@ def test_wrenches_of_another_type_are_a_warning(rig, driver):
     other = driver()
     other.helper.create_publisher(Wrench, topic, 10)
     said = f'{topic} carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'
-    said += f'; set wrench_topic to {topic}:. for a wrench inside'
     node.diagnosis('input', f'no raw wrenches arrive: {said}')
     other.close()
     driver().helper.create_publisher(WrenchStamped, topic, 10)
