@@ -9,13 +9,13 @@ where a temperature is a field of messages without a stamp. Specific force is an
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, islice
 import pathlib
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
 from wrist_ft_comp.recordings.bag_opening import backend
 from wrist_ft_comp.signals import (
@@ -35,20 +35,12 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stream.sample_checks import NO_TIME
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.cdr_fields import (
-    Decoded,
-    Definitions,
-    follow,
-    MessageLayout,
-    read_numbers,
-)
+from wrist_ft_comp.wire.message_layout import follow, Layout, NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import (
     parse_sources,
-    Path,
     path_text,
     temperatures_in,
     TemperatureSource,
-    to_celsius,
 )
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
@@ -71,25 +63,19 @@ class _Stream:
     #: Channels of the first doubles, or of the sources.
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
-    definitions: Definitions = field(default_factory=dict)
+    reader: NumberReader | None = None
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     found = _streams(bag, topics)
-    streams: dict[int, list[_Stream]] = {stream.connection.id: [] for stream in found}
-    for stream in found:
-        streams[stream.connection.id].append(stream)
+    streams = {stream.connection.id: stream for stream in found}
     unstamped = {stream for stream in found if not stream.sources}
     unread = {stream for stream in found if stream.sources}
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
-    for stream, times_ns, messages in (
-        (stream, times_ns, messages)
-        for sharing, times_ns, messages in bag.grouped(streams, progress)
-        for stream in sharing
-    ):
+    for stream, times_ns, messages in bag.grouped(streams, progress):
         stamps_ns, values = _decode(bag, stream, messages)
         if not stream.sources:
             if stamps_ns.any():
@@ -114,7 +100,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
         for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
-            yield Samples((channel,), stamps_ns, to_celsius(column[:, np.newaxis], source.unit))
+            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     _refuse_unstamped(bag, [stream.connection for stream in unstamped])
 
 
@@ -168,7 +154,10 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     for topic, parts in fields.items():
         channels, named = zip(*parts, strict=True)
         found = bag.find(topic, None, 'temperature')
-        streams += [_Stream(c, channels, named, bag.define(c)) for c in found]
+        paths = [source.path for source in named]
+        for connection in found:
+            reader = NumberReader(bag.define(connection), connection.msgtype, paths)
+            streams.append(_Stream(connection, channels, named, reader))
     seen: set[int] = set()
     for stream in streams:
         if stream.connection.id in seen:
@@ -194,10 +183,10 @@ def _check_plain(bag: Bag, source: TemperatureSource) -> None:
 def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     """Find the numbers of a topic's first message that are named like temperatures."""
     first = _followed(bag, connection)
-    return [] if first is None else temperatures_in(first[1], connection.topic)
+    return [] if first is None else temperatures_in(first, connection.topic)
 
 
-def _followed(bag: Bag, connection: Connection) -> tuple[MessageLayout, Decoded] | None:
+def _followed(bag: Bag, connection: Connection) -> Layout | None:
     """Follow the first message of a topic; None where there is none, or it cannot be decoded."""
     content = bag.first(connection)
     try:
@@ -211,19 +200,17 @@ def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: Float
     for column, source in enumerate(stream.sources):
         if np.isfinite(values[:, column]).any():
             continue
-        try:
-            source.read(follow(stream.definitions, stream.connection.msgtype, messages[0])[1])
-        except SettingsError as error:
-            raise RecordingError(f'{bag.name}: {error}') from error
+        connection = stream.connection
+        layout = follow(bag.define(connection), connection.msgtype, messages[0])
+        raise RecordingError(f'{bag.name}: {source.missing(layout)}')
 
 
 def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
     """Read stamps and numbers, naming bag and topic where a message is none of this form."""
     topic, kind = stream.connection.topic, stream.connection.msgtype
     try:
-        if stream.sources:
-            paths = [source.path for source in stream.sources]
-            return read_numbers(stream.definitions, kind, messages, paths)
+        if stream.reader is not None:
+            return stream.reader.read(messages)
         return cdr.decode_many(messages, cdr.DOUBLES[kind])
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):

@@ -20,8 +20,8 @@ from wrist_ft_comp.signals import (
     Topics,
 )
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.cdr_fields import Definitions, read_numbers
-from wrist_ft_comp.wire.temperature_source import Path, path_text
+from wrist_ft_comp.wire.message_layout import NumberReader, Path
+from wrist_ft_comp.wire.temperature_source import path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
@@ -84,7 +84,7 @@ class _Tally:
     role: str
     #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
-    definitions: Definitions = field(default_factory=dict)
+    reader: NumberReader | None = None
     samples: int = 0
     stamped: bool = False
     first_ns: int | None = None
@@ -114,8 +114,8 @@ class _Tally:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
         if self.role == TF:
             return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        if not self.role:
-            return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
+        if self.reader is not None:
+            return self.reader.read(messages)
         stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
         if self.role == IMU:
             self.moments += moments_of(values[:, cdr.ACCELERATION])
@@ -168,7 +168,8 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
         warnings.append(f'Whether it holds temperatures is not known: {error}')
         return None
     found = temperatures_inside(bag, connection)
-    return _Tally(connection, '', found, definitions) if found else None
+    reader = NumberReader(definitions, connection.msgtype, found)
+    return _Tally(connection, '', found, reader) if found else None
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
