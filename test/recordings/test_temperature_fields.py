@@ -233,12 +233,10 @@ def test_a_bag_cannot_make_the_package_import_what_is_no_message(kind):
 @pytest.mark.usefixtures('ready')
 def test_a_damaged_message_names_its_topic(driver, messages, tmp_path):
     wrench = '/wrench_raw', messages.wrench_type, 1, messages.wrench(1, range(6))
-    whole = driver.of_frame(1, 20.0)
-    for cut in (b'', whole[:3], b'\7\7' + whole[2:], whole[:-9], whole + whole):
-        folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        path = messages.write(folder, [wrench, ('/driver/frame', driver.frame, 1, cut)])
-        with pytest.raises(RecordingError, match=r'A message on /driver/frame of \d is damaged'):
-            read(path, '/driver/frame:temperature')
+    cut = '/driver/frame', driver.frame, 1, driver.of_frame(1, 20.0)[:-9]
+    path = messages.write(tmp_path / 'bag', [wrench, cut])
+    with pytest.raises(RecordingError, match=r'A message on /driver/frame of bag is damaged'):
+        read(path, '/driver/frame:temperature')
 
 
 def topic_of(messages, kind):

@@ -183,8 +183,9 @@ class WrenchInput(Part):
         }
         if grown['unusable']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
-            why = f': they are {why_unusable(AXES[0], counts.strange)}' * (grown['strange'] > 0)
-            message = f'{which} unusable and dropped; check the driver{why}'
+            message = f'{which} unusable and dropped; check the driver'
+            if grown['strange']:
+                message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
             why = wrong_type(self.hub, self._topic, WRENCH)

@@ -104,7 +104,7 @@ class TemperatureTopic:
         if self._problem:
             return
         try:
-            stamps_ns, numbers = self._reader.read([data])
+            stamp_ns, numbers = self._reader.read_one(data)
         except RecordingError:
             self.unreadable += 1
             sentence = (
@@ -113,10 +113,8 @@ class TemperatureTopic:
             )
             self._misread = dict.fromkeys(self.sources, sentence)
             return
-        stamp_ns = int(stamps_ns[0]) if self._reader.has_header else None
-        for (thermometer, source), number in zip(
-            self.sources.items(), numbers[0].tolist(), strict=True
-        ):
+        stamped = stamp_ns if self._reader.has_header else None
+        for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
             if math.isnan(number):
                 layout = follow(self._definitions, self._type, data)
                 if layout.find(source.number) is None:
@@ -124,7 +122,7 @@ class TemperatureTopic:
                     self._misread[thermometer] = source.missing(layout).rstrip('.')
                     continue
             self._misread.pop(thermometer, None)
-            self._take(thermometer, stamp_ns, source.celsius(number))
+            self._take(thermometer, stamped, source.celsius(number))
 
     def problems(self) -> dict[int, str]:
         """Say why temperatures cannot be read, by thermometer."""

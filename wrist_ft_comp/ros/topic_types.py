@@ -91,9 +91,9 @@ def unpublished(node: Node, topic: str, wanted: str = '') -> str:
     similarity = 0.0 if wanted else _LEAST_SIMILARITY
     alike = difflib.get_close_matches(topic, others, max(len(others), 1), similarity)
     meant = next(filter(node.count_publishers, alike), '')
-    what = f' ({short(wanted)})' if wanted else ''
+    what = f', a {short(wanted)},' if wanted else ''
     question = f', or is {meant}{what} meant' if meant else ''
-    return f'{topic} has no publisher; is the driver running{question}?'
+    return f'{topic} has no publisher (is the driver running{question}?)'
 
 
 def no_temperature(node: Node, topic: str) -> str:

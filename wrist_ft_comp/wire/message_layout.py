@@ -8,6 +8,7 @@ have the same lengths at the same bytes: for each one that arrives, or for many 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
@@ -52,6 +53,10 @@ class Place:
     code: np.dtype[Any]
     #: None for a single number.
     size: int | None
+
+    def value(self, data: bytes) -> float:
+        """Read the number out of a message."""
+        return float(np.frombuffer(data, self.code, 1, self.offset)[0])
 
     def values(self, rows: Rows) -> FloatArray:
         """Read the number out of n messages, shape (n,)."""
@@ -244,6 +249,14 @@ class NumberReader:
 
     def _find_all(self, layout: Layout) -> list[Place | None]:
         return [layout.find(path) for path in self._paths]
+
+    def read_one(self, data: bytes) -> tuple[int, list[float]]:
+        """Read the stamp, ns, and the numbers of one message, as ``read`` does of many."""
+        seconds, nanoseconds, *numbers = (
+            math.nan if place is None else place.value(data) for place in self._layouts.find(data)
+        )
+        stamp_ns = 0 if math.isnan(seconds) else int(seconds) * NANOSECONDS + int(nanoseconds)
+        return stamp_ns, numbers
 
     def read(self, messages: Sequence[bytes]) -> tuple[IntArray, FloatArray]:
         """

@@ -7,7 +7,6 @@ kelvin. Units are never guessed, but a sentence may say which one is probably me
 
 from collections.abc import Callable
 import math
-import re
 from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
@@ -21,7 +20,6 @@ _OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
 #: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
 #: from that unit brings it into this range.
 _LIKELY_C = (-40.0, 85.0)
-_SCALED = re.compile(r'(?P<name>.*?)(\*(?P<factor>[^*:]*))?(:(?P<unit>[^*:]*))?')
 
 
 def split_scale(text: str) -> tuple[str, float, str]:
@@ -30,16 +28,15 @@ def split_scale(text: str) -> tuple[str, float, str]:
 
     SettingsError when the factor is no finite number, or 0.
     """
-    match = _SCALED.fullmatch(text)
-    if match is None:
-        return text, 1.0, ''
+    scaled, _, unit = text.partition(':')
+    name, star, written = scaled.partition('*')
     try:
-        factor = float(match['factor'] or '1')
+        factor = float(written) if star else 1.0
     except ValueError:
         factor = math.nan
-    if match['factor'] == '' or not math.isfinite(factor) or factor == 0:
+    if not math.isfinite(factor) or factor == 0:
         raise SettingsError(f'A factor is a number, such as *9.81; got {text!r}.')
-    return match['name'], factor, match['unit'] or ''
+    return name, factor, unit
 
 
 def to_celsius(numbers: _Number, unit: str) -> _Number:

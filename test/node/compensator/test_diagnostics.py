@@ -53,7 +53,7 @@ def test_the_progress_of_a_calibration_and_a_recording_is_published(rig):
 
 def test_input_is_stale_or_well_or_unusable(rig):
     node = rig()
-    words = f'no raw wrenches arrive: {node.topic("wrench_raw")} has no publisher; is the driver'
+    words = f'no raw wrenches arrive: {node.topic("wrench_raw")} has no publisher (is the driver'
     assert node.diagnosis('input', words).level == STALE
     node.bench.helper.create_publisher(compensator_node.WrenchStamped, node.topic('wrench_raw'), 1)
     words = f'{node.topic("wrench_raw")} has a publisher that sends none; is the sensor running?'
