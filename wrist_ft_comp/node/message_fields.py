@@ -52,6 +52,8 @@ class TemperatureTopic:
         self._definitions: Definitions = {}
         self._subscription: Any = None
         self._publishers = 0
+        #: Whether no message is taken until the next look: to say what is missing takes time.
+        self._is_resting = False
         if self._is_plain:
             self._subscribe(TEMPERATURE)
 
@@ -61,19 +63,20 @@ class TemperatureTopic:
         if publishers != self._publishers:
             self._publishers = publishers
             self.look()
-        if self._subscription is not None and not self._is_plain:
+        if self._subscription is not None and not (self._is_plain or self._is_resting):
             for data in messages.waiting(self._subscription):
                 self.read(data)
 
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new; takes half a ms."""
+        self._is_resting = False
         types = types_on(self._hub, self._topic)
         if not types:
             self._misread.clear()
             self._problem = '' if self._type else unpublished(self._hub, self._topic)
         elif not self._type:
             try:
-                self._subscribe(types[0])
+                self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
             except WristFtCompError as error:
                 self._problem = str(error).rstrip('.')
         elif self._type not in types:
@@ -118,7 +121,7 @@ class TemperatureTopic:
             if math.isnan(number):
                 layout = follow(self._definitions, self._type, data)
                 if layout.find(source.number) is None:
-                    self.unreadable += 1
+                    self.unreadable, self._is_resting = self.unreadable + 1, True
                     self._misread[thermometer] = source.missing(layout).rstrip('.')
                     continue
             self._misread.pop(thermometer, None)
