@@ -86,10 +86,11 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--wrench-topic', default=defaults.wrench, metavar='TOPIC',
         help='a geometry_msgs/WrenchStamped (default: %(default)s)')  # fmt: skip
     group.add_argument(
-        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[:UNIT]]',
+        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[*FACTOR][:UNIT]]',
         help='once per thermometer, the one inside the sensor first: a topic of '
-        'sensor_msgs/Temperature, or a number in other messages and its unit, C (default), K or '
-        f"F: '/driver/state:joints[2].temp:K' (default: {', '.join(defaults.temperatures)})",
+        'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
+        "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
+        f'(default: {", ".join(defaults.temperatures)})',
     )  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
