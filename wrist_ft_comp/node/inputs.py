@@ -100,10 +100,7 @@ class WrenchInput(Part):
     hub: Hub
 
     def __init__(
-        self,
-        counts: Counts,
-        newest: Callable[[], Newest | None],
-        name: str = 'wrench_raw',
+        self, counts: Counts, newest: Callable[[], Newest | None], name: str = 'wrench_raw'
     ) -> None:
         self._counts, self.newest, self._name = counts, newest, name
         self.sensor = SensorWatch()

@@ -177,9 +177,8 @@ class _Known(Generic[_Made]):
     #: Picks the bytes that all messages of the layout share out of one; and these bytes.
     pick: Callable[[bytes], object]
     shared: object
-    #: Places of the same bytes, and their values.
+    #: Where these bytes are.
     at: IntArray
-    values: Rows
     made: _Made
 
 
@@ -192,13 +191,9 @@ class Layouts(Generic[_Made]):
     """
 
     def __init__(
-        self,
-        definitions: Definitions,
-        kind: str,
-        make: Callable[[Layout], _Made],
-        *,
+        self, definitions: Definitions, kind: str, make: Callable[[Layout], _Made], *,
         same_texts: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._definitions, self._kind, self._make = definitions, kind, make
         self._same_texts = same_texts
         self._of_size: dict[int, list[_Known[_Made]]] = {}
@@ -217,8 +212,7 @@ class Layouts(Generic[_Made]):
         shared += layout.texts.values() if self._same_texts else []
         pick = itemgetter(*shared)
         at = np.concatenate([np.arange(part.start, part.stop) for part in shared])
-        values = np.frombuffer(data, np.uint8)[at]
-        known = _Known(pick, pick(data), at, values, self._make(layout))
+        known = _Known(pick, pick(data), at, self._make(layout))
         if len(self._of_size) >= _MOST_SIZES:
             self._of_size.clear()
         self._of_size[len(data)] = [known, *of_size][:_MOST_OF_A_SIZE]
@@ -233,7 +227,7 @@ class Layouts(Generic[_Made]):
             rows: Rows = np.frombuffer(joined, np.uint8).reshape(len(numbers), size)
             while len(numbers):
                 known = self._find(messages[numbers[0]])
-                alike = (rows[:, known.at] == known.values).all(axis=1)
+                alike = (rows[:, known.at] == rows[0, known.at]).all(axis=1)
                 yield known.made, numbers[alike], rows[alike]
                 numbers, rows = numbers[~alike], rows[~alike]
 
