@@ -35,7 +35,7 @@ _LEARNING = {
     'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
 }  # fmt: skip
 PURPOSE = {
-    'wrench_raw': 'raw wrench of the driver; `wrench_topic` may name a field of any message',
+    'wrench_raw': 'raw wrench of the driver',
     'temperature': 'one per entry of `temperature_topics`; `topic:field` hears messages of any '
     'type, best effort, the newest ten times a second',
     'wrench_reference': 'true wrench; subscribed to while recording only',

@@ -150,7 +150,7 @@ REFUSED = {
         None, 'header stamp 0.* or name it /temperature:temperature', BAGS),
     'no topic of a wrench': (None, 'no topic /wrench_raw for the raw wrench', BAGS),
     'wrench and temperature in one message': (
-        None, 'must be geometry_msgs/msg/WrenchStamped, or inside: name it as /.*:wrench', BAGS),
+        None, 'is rokubi_like_msgs/msg/State; the raw wrench must be geometry_msgs', BAGS),
     'a stamp taken for a temperature': (None, 'such as 1.72\\d+e\\+09 °C', BAGS),
     'hands on it all the time': (
         put('force_z', plus(30.0), *[row for row in range(5, ROWS) if row % 40 < 4]),

@@ -8,7 +8,7 @@ import pytest
 from wrist_ft_comp.signals import is_plausible
 from wrist_ft_comp.stream.input_checks import LOOKS, SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.wire.temperature_source import other_unit
+from wrist_ft_comp.wire.units import other_unit
 
 SECOND = 1_000_000_000
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]

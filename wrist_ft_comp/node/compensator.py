@@ -18,7 +18,6 @@ from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchIn
 from wrist_ft_comp.node.jobs import JobMaker
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.message_fields import WrenchTopic
 from wrist_ft_comp.node.output import Output
 from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.node.recorder import Recorder, RecordService
@@ -36,7 +35,6 @@ from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
-from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 
 class CompensatorNode(Hub):
@@ -62,16 +60,10 @@ class CompensatorNode(Hub):
         writer = StateWriter(store.directory / 'state.json')
         writer.problem = store.check_writable()
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
-        self._wrench = wrench = parse_wrench(chosen['wrench_topic'])
-        with messages.opening(wrench.topic):
-            self._raw_topic = self.resolve_topic_name(wrench.topic)
-        inside: WrenchTopic | None = None
-        if wrench.path is None:
-            self._raw = self.subscribe(
-                WrenchStamped, wrench.topic, self._on_wrench, messages.FAST_SENSOR
-            )
-        else:
-            inside = WrenchTopic(self, self._raw_topic, wrench, self._on_wrench)
+        raw_topic = chosen['wrench_topic']
+        with messages.opening(raw_topic):
+            self._raw_topic = self.resolve_topic_name(raw_topic)
+        self._raw = self.subscribe(WrenchStamped, raw_topic, self._on_wrench, messages.FAST_SENSOR)
 
         # The parts, which meet in their constructors and begin in ``run``.
         self.live = live = LiveModel(
@@ -79,7 +71,7 @@ class CompensatorNode(Hub):
         )
         self.state_keeper = StateKeeper(compensator, lambda: live.sha256, writer, chosen, log)
         self.gravity = Gravity(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest, wrench.topic, inside)
+        self.wrench_input = WrenchInput(counts, self.newest, raw_topic)
         self.inputs = TemperatureInput(
             sources, self._topics, compensator, self.wrench_input, self.gravity, live,
             self.state_keeper,
@@ -171,9 +163,9 @@ class CompensatorNode(Hub):
 
     @property
     def own_topics(self) -> tuple[str, str, str]:
-        """Full names of the topics that no other sensor may use, with the field of the wrench."""
+        """Full names of the topics that no other sensor may use."""
         output, external = map(self.resolve_topic_name, ('wrench', 'wrench_external'))
-        return self._raw_topic + self._wrench.inside, output, external
+        return self._raw_topic, output, external
 
     def hardware_id(self) -> str:
         """Give the sensor's frame; empty before the first wrench."""

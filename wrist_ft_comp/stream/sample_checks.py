@@ -17,7 +17,8 @@ from wrist_ft_comp.signals import (
     temperature_channel,
 )
 from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
-from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.wire.units import unit_remedy
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)

@@ -53,12 +53,10 @@ def test_the_progress_of_a_calibration_and_a_recording_is_published(rig):
 
 def test_input_is_stale_or_well_or_unusable(rig):
     node = rig()
-    status = node.diagnosis('input')
-    assert (status.level, status.message) == (
-        STALE, 'no raw wrenches arrive; is the driver running?'
-    )  # fmt: skip
+    words = f'no raw wrenches arrive: {node.topic("wrench_raw")} has no publisher (is the driver'
+    assert node.diagnosis('input', words).level == STALE
     node.bench.helper.create_publisher(compensator_node.WrenchStamped, node.topic('wrench_raw'), 1)
-    words = f'though {node.topic("wrench_raw")} has a publisher; is the sensor running?'
+    words = f'{node.topic("wrench_raw")} has a publisher that sends none; is the sensor running?'
     assert node.diagnosis('input', lambda status: words in status.message).level == STALE
     node.ask_output(START, LOAD)
     status = node.diagnosis('input')
@@ -69,7 +67,8 @@ def test_input_is_stale_or_well_or_unusable(rig):
 def test_a_thermometer_that_never_reported_is_named(rig):
     node = rig(thermometers=2)
     node.put_temperature(START, 25.0)
-    status = node.diagnosis('temperature', 'thermometer 2 has not reported; drift waits for it')
+    words = f'thermometer 2 has not reported: {node.topic("temperature_2")} has no publisher'
+    status = node.diagnosis('temperature', words)
     assert status.level == WARN
     assert status.values['thermometer_2_age_s'] == 'never'
 

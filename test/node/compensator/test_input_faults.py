@@ -21,6 +21,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 HOUR = 3600 * SECOND
 OK, WARN = b'\0', b'\1'
+N = math.nan
 RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 AXES = {'force_z': (0.5, 0.0, 300.0)}
 #: Two thermometers that read the same.
@@ -108,6 +109,43 @@ def test_looks_without_a_new_wrench_do_not_count():
     assert wrenches.stamp_ns == START
     assert not wrenches.sensor.frozen
     assert not wrenches.sensor.stamps_stand_still
+
+
+@pytest.mark.parametrize(
+    ('before', 'raw', 'passes', 'counted'),
+    [
+        (None, [1, 2, 3, N, N, N], True, (0, 0)),
+        ([1, 2, 3, N, N, N], [4, 5, 6, N, N, N], True, (0, 0)),
+        ([1, 2, 3, N, N, N], [4, 5, 6, 0, N, N], True, (0, 0)),
+        ([1, 2, 3, N, N, N], [4, N, 6, N, N, N], False, (1, 0)),
+        ([1, 2, 3, N, N, N], [4, 5, math.inf, N, N, N], False, (1, 0)),
+        ([1, 2, 3, N, N, N], [4, 5, -1e10, N, N, N], False, (0, 1)),
+        ([1, 2, 3, 0, 0, 0], [4, 5, 6, N, N, N], False, (1, 0)),
+        (None, [N] * 6, False, (1, 0)),
+    ],
+)
+def test_only_axes_that_never_had_a_number_may_be_nan(before, raw, passes, counted):
+    counts = Counts()
+    wrenches = WrenchInput(counts, lambda: before and (START, before, b''))
+    assert wrenches.admits(raw) is passes
+    assert (counts.not_finite, counts.implausible) == counted
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_axes_without_numbers_are_named_and_the_others_are_watched():
+    counts, newest = Counts(), []
+    wrenches = WrenchInput(counts, lambda: newest[-1])
+    for k in range(LOOKS + 1):
+        raw = [1.0, 2.0, 30.0 + k, N, N, N]
+        newest.append((START, raw, serialize_message(wrench_message(START, 'tool0', raw))))
+        counts.wrenches += 1
+        wrenches.poll()
+    assert wrenches.absent == ['torque_x', 'torque_y', 'torque_z']
+    assert not wrenches.sensor.frozen
+    for _ in range(LOOKS + 1):
+        counts.wrenches += 1
+        wrenches.poll()
+    assert wrenches.sensor.frozen
 
 
 class TestWrench:

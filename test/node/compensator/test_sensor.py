@@ -15,7 +15,7 @@ from wrist_ft_comp.ros.node_log import OK, WARN
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TOPICS = ['/a/temperature', '/b/state:motors[0]']
+TOPICS = ['/a/temperature', '/b/state:motors[0]*0.1:K']
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ class TestSwappedThermometers:
         assert rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
         status = rig(thermometers=2, topics=TOPICS).diagnosis('model')
         assert 'The last model cannot be used: ' in status.message
-        assert 'expected /b/state:motors[0], /a/temperature' in capfd.readouterr().err
+        assert 'expected /b/state:motors[0]*0.1:K, /a/temperature' in capfd.readouterr().err
 
     def test_recordings_of_two_arms_are_a_warning_only(self, rig, learnt):
         path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
@@ -82,7 +82,8 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
         at = START + k * SECOND // 10
         warm = 5 * math.sin(k / 20)
         node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
-        node.put_temperature(at, 20.0 + warm, 20.0)
+        for thermometer, celsius in enumerate((20.0 + warm, 20.0)):
+            node.node.inputs._take(thermometer, at, celsius)
     assert node.call('record', False).success
     recording = read_recording(path, period_s=0.1)
     assert recording.warnings == ()
@@ -117,4 +118,4 @@ def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp
         days.close()
     first, second = sorted((tmp_path / 'days').iterdir())
     assert first.read_text().count('\n') == 121
-    assert 'temperature_topics=/b/state:motors[0]&' in second.read_text()
+    assert 'temperature_topics=/b/state:motors[0]%2A0.1:K&' in second.read_text()
