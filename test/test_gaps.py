@@ -156,7 +156,7 @@ def test_stream_restarted_stream_and_file_give_the_same_drift(
     lived.feed(killed.seen)
     tracker = lived.compensator.tracker
     # A lone sample behind a leap is not believed, live; a file cannot know.
-    assume(not tracker.grid.rejected and not tracker.timestamp_filter.strays)
+    assume(not tracker.grid.rejected and not tracker.clocks.strays)
     read = compensated(hasty, killed.seen, tmp_path)
     last = rows[-1][0] - 1
     assert last in lived.drift

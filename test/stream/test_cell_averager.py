@@ -6,23 +6,25 @@ import pytest
 from wrist_ft_comp.signals import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
-from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.clock import Sample
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 
 SECOND = 1_000_000_000
 NAN = math.nan
 
 
 class Node:
-    """Feeds a grid and an averager as the node does."""
+    """Feeds a tracker and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
-        self.grid = ThermalGrid(SECOND, thermometers, patience_s)
+        self.tracker = DriftTracker(thermometers, SECOND, patience_s, 10.0)
         self.averager = CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):
         for j, value in enumerate(celsius):
             if value is not None:
-                self.averager.add_cells(self.grid.add(j, round(at_s * SECOND), value))
+                self.averager.add_cells(self.tracker.add(Sample(j, round(at_s * SECOND), value)))
 
     def raw(self, at_s, value):
         self.averager.add_raw(round(at_s * SECOND), [value] * 6)
@@ -81,7 +83,7 @@ def test_rows_without_wrenches_come_50_cells_late():
 @pytest.mark.parametrize('other', [25.0, None])
 def test_a_held_temperature_is_not_written_as_measured(other):
     node = Node(thermometers=2)
-    node.heat(0.5, 20.0, 30.0)
+    node.heat(0.5, 20.0, 26.0)
     for second in range(1, 12):
         node.raw(second, 1.0)
         node.heat(second + 0.5, 20.0, other)

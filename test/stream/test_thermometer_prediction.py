@@ -109,7 +109,7 @@ def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
 @pytest.mark.parametrize(('thermometers', 'fault'), FAULTS[1:3])
 def test_the_stream_does_what_the_file_does_in_every_cell(learn, make_day, thermometers, fault):
     """So no cell is revised: what the file has after all of the day, the stream had at once."""
-    model, day = learn(thermometers).model, failing(make_day(7, thermometers), fault, end=800)
+    model, day = learn(thermometers).model, failing(make_day(7, thermometers), fault)
     compensator = Compensator(thermometers, StreamSettings(temperature_timeout_s=60.0), model)
     seen = stream(compensator, day)
     simulated = simulate_drift(model, day).zero[:, FORCE_Z]

@@ -9,6 +9,7 @@ from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_dr
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
 from wrist_ft_comp.stream.stream_grid import ThermalCell
@@ -72,8 +73,9 @@ class Compensator:
         self.compensation = no_drift()
         #: What is subtracted at the beginning of the ramp, and its stamp, ns.
         self._begun, self._begun_ns = self.compensation, 0
-        #: Whether the first cell must not move the output: after a tare or a change of model.
-        self._keep_output = False
+        #: Whether a tare or a change of the model came before the drift begins: the tare takes up
+        #: the drift then, so that the output stays.
+        self._tare_waits = False
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -88,35 +90,46 @@ class Compensator:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.following
 
+    @property
+    def _drift_began(self) -> bool:
+        """Whether the drift follows temperatures, and is not only held after a restart."""
+        return self.compensating and not self.tracker.awaiting_gap
+
     def add_temperature(
         self,
         thermometer: int,
         stamp_ns: int,
         temperature_c: float,
         keep_output_of: Wrench | None = None,
+        arrival_ns: int | None = None,
     ) -> list[ThermalCell]:
         """
         Take one temperature of a thermometer, counted from 0; give the cells that it completes.
 
         The compensation has moved when there are any. Where the drift begins under a tare or after
         a change of the model, the output of the newest wrench, ``keep_output_of``, stays where it
-        was, because the tare takes the difference up. SettingsError without such a thermometer.
+        was, because the tare takes the difference up. Arrival, ns, by a clock that is never set,
+        shows how much time passed where the clock of the stamps was. SettingsError without such a
+        thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        resting, awaiting = not self.compensating, self.tracker.awaiting_gap
-        cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
-        if cells and self.compensating:
-            target = self.limits.saturate(self.tracker.drift)
-            if resting or (awaiting and self._keep_output):
-                wrench = keep_output_of or (stamp_ns, _UNLOADED)
-                self._settle(target, self._reading(wrench) if self._keep_output else None)
-            period_s = self.tracker.grid.period_ns / NANOSECONDS
-            self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-            self.compensation = self.limits.rate_limit(target, self._begun, period_s)
-            self._refresh_correction()
+        had_drift = self.compensating
+        cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        if not cells or not self.compensating:
+            return cells
+        target = self.limits.saturate(self.tracker.drift)
+        if self._tare_waits:
+            self._settle(target, self._reading(keep_output_of or (stamp_ns, _UNLOADED)))
+        elif not had_drift:
+            self._settle(target, None)
+        self._tare_waits = False
+        period_s = self.tracker.grid.period_ns / NANOSECONDS
+        self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
+        self.compensation = self.limits.rate_limit(target, self._begun, period_s)
+        self._refresh_correction()
         return cells
 
     def correct(
@@ -153,7 +166,7 @@ class Compensator:
             check_fits(model, self.thermometers)
         reading = self._reading(keep_output_of)
         self.tracker.use(model)
-        self._keep_output = reading is not None
+        self._tare_waits = reading is not None and not self._drift_began
         self._settle(self.limits.saturate(self.tracker.drift), reading)
 
     def set_tare(
@@ -168,13 +181,13 @@ class Compensator:
         self.tare = raw - drift.zero
         if weight is not None:
             self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
-        self._keep_output = True
+        self._tare_waits = not self._drift_began
         self._refresh_correction()
         return self.tare
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._keep_output = False
+        self._tare_waits = False
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(
@@ -187,7 +200,7 @@ class Compensator:
         begins.
         """
         self.tare, self.external_tare = tare, external
-        self._keep_output |= before_drift
+        self._tare_waits |= before_drift
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:

@@ -77,7 +77,7 @@ def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray)
     if believed_c:
         columns, every = np.stack(believed_c, axis=1), np.arange(len(measured))
         temperature_c = np.stack([np.interp(every, cells, column) for column in columns], axis=1)
-    soaked = cells[1:][np.diff(cells) > longest_gap_cells(model) + 1]
+    soaked = cells[1:][np.diff(cells) > longest_gap_cells(model, model.period_ns) + 1]
     parts = [
         run_from_rest(model, temperature_c[begin:end])[1]
         for begin, end in pairwise([0, *soaked.tolist(), len(measured)])
