@@ -130,19 +130,6 @@ def test_a_stream_starts_as_the_batch_after_any_cells(model, make_recording, cel
     np.testing.assert_allclose(fed_cell_by_cell(model, temperature_c), expected, atol=1e-12)
 
 
-def test_one_noisy_temperature_at_the_start_is_forgotten(make_model):
-    """A first cell 1.9 K off would be remembered for ten minutes."""
-    temperature_c = np.full(60, 20.0)
-    temperature_c[0] = 21.9
-    slow = make_model({'force_z': (1.0, 0.0, 600.0)})
-    careless, careful = (
-        fed_cell_by_cell(replace(slow, start_s=start_s), temperature_c)[-1]
-        for start_s in (0.0, 10.0)
-    )
-    assert careless > 1.7
-    assert abs(careful) < 0.2
-
-
 def test_a_first_reading_of_nothing_is_not_taken_for_the_start(make_model):
     """Nor are 15 s of it: a lag of ten minutes would remember them for as long."""
     for wrong_s in (1, 15):
@@ -197,22 +184,6 @@ def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_
     assert drifts[1] == pytest.approx(drifts[0], abs=0.03)
     words = f'leapt by {set_s + silent_s} s while {silent_s} s passed: their clock was set'
     assert words in compensator.tracker.origin
-
-
-def test_irregular_temperatures_make_no_step(model):
-    """A ramp that is overtaken by the next cell goes on from where it stands."""
-    compensator = Compensator(1, StreamSettings(), model)
-    rng = np.random.default_rng(0)
-    due, outputs = 0.0, []
-    for k in range(120 * 200):
-        stamp = k * SECOND // 200
-        if stamp >= due * SECOND:
-            compensator.add_temperature(0, stamp, warming(stamp))
-            due += rng.uniform(0.2, 1.1)
-        outputs.append(compensator.correct(stamp, LOAD.tolist()))
-    moving = np.array(outputs[3 * 200 :])
-    assert steps(moving[::200])[2] > 0.03
-    assert steps(moving)[2] < steps(moving[::200])[2] / 50
 
 
 def test_the_force_path_has_no_memory(model):
@@ -327,28 +298,6 @@ class TestModelSwap:
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
         np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
 
-    @pytest.mark.parametrize('period_s', [0.5, 1.0, 2.0])
-    def test_counts_survive_a_change_of_the_model_and_its_origin_does_not(
-        self, make_model, model, period_s
-    ):
-        compensator = Compensator(1, StreamSettings(), model)
-        tracker = compensator.tracker
-        stream(compensator, (1000, 1010))
-        stream(compensator, (0, 10))
-        compensator.add_temperature(0, 9 * SECOND, 20.0)
-        assert 'or time ran back; so the drift starts at the steady state' in tracker.origin
-        compensator.go_live(None)
-        assert tracker.origin == 'no model is live'
-        compensator.go_live(make_model(OTHER, period_s=period_s))
-        assert (tracker.clocks.rejected, tracker.clocks.restarts) == (1, 1)
-        assert tracker.grid.period_ns == round(period_s * SECOND)
-        origin = 'the drift was found from 9 thermal cells before'
-        assert tracker.origin == (origin if period_s == 1.0 else 'no temperatures yet')
-        stream(compensator, (10, 20))
-        assert tracker.origin.startswith(
-            'the drift was found' if period_s == 1.0 else 'the drift s'
-        )
-
     def test_a_model_that_does_not_fit_is_refused_and_the_running_one_stays(
         self, make_model, model
     ):
@@ -394,18 +343,6 @@ class TestTare:
         compensator.reset_tare()
         np.testing.assert_allclose(compensator.correct(stamp, (LOAD + zero).tolist()), LOAD)
 
-    def test_a_tare_that_was_reset_before_the_first_temperature_leaves_no_trace(self, model):
-        untouched, tared = (Compensator(1, StreamSettings(), model) for _ in range(2))
-        tared.set_tare(LOAD, 0)
-        tared.reset_tare()
-        outputs = [
-            stream(compensator, (1, 10), temperature=lambda _: 35.0)[1]
-            for compensator in (untouched, tared)
-        ]
-        assert not tared.tare.any()
-        np.testing.assert_array_equal(outputs[1], outputs[0])
-        assert abs(outputs[0][-1, 2] - LOAD[2]) > 1
-
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
         self, model
     ):
@@ -429,19 +366,6 @@ class TestTare:
 
 
 class TestTrouble:
-    @pytest.mark.parametrize('back_s', [30, 1000])
-    def test_time_that_ran_back_by_more_than_a_minute_starts_at_the_steady_state(
-        self, model, back_s
-    ):
-        compensator = Compensator(1, StreamSettings(), model)
-        stream(compensator, (1000, 1060))
-        lived = compensator.tracker.drift.zero[2]
-        stream(compensator, (1060 - back_s, 1063 - back_s), temperature=lambda _: 60.0)
-        tracker = compensator.tracker
-        assert (tracker.clocks.restarts, tracker.forgot) == (1, back_s > 60)
-        expected = 0.4 * 40.0 if tracker.forgot else pytest.approx(lived, abs=2.0)
-        assert tracker.drift.zero[2] == expected
-
     @pytest.mark.parametrize('hours', [1, 5])
     def test_a_temperature_after_an_outage_does_not_block_the_stream(self, make_model, hours):
         """The model runs through few cells at once; the drift rests until it has caught up."""

@@ -109,33 +109,6 @@ def test_an_impatient_stream_still_gives_every_cell_once(drawn, patience_s):
         assert np.isfinite(table(completed)[1]).all()
 
 
-def test_a_cell_is_complete_with_the_first_sample_of_the_next():
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))
-    (cells,) = grid.add(0, SECOND, 24.0)
-    assert feed(grid, seconds(0, (2.2, 26.0), (3.2, 28.0))), 'which change nothing behind'
-    assert (cells.number, cells.measured) == (0, (True,))
-    assert cells.temperature_c == pytest.approx([21.0])
-
-
-def test_a_silent_thermometer_is_waited_for_and_then_held():
-    grid = ThermalGrid(SECOND, 2, patience_s=3.0)
-    assert not feed(grid, seconds(0, (0.5, 20.0)))
-    assert not feed(grid, seconds(1, (0.5, 50.0)))
-    assert not feed(grid, seconds(0, (1.5, 21.0), (2.5, 22.0), (3.5, 23.0)))
-    (first,) = feed(grid, seconds(0, (4.5, 24.0)))
-    assert first.temperature_c == pytest.approx([20.0, 50.0])
-    (second,) = feed(grid, seconds(0, (5.5, 25.0)))
-    assert second.temperature_c == pytest.approx([21.0, 50.0])
-    assert second.measured == (True, False)
-    back = feed(grid, seconds(1, (5.6, 50.8)))
-    _, temperature_c, measured = table([first, second, *back])
-    np.testing.assert_allclose(temperature_c[2:], [[22, 50], [23, 50], [24, 50]])
-    np.testing.assert_array_equal(measured[2:, 1], False)
-    (last,) = feed(grid, seconds(0, (6.5, 26.0)) + seconds(1, (6.5, 52.0)))
-    assert last.temperature_c == pytest.approx([25.0, 50.8])
-
-
 @pytest.mark.parametrize(
     ('patience_s', 'cells'), [(0.0, 1), (0.1, 1), (1.0, 1), (1.1, 2), (3.0, 3)]
 )
@@ -199,11 +172,3 @@ def test_time_that_ran_back_restarts_the_grid_there(before):
     assert tracker.clocks.restarts == 1
     assert numbers[0] == 0
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
-
-
-def test_a_huge_gap_gives_no_cells():
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    completed = feed(grid, seconds(0, (0.5, 20.0), (1e9, 30.0), (1e9 + 1, 31.0)))
-    assert [cell.number for cell in completed] == [0, 10**9]
-    assert [float(cell.temperature_c[0]) for cell in completed] == [20.0, 30.0]
-    assert len(grid._open) == 1

@@ -1,13 +1,9 @@
 """Readings that no sensor makes: frozen, saturated, in kelvins."""
 
-import math
-
 import numpy as np
 import pytest
 
-from wrist_ft_comp.signals import is_plausible
 from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
-from wrist_ft_comp.wire.temperature_source import other_unit
 
 RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
 
@@ -42,18 +38,3 @@ def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved
     look(watch, readings[LOOKS:])
     assert watch.saturated == saturated
     assert not watch.frozen
-
-
-def test_absolute_zero_kelvins_and_no_numbers_are_not_plausible():
-    assert all(map(is_plausible, (-99.9, -40.0, 0.0, 25.0, 85.0, 150.0, 199.9)))
-    strange = (-273.15, -100.0, 200.0, 273.15, 298.15, 1e9, math.nan, math.inf)
-    assert not any(map(is_plausible, strange))
-
-
-def test_the_unit_is_guessed_where_it_explains_the_value():
-    for unit, values in (
-        ('degrees Fahrenheit', (59.0, 86.0, 113.0)),
-        ('kelvins', (288.15, 303.15, 318.15)),
-        ('', (-50.0, 58.9, 113.1, 130.0, 288.1, 318.2)),
-    ):
-        assert [other_unit(value, 15.0, 45.0) for value in values] == [unit] * len(values)
