@@ -62,8 +62,6 @@ class _Clock:
     step_ns: int | None = None
     #: Samples far from the last one, in the order of their stamps.
     kept: list[Sample] = field(default_factory=list)
-    #: By how much it was set since the start.
-    offset_ns: int = 0
 
 
 class SourceClocks:
@@ -84,8 +82,6 @@ class SourceClocks:
         self.leap: Leap | None = None
         self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
-        #: By how much the clock that all follow was set since the start.
-        self._offset_ns = 0
         #: The stamp that counted last, and where another stream ended.
         self._newest_ns = 0
         self._expected_ns: int | None = None
@@ -131,18 +127,17 @@ class SourceClocks:
         """Find out whether the clock of all was set; one source after the other notices that."""
         first, last, passed_ns = clock.kept[0], clock.last, None
         self.leaps += clock.step_ns is not None
+        if abs(first.stamp_ns - self._newest_ns) <= self._patience_ns + (clock.step_ns or 0):
+            return  # others are there already
+        step_ns = first.stamp_ns - last_ns
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
-            set_ns = first.stamp_ns - last_ns - passed_ns
-            clock.offset_ns += set_ns if self._leaps(set_ns, clock) else 0
-            apart_ns = abs(clock.offset_ns - self._offset_ns)
-            if apart_ns <= self._patience_ns + (clock.step_ns or 0):
-                return
-            self._offset_ns = clock.offset_ns
-        elif first.stamp_ns >= min(last_ns, self._newest_ns - self._patience_ns):
-            return  # a silence, or a source that follows another one
-        self.restarts += first.stamp_ns < last_ns
-        self.leap = Leap(last_ns, first.stamp_ns, passed_ns)
+            is_silence = not self._leaps(step_ns - passed_ns, clock)
+        else:
+            is_silence = step_ns > 0
+        if not is_silence:
+            self.restarts += step_ns < 0
+            self.leap = Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
         """Give samples of a source, and continue from them."""

@@ -58,8 +58,7 @@ class Compensator:
         settings: StreamSettings | None = None,
         model: DriftModel | None = None,
     ) -> None:
-        settings = settings or StreamSettings()
-        self.settings = settings
+        self.settings = settings = settings or StreamSettings()
         self.thermometers = thermometers
         period_ns = round(settings.thermal_period_s * NANOSECONDS)
         patience_s, history_s = settings.temperature_timeout_s, settings.history_s
@@ -90,11 +89,6 @@ class Compensator:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.following
 
-    @property
-    def _drift_began(self) -> bool:
-        """Whether the drift follows temperatures, and is not only held after a restart."""
-        return self.compensating and not self.tracker.awaiting_gap
-
     def add_temperature(
         self,
         thermometer: int,
@@ -107,10 +101,9 @@ class Compensator:
         Take one temperature of a thermometer, counted from 0; give the cells that it completes.
 
         The compensation has moved when there are any. Where the drift begins under a tare or after
-        a change of the model, the output of the newest wrench, ``keep_output_of``, stays where it
-        was, because the tare takes the difference up. Arrival, ns, by a clock that is never set,
-        shows how much time passed where the clock of the stamps was. SettingsError without such a
-        thermometer.
+        a change of the model, the output of the newest wrench, ``keep_output_of``, stays: the tare
+        takes the difference up. Arrival, ns, by a clock that is never set, shows how much time
+        passed where that of the stamps was. SettingsError without such a thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
             raise SettingsError(
@@ -166,7 +159,7 @@ class Compensator:
             check_fits(model, self.thermometers)
         reading = self._reading(keep_output_of)
         self.tracker.use(model)
-        self._tare_waits = reading is not None and not self._drift_began
+        self._tare_waits = reading is not None and not self.compensating
         self._settle(self.limits.saturate(self.tracker.drift), reading)
 
     def set_tare(
@@ -181,7 +174,7 @@ class Compensator:
         self.tare = raw - drift.zero
         if weight is not None:
             self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
-        self._tare_waits = not self._drift_began
+        self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
 
