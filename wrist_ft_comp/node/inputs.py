@@ -7,8 +7,6 @@ import math
 import time
 from typing import TypeAlias
 
-import numpy as np
-
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import Gravity
@@ -26,9 +24,8 @@ from wrist_ft_comp.signals import (
     temperature_channel,
 )
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.sample_checks import why_unusable
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE, WRENCH, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 from wrist_ft_comp.wire.units import other_unit, unit_remedy
@@ -250,7 +247,6 @@ class TemperatureInput(Part):
         self._heard_s: list[float | None] = [None] * count
         #: Whether their newest readings had stamps; None where the type has none.
         self._stamped: list[bool | None] = [True] * count
-        self._watch = ThermometerWatch(count)
         self._growth, self._events = Growth(), _Events()
 
     def start(self) -> None:
@@ -284,50 +280,52 @@ class TemperatureInput(Part):
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self._gravity, self._gravity.poll)
         wrench = newest and newest[:2]
-        cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
+        # With simulated time, stamps and the steady clock have nothing to do with each other.
+        simulated = self.hub.get_parameter('use_sim_time').value
+        cells = self._compensator.add_temperature(
+            thermometer,
+            at_ns,
+            temperature_c,
+            wrench,
+            arrival_ns=None if simulated else time.monotonic_ns(),
+        )
         self.usable += 1
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
         self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
             self.hub.tell('on_cells', cells, at_ns)
 
-    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
-        """Watch for thermometers that jump."""
-        for cell in cells:
-            self._watch.look(cell, self._tracker.grid.period_ns, self._tracker.replaced)
-
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""
         for topic in self._by_topic:
             topic.poll()
-        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
-        jumps, leaps = int(self._watch.jumps.sum()), stamps.leaps + grid.restarts
-        spikes = sum(self._spikes())
-        self._events.note(jump=jumps, spike=spikes, stray=stamps.strays, leapt=leaps)
-
-    def _spikes(self) -> list[int]:
-        """Count the readings of each thermometer that stood out alone."""
-        return [readings.dropped for readings in self._tracker.grid.spikes]
+        clocks = self._tracker.clocks
+        self._events.note(
+            stray=clocks.strays,
+            leapt=clocks.leaps + clocks.restarts,
+            **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
+        )
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
         for topic in self._by_topic:
             topic.look()
         self.poll()
-        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
+        clocks = self._tracker.clocks
+        rejected = clocks.rejected + self._tracker.grid.rejected
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=grid.rejected + stamps.strays
+            usable=self.usable, unusable=self.unusable, rejected=rejected + clocks.strays
         )
         numbers = {
             'state': self._state_keeper.outcome,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
-            'rejected': str(grid.rejected),
-            'stray_stamps': str(stamps.strays),
-            'spikes': str(sum(self._spikes())),
-            'stamps_leapt': str(stamps.leaps),
-            'stamps_restarted': str(grid.restarts),
+            'rejected': str(rejected),
+            'stray_stamps': str(clocks.strays),
+            'spikes': str(sum(spikes.dropped for spikes in self._tracker.spikes)),
+            'stamps_leapt': str(clocks.leaps),
+            'stamps_restarted': str(clocks.restarts),
             'unusable': str(self.unusable + self.unreadable),
-            'jumps': str(self._watch.jumps.sum()),
+            'jumps': str(sum(spikes.jumps for spikes in self._tracker.spikes)),
         }
         for j, at_s in enumerate(self._heard_s, start=1):
             numbers[f'thermometer_{j}_age_s'] = _age(at_s)
@@ -368,15 +366,18 @@ class TemperatureInput(Part):
             if publishers > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         recent = self._events.recent()
-        if 'jump' in recent:
-            worst = int(np.argmax(self._watch.jumps))
-            yield (
-                f'thermometer {worst + 1} jumped by {self._watch.last_jump_k[worst]:.1f} K, '
-                'faster than metal can; is it loose? The correction follows at max_drift_rate'
-            )
-        if 'spike' in recent:
-            worst = int(np.argmax(self._spikes())) + 1
-            yield f'a reading of thermometer {worst} stood out alone and is left out; is it loose?'
+        jumps_k = self._tracker.remembered_jumps_k
+        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
+            if spikes.leaves_out or f'spike {j}' in recent:
+                yield (
+                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
+                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                )
+            if jump_k:
+                yield (
+                    f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
+                    'stayed; is it loose? The correction follows at max_drift_rate'
+                )
         if 'leapt' in recent:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         if 'stray' in recent:

@@ -33,7 +33,7 @@ from wrist_ft_comp.signals import (
     temperature_channel,
     Topics,
 )
-from wrist_ft_comp.stream.sample_checks import NO_TIME
+from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import follow, Layout, NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import (

@@ -55,7 +55,8 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stored.documents import beginning, Output, writing
 from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder
-from wrist_ft_comp.stream.sample_checks import NO_TIME, SampleChecks
+from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
 
 BAG, CSV = 'rosbag2', 'CSV recording'

@@ -103,7 +103,7 @@ def test_without_a_header_the_time_of_arrival_counts_and_hides_no_doubt(wired, m
         send(node, heat, message)
     assert held_c(node) == pytest.approx([22.0, 27.0])
     assert before < node.node.compensator.tracker.end_ns
-    assert node.node.compensator.tracker.grid.rejected == 0
+    assert node.node.compensator.tracker.clocks.rejected == 0
     status = node.diagnosis('temperature', 'all thermometers report')
     assert status.values['thermometer_2_time'].startswith('of arrival')
     message.data[1] = 95.0
