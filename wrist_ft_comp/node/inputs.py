@@ -7,6 +7,8 @@ import math
 import time
 from typing import TypeAlias
 
+import numpy as np
+
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import Gravity
