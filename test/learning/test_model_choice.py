@@ -112,11 +112,10 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert 'No model was learnt' in after.entry.verdict
 
 
-@pytest.mark.parametrize('half', [100, 140])
-def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated, half):
+def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated):
     day = separated(9, cells=3700, contact=0.2).recording
     cells, rng = np.arange(3700), np.random.default_rng(9)
-    pressed = (np.abs(cells - 2000) < half) * (1 + 0.05 * rng.normal(size=3700))
+    pressed = (np.abs(cells - 2000) < 140) * (1 + 0.05 * rng.normal(size=3700))
     wrench = day.wrench + np.outer(pressed, [6.0, -4.0, -35.0, 1.0, 2.0, 0.3])
     wrench[2000:] += [40.0, 32.0, 61.0, 1.0, -2.0, 0.5]
     hit = look_at(replace(day, wrench=wrench))
@@ -141,11 +140,10 @@ def test_a_day_that_cannot_be_read_is_named_and_others_are_learnt_from(look):
     assert choice.days == tuple(NAMES[3:6])
 
 
-@pytest.mark.parametrize('axes', [slice(2, 3), slice(None)])
-def test_a_day_on_which_a_reading_froze_does_not_end_learning(look, axes):
+def test_a_day_on_which_a_reading_froze_does_not_end_learning(look):
     def freeze(recording):
         wrench = recording.wrench.copy()
-        wrench[60:, axes] = wrench[60, axes]
+        wrench[60:, 2] = wrench[60, 2]
         return replace(recording, wrench=wrench)
 
     choice = take_third(altered(look, 2, freeze))

@@ -27,6 +27,7 @@ class JobProcess:
     """A running job; OSError when it cannot be started."""
 
     def __init__(self, command: Sequence[str], job: CalibrationJob) -> None:
+        text = encode_job(job)
         self._process = subprocess.Popen(  # noqa: S603 -- our own command line
             (*command, str(os.getpid())),
             stdin=subprocess.PIPE,
@@ -39,11 +40,11 @@ class JobProcess:
             os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST_PRIORITY)
         self._output, self._errors = b'', b''
         # A job of many days is more than a pipe holds, and no wrench waits until it is read.
-        self._exchange = Thread(target=self._communicate, args=(job,), daemon=True)
+        self._exchange = Thread(target=self._communicate, args=(text,), daemon=True)
         self._exchange.start()
 
-    def _communicate(self, job: CalibrationJob) -> None:
-        self._output, self._errors = self._process.communicate(encode_job(job).encode())
+    def _communicate(self, text: str) -> None:
+        self._output, self._errors = self._process.communicate(text.encode())
 
     @property
     def pid(self) -> int:

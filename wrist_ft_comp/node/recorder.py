@@ -271,7 +271,7 @@ class RecordService(Part):
             self._recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def doubt(self) -> str:
-        """Say that wrenches or a heard reference are not recorded; empty where all are."""
+        """Say that no wrenches are recorded, or no reference that was heard; else empty."""
         if self.current is None:
             return ''
         lacking_s = min(self._recorder.lacking_s(self.current, axis) for axis in AXES)
