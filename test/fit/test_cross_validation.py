@@ -63,15 +63,6 @@ def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_dat
         assert part_errors(fold_bins(data, remainders, fold)) == pytest.approx(expected)
 
 
-def test_fewer_bins_than_parts_are_scored_one_by_one(make_axis_data):
-    folds = [np.zeros(CELLS, dtype=np.int64)]
-    data = make_axis_data([TEMPERATURE_C], [TEMPERATURE_C], folds=folds)
-    remainder = np.full(CELLS, np.nan)
-    remainder[[0, 1, 90]] = 1.0, 3.0, 6.0
-    assert part_errors(fold_bins(data, [remainder], 0)).tolist() == [4.0, 4.0]
-    assert fold_bins(data, [np.full(CELLS, np.nan)], 0) == []
-
-
 @pytest.fixture(scope='module')
 def run(make_recording, warm_up, lagged):
     """Record a lag of 600 s with noise."""

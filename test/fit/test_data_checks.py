@@ -32,16 +32,9 @@ def record(make_recording, warm_up):
 @pytest.mark.parametrize(('value', 'verb'), [(9.0, 'saturates'), (0.5, 'freezes')])
 def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
     recording = record(slice(200, 240), value)
-    (sound,), sentences = drop_stuck_cells([recording], ['force_x'])
-    assert sentences == [
-        (
-            f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without any change, first '
-            'at 0:33:20; left out.'
-        )
-    ]
-    np.testing.assert_array_equal(
-        np.flatnonzero(np.isnan(sound.wrench[:, 0])), np.arange(200, 240)
-    )
+    (sound,), (sentence,) = drop_stuck_cells([recording], ['force_x'])
+    assert sentence.startswith(f'force_x of a.csv {verb} at {value:g} N: 400 s (4.0 %) without')
+    assert np.flatnonzero(np.isnan(sound.wrench[:, 0])).tolist() == list(range(200, 240))
     assert np.isfinite(recording.wrench[:, 0]).all()
 
 
@@ -51,17 +44,14 @@ def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
 
 
-def test_too_long_a_stretch_is_refused(record):
-    with pytest.raises(CalibrationRefusedError, match=r'510 s \(5.1 %\).* up to 5 % can be left'):
-        drop_stuck_cells([record(slice(200, 251), 9.0)], ['force_x'])
-
-
-def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings(record):
-    stuck, sound = record(slice(200, 900), 9.0), record()
+def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings_or_refused(record):
+    stuck, sound = record(slice(200, 251), 9.0), record()
     (left, whole), (sentence,) = drop_stuck_cells([stuck, sound], ['force_x'])
     assert np.isnan(left.wrench[:, 0]).all()
     assert whole is sound
-    assert '7000 s (70.0 %) without any change, first at 0:33:20; it is not learnt' in sentence
+    assert '510 s (5.1 %) without any change, first at 0:33:20; it is not learnt' in sentence
+    with pytest.raises(CalibrationRefusedError, match=r'510 s \(5.1 %\).* up to 5 % can be left'):
+        drop_stuck_cells([stuck], ['force_x'])
 
 
 def test_a_thermometer_that_jumps_is_named(record):

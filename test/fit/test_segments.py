@@ -80,24 +80,21 @@ def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
     assert left.rms_after < 0.1 * left.rms_before
 
 
-@pytest.mark.parametrize(('first', 'last'), [(1700, 1701), (1700, 1740)])
-def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, first, last):
-    add = np.zeros(CELLS)
+@pytest.mark.parametrize(
+    ('period_s', 'first', 'last'), [(1.0, 1700, 1701), (1.0, 1700, 1740), (60.0, 100, 101)]
+)
+def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, period_s, first, last):
+    """Of a log with a sample a minute, a spike is one sample."""
+    cells = CELLS if period_s == 1.0 else 300
+    add = np.zeros(cells)
     add[first:last] = 15.0
-    ((found,), (sentence,)) = segment([day(add=add)], 'constant')
+    made = day(add=add, period_s=period_s, cells=cells)
+    ((found,), (sentence,)) = segment([made], 'constant')
     assert np.flatnonzero(np.isnan(found.wrench[:, 2])).tolist() == list(range(first, last))
     assert np.isfinite(found.wrench[:, 3]).all()
     assert sentence.startswith('force_z of day0.csv stands out by up to 1')
-    assert f' for {last - first} s in all, first at 0:28:20; left out.' in sentence
+    assert f' for {(last - first) * period_s:.0f} s in all, first at ' in sentence
     assert found.steps == ()
-
-
-def test_of_a_log_with_a_sample_a_minute_a_spike_is_one_sample(day):
-    add = np.zeros(300)
-    add[100] = -9.0
-    ((found,), (sentence,)) = segment([day(add=add, period_s=60.0, cells=300)], 'unloaded')
-    assert np.flatnonzero(np.isnan(found.wrench[:, 2])).tolist() == [100]
-    assert ' for 60 s in all' in sentence
 
 
 @pytest.mark.parametrize('period_s', [7.0, 40.0, 240.0, 500.0, 1500.0])

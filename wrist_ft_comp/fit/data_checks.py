@@ -29,8 +29,8 @@ from wrist_ft_comp.stream.temperature_spikes import jumps
 #: Two recordings are the same day where readings differ by less than this many times their noise,
 #: as they do where one of them has fewer digits; of another day a quarter of them does so.
 _EQUAL_NOISE = 0.5
-#: So do temperatures by this, K, of a thermometer with few digits. Without it, two days on which
-#: a robot repeats one program were one day: its motion passes for noise.
+#: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
+#: Two days on which a robot repeats one program differ by more; their motion passes for noise.
 _EQUAL_K = 0.5
 #: Share that counts as nearly all: of the cells of two recordings of one day that are equal, since
 #: rounded stamps move a few samples to the next cell; and of the neighbouring cells that differ in

@@ -78,15 +78,11 @@ def identify_paper_method(
         structure = settings.orders if len(settings.orders) > 1 else settings.orders * most
     elif method == 'arx_pls':
         structure = choose_orders(data, build_xy_block(data, features), most)
-    return compete(
-        data,
-        {
-            f'{method}, {r} latent{"s" if r > 1 else ""}': partial(
-                _fit_structure, settings, method, structure[:r]
-            )
-            for r in range(fewest, max(fewest, len(structure)) + 1)
-        },
-    )
+    refits: dict[str, Refit] = {}
+    for r in range(fewest, max(fewest, len(structure)) + 1):
+        name = f'{method}, {r} latent{"s" if r > 1 else ""}'
+        refits[name] = partial(_fit_structure, settings, method, structure[:r])
+    return compete(data, refits)
 
 
 def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
@@ -217,14 +213,11 @@ def finish(
             f'; the best of {len(competing)}, {best}, is better by no more than chance, or than '
             f'{100 * WORTHWHILE:.0f} % in mean square, and less simple.'
         )
-    held_out = hold_out(
-        [
-            (none.recording, none.fold, none.cells, none.errors, compensated.errors)
-            for none, compensated in zip(bins['none'], bins[chosen], strict=True)
-        ],
-        data.bin_cells[0] * data.period_s,
-        tared=data.tared,
-    )
+    errors = [
+        (none.recording, none.fold, none.cells, none.errors, compensated.errors)
+        for none, compensated in zip(bins['none'], bins[chosen], strict=True)
+    ]
+    held_out = hold_out(errors, data.bin_cells[0] * data.period_s, tared=data.tared)
     return AxisFit(
         model=model, chosen=chosen,
         candidates=tuple(Candidate(name, value) for name, value in rms.items()),

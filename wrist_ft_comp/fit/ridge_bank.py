@@ -57,11 +57,6 @@ class Pool(NamedTuple):
     thermometers: int
     loaded: bool
 
-    @property
-    def inputs(self) -> int:
-        """Features behind each relaxation, F."""
-        return self.highest_degree * self.thermometers
-
     def fit(self, candidate: RidgeFit, normal: FloatArray) -> FloatArray:
         """
         Fit a candidate to centred sums of products, (P + 1, P + 1).
@@ -69,7 +64,15 @@ class Pool(NamedTuple):
         The result, (P + 1,), holds gains of the whole pool and, last, -1 for r - w. Powers up to
         the degree explain zero drift, the first one sensitivity drift.
         """
-        places, powers = self._columns(candidate)
+        # The columns that the candidate uses, and the power of temperature in each.
+        width, j = self.highest_degree * self.thermometers, np.arange(self.thermometers)
+        banks = np.searchsorted(POOL_S, candidate.bank_s)[:, np.newaxis] * width
+        places: IntArray = (banks + np.arange(candidate.degree * self.thermometers)).ravel()
+        powers: IntArray = places % width // self.thermometers + 1
+        if self.loaded:
+            half = len(POOL_S) * width
+            places = np.concatenate((places, (half + banks + j).ravel(), [2 * half]))
+            powers = np.append(powers, np.ones(len(places) - len(powers), dtype=int))
         diagonal = np.diagonal(normal)[places]
         size = 1 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
         size = size * DEGREE_PENALTY ** (-(powers - 1) / 2)
@@ -79,15 +82,3 @@ class Pool(NamedTuple):
         gains[places] = np.linalg.solve(scaled + ridge, normal[places, -1] * size) * size
         gains[-1] = -1.0
         return gains
-
-    def _columns(self, candidate: RidgeFit) -> tuple[IntArray, IntArray]:
-        """Find the columns that a candidate uses, and the power of temperature in each."""
-        banks = np.searchsorted(POOL_S, candidate.bank_s)[:, np.newaxis] * self.inputs
-        zero = (banks + np.arange(candidate.degree * self.thermometers)).ravel()
-        powers = zero % self.inputs // self.thermometers + 1
-        if not self.loaded:
-            return zero, powers
-        half = len(POOL_S) * self.inputs
-        gain = (half + banks + np.arange(self.thermometers)).ravel()
-        places = np.concatenate((zero, gain, [2 * half]))
-        return places, np.concatenate((powers, np.ones(len(gain) + 1, dtype=int)))

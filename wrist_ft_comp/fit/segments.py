@@ -35,13 +35,14 @@ _OUTLYING_SIGMA = 12.0
 _OUTLYING_SHARE = 0.2
 #: Readings that scatter by more around their level are not those of a still sensor, N; torques at
 #: a lever of 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-MOVING_N = 1.0
+_MOVING_N = 1.0
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
-#: Drift can be learnt from a segment of at least this length, s; most of a recording is in such.
+#: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
+#: segments are less than half of it.
 _SHORTEST_SEGMENT_S = 600.0
-#: So many steps of a recording are named one by one.
+#: Steps of a recording that are named one by one; the others are counted.
 _NAMED_STEPS = 5
 #: Sums of equal readings differ by less than this share.
 _ROUNDING = 1e-12
@@ -70,7 +71,7 @@ def segment(
 
 def moving_limit(axis: str) -> float:
     """Return what no reading of a still sensor moves by without heat, N or N m."""
-    return MOVING_N if axis_unit(axis) == 'N' else 0.1 * MOVING_N
+    return _MOVING_N if axis_unit(axis) == 'N' else 0.1 * _MOVING_N
 
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:

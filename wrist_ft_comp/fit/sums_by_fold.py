@@ -105,42 +105,36 @@ class SumsByFold:
 
 def sum_by_fold(data: BinnedData, columns: Sequence[FloatArray]) -> SumsByFold:
     """Sum products of columns, (n_i, C), over every fold of every segment."""
-    pairs = []
-    for i, x in enumerate(columns):
-        used = data.sums[i].count > 0
-        for segment in np.unique(data.segments[i][used]):
-            for fold in np.unique(data.folds[i][used]):
-                inside = (data.segments[i] == segment) & (data.folds[i] == fold)
-                rows = np.flatnonzero(used & inside)
-                if len(rows):
-                    summed = _sum_rows(x[rows], data.sums[i], rows, loaded=data.loaded)
-                    pairs.append((*summed, int(segment), int(fold)))
-    return SumsByFold(*map(np.array, zip(*pairs, strict=True)))
-
-
-def _sum_rows(
-    x: FloatArray, bins: BinSums, rows: IntArray, *, loaded: bool
-) -> tuple[float, FloatArray, FloatArray]:
-    """Count samples, sum columns, (P + 1,), and products, (P + 1, P + 1), of some bins."""
     #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | y ]     with load, y = r - w
     #   [ x_f(H_τ T) … | y ]                          without
-    count, w, ww = bins.count[rows], bins.load[rows], bins.load_square[rows]
-    y, yy, wy = bins.residual[rows], bins.residual_square[rows], bins.product[rows]
-    plain, crossed = _square(x, count), y @ x
-    if not loaded:
-        products = np.block([[plain, crossed[:, np.newaxis]], [crossed, yy.sum()]])
-        return float(count.sum()), np.append(count @ x, y.sum()), products
-    mixed, doubled = (x * w[:, np.newaxis]).T @ x, _square(x, ww)
-    with_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
-    with_y = np.concatenate((crossed, wy @ x))[:, np.newaxis]
-    products = np.block(
-        [
-            [np.block([[plain, mixed], [mixed, doubled]]), with_w, with_y],
-            [with_w.T, ww.sum(), wy.sum()],
-            [with_y.T, wy.sum(), yy.sum()],
-        ]
-    )
-    return float(count.sum()), np.concatenate((count @ x, w @ x, [w.sum(), y.sum()])), products
+    pairs = []
+    for i, of_recording in enumerate(columns):
+        bins, folds = data.sums[i], data.folds[i]
+        used = bins.count > 0
+        for segment in np.unique(data.segments[i][used]):
+            for fold in np.unique(folds[used]):
+                rows = np.flatnonzero(used & (data.segments[i] == segment) & (folds == fold))
+                if not len(rows):
+                    continue
+                x, count, y = of_recording[rows], bins.count[rows], bins.residual[rows]
+                plain, xy, yy = _square(x, count), y @ x, bins.residual_square[rows].sum()
+                sums = np.append(count @ x, y.sum())
+                products = np.block([[plain, xy[:, np.newaxis]], [xy, yy]])
+                if data.loaded:
+                    w, ww, wy = bins.load[rows], bins.load_square[rows], bins.product[rows]
+                    sums = np.concatenate((count @ x, w @ x, [w.sum(), y.sum()]))
+                    mixed, doubled = (x * w[:, np.newaxis]).T @ x, _square(x, ww)
+                    with_w = np.concatenate((w @ x, ww @ x))[:, np.newaxis]
+                    with_y = np.concatenate((xy, wy @ x))[:, np.newaxis]
+                    products = np.block(
+                        [
+                            [np.block([[plain, mixed], [mixed, doubled]]), with_w, with_y],
+                            [with_w.T, ww.sum(), wy.sum()],
+                            [with_y.T, wy.sum(), yy],
+                        ]
+                    )
+                pairs.append((float(count.sum()), sums, products, int(segment), int(fold)))
+    return SumsByFold(*map(np.array, zip(*pairs, strict=True)))
 
 
 def _square(x: FloatArray, weights: FloatArray) -> FloatArray:
