@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from operator import itemgetter
-from typing import Any, Generic, TypeVar
+import struct
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,17 +51,18 @@ class Place:
 
     #: Byte of the message, counted from its beginning.
     offset: int
-    code: np.dtype[Any]
+    #: Byte order and letter, as struct and numpy know them.
+    code: str
     #: None for a single number.
     size: int | None
 
     def value(self, data: bytes) -> float:
         """Read the number out of a message."""
-        return float(np.frombuffer(data, self.code, 1, self.offset)[0])
+        return float(struct.unpack_from(self.code, data, self.offset)[0])
 
     def values(self, rows: Rows) -> FloatArray:
         """Read the number out of n messages, shape (n,)."""
-        bytes_ = rows[:, self.offset : self.offset + self.code.itemsize]
+        bytes_ = rows[:, self.offset : self.offset + struct.calcsize(self.code)]
         with np.errstate(invalid='ignore'):  # a signalling NaN is one as any other
             return np.ascontiguousarray(bytes_).view(self.code)[:, 0].astype(float)
 
@@ -87,7 +89,7 @@ class Layout:
         array, index = self.places.get(path[:-1]), path[-1]
         if array is None or array.size is None or isinstance(index, str) or index >= array.size:
             return None
-        return Place(array.offset + index * array.code.itemsize, array.code, None)
+        return Place(array.offset + index * struct.calcsize(array.code), array.code, None)
 
     def text(self, path: Path) -> str:
         """Read a text."""
@@ -136,11 +138,11 @@ class _Follower:
         if len(self.layout.sizes) > _MOST_PARTS:
             raise RecordingError(f'It holds more than {_MOST_PARTS} parts.')
         if kind in _CODES:
-            code = np.dtype(f'{"<" if self.layout.data[1] else ">"}{_CODES[kind]}')
-            count = 1 if size is None else size
-            self.slack += 8 if size == 0 and code.itemsize == 8 else 0
-            offset = self._step(count * code.itemsize, code.itemsize if count else 1)
-            if code.kind != 'b':
+            code = f'{"<" if self.layout.data[1] else ">"}{_CODES[kind]}'
+            bytes_, count = struct.calcsize(code), 1 if size is None else size
+            self.slack += 8 if size == 0 and bytes_ == 8 else 0
+            offset = self._step(count * bytes_, bytes_ if count else 1)
+            if kind not in {'bool', 'boolean'}:
                 self.layout.places[path] = Place(offset, code, size)
         elif size is not None:
             for index in range(size):
