@@ -155,3 +155,13 @@ def test_stamps_stand_still_from_the_sixth_at_the_same_time():
             watch.look_at_stamp(stamp_ns)
             seen.append(watch.stamps_stand_still)
         assert seen == [False] * 5 + [True]
+
+
+def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():
+    """Though its stamps leap, and arrival shows nothing of it, as where a bag is played fast."""
+    clocks = make(2)
+    for second in range(0, 900, 10):
+        for source in range(1 if 30 < second < 800 else 2):
+            clocks.admit(Sample(source, second * SECOND, 20.0, second * SECOND // 1000))
+            assert clocks.leap is None
+    assert (clocks.strays, clocks.leaps) == (0, 1)

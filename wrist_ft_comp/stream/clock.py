@@ -97,8 +97,7 @@ class SourceClocks:
             return []
         clock, self.leap = self._clocks[sample.source], None
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
-        step_ns = None if last_ns is None else sample.stamp_ns - last_ns
-        if step_ns is None or not self._leaps(step_ns, clock):
+        if last_ns is None or not self._leaps(sample.stamp_ns - last_ns, clock):
             self.strays += len(clock.kept)
             clock.kept = []
             if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
@@ -117,27 +116,27 @@ class SourceClocks:
             clock.kept = clock.kept[-2:]
         elif clock.step_ns is not None and len(clock.kept) < _CONFIRMING_SAMPLES:
             return []
-        self._follow(clock, last_ns or 0)
+        self.leaps += clock.step_ns is not None
+        self.leap = self._leap(clock, last_ns)
+        self.restarts += self.leap is not None and self.leap.to_ns < self.leap.from_ns
         return self._take(clock, clock.kept)
 
     def _leaps(self, step_ns: int, clock: _Clock) -> bool:
         return step_ns < -self._patience_ns or leaps(step_ns, clock.step_ns or 0)
 
-    def _follow(self, clock: _Clock, last_ns: int) -> None:
+    def _leap(self, clock: _Clock, last_ns: int) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
-        first, last, passed_ns = clock.kept[0], clock.last, None
-        self.leaps += clock.step_ns is not None
-        if abs(first.stamp_ns - self._newest_ns) <= self._patience_ns + (clock.step_ns or 0):
-            return  # others are there already
-        step_ns = first.stamp_ns - last_ns
+        first, last = clock.kept[0], clock.last
+        ahead_ns = self._newest_ns - clock.kept[-1].stamp_ns
+        if first.stamp_ns - self._patience_ns <= self._newest_ns and ahead_ns <= self._patience_ns:
+            return None  # others are there already
+        step_ns, passed_ns = first.stamp_ns - last_ns, None
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
             is_silence = not self._leaps(step_ns - passed_ns, clock)
         else:
             is_silence = step_ns > 0
-        if not is_silence:
-            self.restarts += step_ns < 0
-            self.leap = Leap(last_ns, first.stamp_ns, passed_ns)
+        return None if is_silence else Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
         """Give samples of a source, and continue from them."""
