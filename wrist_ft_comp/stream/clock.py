@@ -82,13 +82,13 @@ class SourceClocks:
         self.leap: Leap | None = None
         self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
-        #: The stamp that counted last, and where another stream ended.
-        self._newest_ns = 0
+        #: The highest stamp that counted since the last leap, and where another stream ended.
+        self._highest_ns = NO_TIME
         self._expected_ns: int | None = None
 
     def expect(self, stamp_ns: int) -> None:
         """Set the stamp where another stream ended, with which first samples are compared."""
-        self._expected_ns = self._newest_ns = stamp_ns
+        self._expected_ns = self._highest_ns = stamp_ns
 
     def admit(self, sample: Sample) -> list[Sample]:
         """Take a sample; give those that count now: none, this one, or also some kept back."""
@@ -126,23 +126,30 @@ class SourceClocks:
 
     def _leap(self, clock: _Clock, last_ns: int) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
-        first, last = clock.kept[0], clock.last
-        ahead_ns = self._newest_ns - clock.kept[-1].stamp_ns
-        if first.stamp_ns - self._patience_ns <= self._newest_ns and ahead_ns <= self._patience_ns:
-            return None  # others are there already
-        step_ns, passed_ns = first.stamp_ns - last_ns, None
+        first, last, passed_ns = clock.kept[0], clock.last, None
+        step_ns = first.stamp_ns - last_ns
+        if step_ns > 0:
+            follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
+        else:
+            follows_others = clock.kept[-1].stamp_ns >= self._highest_ns - self._patience_ns
+        if follows_others:
+            return None
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
             is_silence = not self._leaps(step_ns - passed_ns, clock)
         else:
             is_silence = step_ns > 0
-        return None if is_silence else Leap(last_ns, first.stamp_ns, passed_ns)
+        if is_silence:
+            return None
+        self._highest_ns = first.stamp_ns
+        return Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
         """Give samples of a source, and continue from them."""
         for sample in samples:
             clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
-            clock.last, self._newest_ns = sample, sample.stamp_ns
+            clock.last = sample
+            self._highest_ns = max(self._highest_ns, sample.stamp_ns)
         clock.kept = []
         return samples
 
