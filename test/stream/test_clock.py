@@ -128,6 +128,10 @@ def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_b
             feed(clocks, [second * SECOND], source)
             seen += [clocks.leap] * (clocks.leap is not None)
     assert seen == [Leap(5009 * SECOND, 0, None)]
+    back = [clocks.admit(Sample(0, at * SECOND, value)) for at, value in ((-60, 20), (-59, 20))]
+    assert (back[0], clocks.leap.to_ns) == ([], -60 * SECOND)
+    assert clocks.admit(Sample(0, 0, float('nan'))) == []
+    assert clocks.leap is None
 
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():

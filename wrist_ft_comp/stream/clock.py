@@ -92,10 +92,10 @@ class SourceClocks:
 
     def admit(self, sample: Sample) -> list[Sample]:
         """Take a sample; give those that count now: none, this one, or also some kept back."""
+        clock, self.leap = self._clocks[sample.source], None
         if not math.isfinite(sample.temperature_c):
             self.rejected += 1
             return []
-        clock, self.leap = self._clocks[sample.source], None
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
         if last_ns is None or not self._leaps(sample.stamp_ns - last_ns, clock):
             self.strays += len(clock.kept)
