@@ -39,7 +39,7 @@ SIGNATURES = {
 }
 METHODS = {
     Compensator.add_temperature: '(self, thermometer, stamp_ns, temperature_c, '
-    'keep_output_of=None)',
+    'keep_output_of=None, arrival_ns=None)',
     Compensator.compensation_at: '(self, stamp_ns)',
     Compensator.correct: '(self, stamp_ns, raw, *, external=False)',
     Compensator.go_live: '(self, model, keep_output_of=None)',

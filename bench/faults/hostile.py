@@ -12,10 +12,11 @@ traceback with the shortest way to it, and exit code 1.
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 import errno
 import faulthandler
+from functools import wraps
 import math
 import os
 from pathlib import Path
@@ -98,9 +99,20 @@ leaps_ns = st.sampled_from(
 )
 
 
-def imu_at(force: Sequence[float]) -> list[float]:
-    """Give the doubles of an Imu that measures a specific force."""
-    return [*[0.0] * 25, *force, *[0.0] * 9]
+def step(**drawn: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a method a step that may be taken, and count how often it was by its name."""
+
+    def decorate(method: Callable[..., None]) -> Callable[..., None]:
+        @wraps(method)
+        def counted(self: 'HostileRobot', **values: Any) -> None:
+            self.done[method.__name__.replace('_', ' ')] += 1
+            method(self, **values)
+
+        untyped: Any = rule(**drawn)
+        decorated: Callable[..., None] = untyped(counted)
+        return decorated
+
+    return decorate
 
 
 class FakeProcess:
@@ -165,7 +177,7 @@ class HostileRobot(RuleBasedStateMachine):
         """Start the node; WristFtCompError when it refuses."""
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
-            'temperature_topics': ['temperature', 'temperature_2'][:1],
+            'temperature_topics': ['temperature'],
             'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning': 'auto',
             'save_period': 0.1,
         }  # fmt: skip
@@ -182,9 +194,6 @@ class HostileRobot(RuleBasedStateMachine):
         self.node._diagnostics.publish = self._judge_report
         for service in self.node._offered:
             service._send = lambda response, answers: answers.append(response)
-
-    def _did(self, what: str) -> None:
-        self.done[what] += 1
 
     def _at(self, leap: int) -> int:
         """Give the stamp of now, ns, or one that leaps."""
@@ -216,17 +225,15 @@ class HostileRobot(RuleBasedStateMachine):
             assert all(map(math.isfinite, struct.unpack('<6d', data[-48:])))
         self.external.clear()
 
-    @rule(values=st.lists(numbers, min_size=6, max_size=6), step=steps_ns, leap=leaps_ns)
+    @step(values=st.lists(numbers, min_size=6, max_size=6), step=steps_ns, leap=leaps_ns)
     def good_wrench(self, values: list[float], step: int, leap: int) -> None:
         """Send a wrench as drivers send them, or of another time and frame."""
-        self._did('wrenches of another time' if leap else 'good wrenches')
         self.now_ns += step
         self._wrench(values, self._at(leap), b'other\0\0\0' if leap else b'tool0\0\0\0')
 
-    @rule(cut=st.integers(0, 95), values=st.sampled_from([math.nan, math.inf, -math.inf, 1e308]))
+    @step(cut=st.integers(0, 95), values=st.sampled_from([math.nan, math.inf, -math.inf, 1e308]))
     def damaged_wrench(self, cut: int, values: float) -> None:
         """Send a wrench that is cut off, or holds no numbers."""
-        self._did('damaged wrenches')
         before = len(self.out)
         good = message(self.now_ns, [values] * 6)
         self.node._on_wrench(good[:cut])
@@ -234,15 +241,14 @@ class HostileRobot(RuleBasedStateMachine):
         assert len(self.out) == before, 'a damaged wrench is dropped'
         self.expected['input'] = WARN
 
-    @rule(data=st.binary(max_size=200))
+    @step(data=st.binary(max_size=200))
     def noise(self, data: bytes) -> None:
         """Send bytes that are nothing, on every topic."""
-        self._did('messages of random bytes')
         before = len(self.out)
         self.node._on_wrench(data)
         self.node.inputs.on_temperature(0, data)
         self.node.recording.on_reference(data)
-        self._force(data)
+        self.node.do(self.node.gravity, self.node.gravity.on_imu, data)
         self.out[before:] = []
 
     def _temperature(self, value: float, stamp_ns: int) -> None:
@@ -250,65 +256,59 @@ class HostileRobot(RuleBasedStateMachine):
         inputs = self.node.inputs
         self.node.do(inputs, inputs.on_temperature, 0, message(stamp_ns, [value, 0.0]))
 
-    @rule(value=celsius, step=steps_ns, leap=leaps_ns)
+    @step(value=celsius, step=steps_ns, leap=leaps_ns)
     def temperature(self, value: float, step: int, leap: int) -> None:
         """Send a temperature as thermometers send them, or one of another time."""
-        self._did('temperatures of another time' if leap else 'good temperatures')
         self.now_ns += step
         self._temperature(value, self._at(leap))
 
-    @rule(value=celsius, cells=st.integers(2, 20))
+    @step(value=celsius, cells=st.integers(2, 20))
     def warm_cells(self, value: float, cells: int) -> None:
         """Send some seconds of a steady temperature, and wrenches."""
-        self._did('seconds of warmth')
         for _ in range(cells):
             self.now_ns += SECOND
             self._temperature(value, self.now_ns)
             self._wrench([1.0] * 6, self.now_ns)
 
-    @rule(value=odd_celsius)
+    @step(value=odd_celsius)
     def odd_temperature(self, value: float) -> None:
         """Send a temperature that no body has."""
-        self._did('impossible temperatures')
         self._temperature(value, self.now_ns)
         if 'temperature' not in self.sabotaged:
             self.expected['temperature'] = WARN
 
-    @rule(leap=leaps_ns)
+    @step(leap=leaps_ns)
     def clock(self, leap: int) -> None:
         """Let all clocks leap; what comes goes on from there."""
-        self._did('leaps of the clock')
         self.now_ns = min(max(self.now_ns + leap, SECOND), 2**31 * SECOND - 10**17)
 
-    def _force(self, data: bytes) -> None:
-        """Give an Imu to what reads them."""
-        source = self.node.gravity
-        self.node.do(self.node.gravity, source.on_imu, data)
+    def _imu(self, force: Sequence[float]) -> None:
+        """Give a specific force to what reads them: an Imu, the other numbers of which are 0."""
+        doubles = [*[0.0] * 25, *force, *[0.0] * 9]
+        gravity = self.node.gravity
+        self.node.do(gravity, gravity.on_imu, message(self.now_ns, doubles))
 
-    @rule(
+    @step(
         force=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
         odd=st.sampled_from([0.0, 0.0, 0.0, math.nan, 1e300]),
     )
     def imu(self, force: list[float], odd: float) -> None:
         """Send a specific force, mostly good."""
-        self._did('specific forces')
-        self._force(message(self.now_ns, imu_at([force[0] + odd, *force[1:]])))
+        self._imu([force[0] + odd, *force[1:]])
 
-    @rule(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
+    @step(force=st.sampled_from([(0.0, 0.0, 9.807), (0.0, 0.0, 0.0)]), noisy=st.booleans())
     def minute_at_rest(self, force: tuple[float, float, float], noisy: bool) -> None:
         """Send more than a minute of a robot that stands still, perhaps without any noise."""
-        self._did('minutes at rest')
         for k in range(130):
             self.now_ns += SECOND // 2
-            self._force(message(self.now_ns, imu_at(force)))
+            self._imu(force)
             self._wrench([float(noisy and k % 3)] * 6, self.now_ns)
 
     # What people ask for
 
-    @rule(name=st.sampled_from(SERVICES), flag=st.booleans())
+    @step(name=st.sampled_from(SERVICES), flag=st.booleans())
     def service(self, name: str, flag: bool) -> None:
         """Call a service, whatever else runs."""
-        self._did('service calls')
         full = f'/wrist_ft_comp/{name}'
         (served,) = (service for service in self.node.services if service.service_name == full)
         kind: Any = SetBool if name == 'record' else Trigger
@@ -319,10 +319,9 @@ class HostileRobot(RuleBasedStateMachine):
         assert all(answer.message for answer in self.answers), 'every answer is a sentence'
         self.answers.clear()
 
-    @rule(row=st.sampled_from(PARAMETERS), which=st.integers(0, 5))
+    @step(row=st.sampled_from(PARAMETERS), which=st.integers(0, 5))
     def parameter(self, row: tuple[str, tuple[Any, ...]], which: int) -> None:
         """Set a parameter, rightly or wrongly."""
-        self._did('parameters')
         name, values = row
         untyped: Any = Parameter
         verdict = self.node.set_parameters([untyped(name, value=values[which % len(values)])])[0]
@@ -330,10 +329,9 @@ class HostileRobot(RuleBasedStateMachine):
 
     # What happens around it
 
-    @rule(name=st.sampled_from(FILES), content=st.sampled_from((*RUBBISH, *REPLACEMENTS)))
+    @step(name=st.sampled_from(FILES), content=st.sampled_from((*RUBBISH, *REPLACEMENTS)))
     def broken_file(self, name: str, content: bytes | str) -> None:
         """Break a file that the node may read, remove it, or put what is none in its place."""
-        self._did('broken, removed and replaced files')
         path = self.data / name
         with suppress(OSError):
             if path.is_dir():
@@ -349,33 +347,30 @@ class HostileRobot(RuleBasedStateMachine):
             elif content == 'pipe':
                 os.mkfifo(path)
 
-    @rule(full=st.booleans())
+    @step(full=st.booleans())
     def disk(self, full: bool) -> None:
         """Fill the disk, or make room."""
-        self._did('full and empty disks')
         self.full = full
 
-    @rule(die=st.booleans())
+    @step(die=st.booleans())
     def restart(self, die: bool) -> None:
         """End the node, or kill it, and start it again; a refusal is mended by a fresh folder."""
-        self._did('kills' if die else 'restarts')
         self._end(die=die)
         try:
             self._start()
         except WristFtCompError as error:
             self.refusal = str(error)
-            self._did('refused starts')
+            self.done['refused starts'] += 1
             self._end(die=True)
             self._fresh()
 
     @precondition(lambda self: len(self.sabotaged) < 2)
-    @rule(data=st.data(), verb=st.sampled_from(VERBS), really=st.integers(0, 9))
+    @step(data=st.data(), verb=st.sampled_from(VERBS), really=st.integers(0, 9))
     def sabotage(self, data: Any, verb: str, really: int) -> None:
         """Let a part throw what nobody expects."""
         if really:
             return
         part = data.draw(st.sampled_from(self.node.parts))
-        self._did('sabotaged parts')
 
         def throw(*_: object, **__: object) -> None:
             raise ZeroDivisionError('by the bench')
@@ -385,10 +380,9 @@ class HostileRobot(RuleBasedStateMachine):
         self.sabotaged.add(part.title)
         self.expected.pop(part.title, None)
 
-    @rule()
+    @step()
     def housekeeping(self) -> None:
         """Do what the node does ten times a second."""
-        self._did('housekeepings')
         self.node._keep_house()
 
     # What must hold

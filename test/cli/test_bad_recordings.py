@@ -393,8 +393,8 @@ def test_a_reading_of_a_thermometer_that_stands_alone_is_not_learnt_from(run, ma
     spiky, model = make.csv(tmp_path / 'spiky.csv', day), tmp_path / 'model.yaml'
     words = ['--method', 'pls', '-o', model]
     expected, found = (run('calibrate', path, *words) for path in (whole, spiky))
-    said = 'stands out alone in 3 of 400 samples, first at stamp 0 s with 0.0 °C; left out.'
-    assert f'temperature_c of spiky.csv {said}' in found.out
+    said = '4 of 400 samples are where metal cannot have gone, first at stamp 0 s with 0.0 °C'
+    assert f'temperature_c of spiky.csv: {said}; left out.' in found.out
     assert 'jumps faster than metal' not in found.out
     at = 'at 20.'
     assert at in expected.out

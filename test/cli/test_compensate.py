@@ -83,10 +83,11 @@ def test_each_warning_comes_once(run, make, model, tmp_path):
     outcome = run('compensate', model, path, '-o', tmp_path / 'out.csv', '--tare', '30')
     lines = outcome.err.splitlines()
     assert outcome.code == 0
-    assert len(lines) == 2
+    assert len(lines) == 3
     assert len(set(lines)) == len(lines)
     assert all(line.startswith('warning: ') for line in lines)
-    assert '95.0 °C; the model was learnt from' in lines[1]
+    assert 'where metal cannot have gone, first at stamp ' in lines[1]
+    assert 'the model was learnt from' in lines[2]
 
 
 def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_path):

@@ -128,6 +128,10 @@ def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_b
             feed(clocks, [second * SECOND], source)
             seen += [clocks.leap] * (clocks.leap is not None)
     assert seen == [Leap(5009 * SECOND, 0, None)]
+    back = [clocks.admit(Sample(0, at * SECOND, value)) for at, value in ((-60, 20), (-59, 20))]
+    assert (back[0], clocks.leap.to_ns) == ([], -60 * SECOND)
+    assert clocks.admit(Sample(0, 0, float('nan'))) == []
+    assert clocks.leap is None
 
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():
@@ -155,3 +159,13 @@ def test_stamps_stand_still_from_the_sixth_at_the_same_time():
             watch.look_at_stamp(stamp_ns)
             seen.append(watch.stamps_stand_still)
         assert seen == [False] * 5 + [True]
+
+
+def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():
+    """Though its stamps leap, and arrival shows nothing of it, as where a bag is played fast."""
+    clocks = make(2)
+    for second in range(0, 900, 10):
+        for source in range(1 if 30 < second < 800 else 2):
+            clocks.admit(Sample(source, second * SECOND, 20.0, second * SECOND // 1000))
+            assert clocks.leap is None
+    assert (clocks.strays, clocks.leaps) == (0, 1)

@@ -219,16 +219,6 @@ class TestLimits:
         assert compensator.limits.too_fast == ()
         np.testing.assert_allclose(compensator.compensation.zero, [0, 0, 80, 4, 0, 0], atol=1e-6)
 
-    def test_axes_that_a_limit_held_back_are_cleared_for_the_next_model(self, make_model):
-        hasty, calm = make_model({'force_z': (20.0, 0.0, 0.1)}), make_model(TRUTH)
-        for following in (None, calm):
-            compensator = Compensator(1, StreamSettings(), hasty)
-            stream(compensator, (0, 10), temperature=lambda _: 20.0)
-            stream(compensator, (10, 22), temperature=heat_gun)
-            assert compensator.limits.too_fast == compensator.limits.too_large == ('force_z',)
-            compensator.go_live(following)
-            assert compensator.limits.too_fast == compensator.limits.too_large == ()
-
     @pytest.mark.parametrize('sign', [-1.0, 1.0])
     def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
         limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))

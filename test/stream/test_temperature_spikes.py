@@ -67,7 +67,7 @@ def test_a_slow_thermometer_may_go_far_between_its_samples():
 
 def test_a_clock_that_was_set_is_no_time_in_which_metal_can_go_anywhere():
     _, spikes = counted(LONG)
-    spikes.shift(10**6 * SECOND)
+    spikes.shift_ns = 10**6 * SECOND
     assert not spikes.admit((10**6 + 301) * SECOND, 85.0)
     assert spikes.admit((10**6 + 302) * SECOND, 20.0)
 

@@ -154,20 +154,6 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 
 
-def test_two_of_three_that_come_back_together_are_believed(learn, make_day):
-    """Meanwhile they move along with the one that is left, and do not run away."""
-    model, healthy = learn(3).model, make_day(7)
-    day = failing(failing(healthy, 'dead', end=700), 'dead', j=2, end=700)
-    compensator = Compensator(3, model=model)
-    stream(compensator, day, end=700)
-    assert compensator.tracker.replaced == [1, 2]
-    moved_k = day.temperature_c[698, 0] - day.temperature_c[BEGIN + 60, 0]
-    believed_k = compensator.tracker.temperature_c - day.temperature_c[BEGIN]
-    assert (np.abs(believed_k[1:]) < abs(moved_k) + 5.0).all()
-    stream(compensator, day, 700)
-    assert findings(compensator) == []
-
-
 def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):
     model, day = learn(3).model, failing(make_day(7), 'frozen')
     compensator = Compensator(3, model=model)

@@ -282,14 +282,15 @@ class TemperatureInput(Part):
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self._gravity, self._gravity.poll)
         wrench = newest and newest[:2]
-        # With simulated time, stamps and the steady clock have nothing to do with each other.
+        # The clock of the time since the boot is never set, and goes on while the machine sleeps.
+        # With simulated time, stamps have nothing to do with it.
         simulated = self.hub.get_parameter('use_sim_time').value
         cells = self._compensator.add_temperature(
             thermometer,
             at_ns,
             temperature_c,
             wrench,
-            arrival_ns=None if simulated else time.monotonic_ns(),
+            arrival_ns=None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME),
         )
         self.usable += 1
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()

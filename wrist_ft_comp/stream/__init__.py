@@ -1,1 +1,1 @@
-"""One sensor, live or replayed; read ``compensator`` first, then ``drift_tracker`` and ``gap``."""
+"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``clock``, ``gap``."""

@@ -82,23 +82,22 @@ class SourceClocks:
         self.leap: Leap | None = None
         self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
-        #: The stamp that counted last, and where another stream ended.
-        self._newest_ns = 0
+        #: The highest stamp that counted since the last leap, and where another stream ended.
+        self._highest_ns = NO_TIME
         self._expected_ns: int | None = None
 
     def expect(self, stamp_ns: int) -> None:
         """Set the stamp where another stream ended, with which first samples are compared."""
-        self._expected_ns = self._newest_ns = stamp_ns
+        self._expected_ns = self._highest_ns = stamp_ns
 
     def admit(self, sample: Sample) -> list[Sample]:
         """Take a sample; give those that count now: none, this one, or also some kept back."""
+        clock, self.leap = self._clocks[sample.source], None
         if not math.isfinite(sample.temperature_c):
             self.rejected += 1
             return []
-        clock, self.leap = self._clocks[sample.source], None
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
-        step_ns = None if last_ns is None else sample.stamp_ns - last_ns
-        if step_ns is None or not self._leaps(step_ns, clock):
+        if last_ns is None or not self._leaps(sample.stamp_ns - last_ns, clock):
             self.strays += len(clock.kept)
             clock.kept = []
             if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
@@ -117,33 +116,40 @@ class SourceClocks:
             clock.kept = clock.kept[-2:]
         elif clock.step_ns is not None and len(clock.kept) < _CONFIRMING_SAMPLES:
             return []
-        self._follow(clock, last_ns or 0)
+        self.leaps += clock.step_ns is not None
+        self.leap = self._leap(clock, last_ns)
+        self.restarts += self.leap is not None and self.leap.to_ns < self.leap.from_ns
         return self._take(clock, clock.kept)
 
     def _leaps(self, step_ns: int, clock: _Clock) -> bool:
         return step_ns < -self._patience_ns or leaps(step_ns, clock.step_ns or 0)
 
-    def _follow(self, clock: _Clock, last_ns: int) -> None:
+    def _leap(self, clock: _Clock, last_ns: int) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
         first, last, passed_ns = clock.kept[0], clock.last, None
-        self.leaps += clock.step_ns is not None
-        if abs(first.stamp_ns - self._newest_ns) <= self._patience_ns + (clock.step_ns or 0):
-            return  # others are there already
         step_ns = first.stamp_ns - last_ns
+        if step_ns > 0:
+            follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
+        else:
+            follows_others = clock.kept[-1].stamp_ns >= self._highest_ns - self._patience_ns
+        if follows_others:
+            return None
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
             is_silence = not self._leaps(step_ns - passed_ns, clock)
         else:
             is_silence = step_ns > 0
-        if not is_silence:
-            self.restarts += step_ns < 0
-            self.leap = Leap(last_ns, first.stamp_ns, passed_ns)
+        if is_silence:
+            return None
+        self._highest_ns = first.stamp_ns
+        return Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
         """Give samples of a source, and continue from them."""
         for sample in samples:
             clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
-            clock.last, self._newest_ns = sample, sample.stamp_ns
+            clock.last = sample
+            self._highest_ns = max(self._highest_ns, sample.stamp_ns)
         clock.kept = []
         return samples
 

@@ -129,7 +129,7 @@ class DriftTracker:
         if leap.passed_ns is not None:
             cells = cell - leap.from_ns // period_ns - leap.passed_ns // period_ns
             for spikes in self.spikes:
-                spikes.shift(cells * period_ns)
+                spikes.shift_ns += cells * period_ns
             if self._next is not None:
                 self._next += cells
                 self.end_ns += cells * period_ns

@@ -124,22 +124,18 @@ class ThermalGrid:
         done = []
         end = max(min(self._newest.values()), overdue)
         for cell in sorted(cell for cell in self._open if cell < end):
-            self._hold(cell)
+            self._hold_before(cell + 1)
             done.append(ThermalCell(cell, np.array(self._held_c), self._silent(cell + 1)))
             self._next = cell + 1
         return done
 
     def _hold_before(self, end: int) -> None:
-        """Keep only the values of cells that will not be emitted."""
+        """Make the means of the open cells before an end the held values."""
         self._earliest = end
         for cell in sorted(cell for cell in self._open if cell < end):
-            self._hold(cell)
-
-    def _hold(self, cell: int) -> None:
-        """Make the means of an open cell the held values."""
-        for j, (total_c, count) in enumerate(zip(*self._open.pop(cell), strict=True)):
-            if count:
-                self._held_c[j], self._held_from[j] = total_c / count, cell
+            for j, (total_c, count) in enumerate(zip(*self._open.pop(cell), strict=True)):
+                if count:
+                    self._held_c[j], self._held_from[j] = total_c / count, cell
 
     def _silent(self, end: int) -> tuple[int, ...]:
         """Count the cells before an end since each held value was measured."""

@@ -51,6 +51,8 @@ class SpikeFilter:
         #: How often a reading that had been left out was believed, and how far the last one of
         #: these was, K, and when, ns.
         self.jumps, self._jump_k, self._jumped_ns = 0, 0.0, 0
+        #: By how much the clock of the stamps was set since the start.
+        self.shift_ns = 0
         #: The first and the last reading that were believed, and how many.
         self._begin_ns: float = -math.inf
         self._last: Reading | None = None
@@ -66,20 +68,12 @@ class SpikeFilter:
 
     def go_on(self, stamp_ns: int, temperature_c: float) -> None:
         """Continue from a temperature that was believed before."""
-        self._begin_ns, self._last, self._other = -math.inf, (stamp_ns, temperature_c), None
-
-    def shift(self, by_ns: int) -> None:
-        """Go on by a clock that was set."""
-        self._begin_ns += by_ns
-        self._other_begin_ns += by_ns
-        self._jumped_ns += by_ns
-        if self._last is not None:
-            self._last = self._last[0] + by_ns, self._last[1]
-        if self._other is not None:
-            self._other = self._other[0] + by_ns, self._other[1]
+        self._begin_ns, self._other = -math.inf, None
+        self._last = stamp_ns - self.shift_ns, temperature_c
 
     def admit(self, stamp_ns: int, temperature_c: float) -> bool:
         """Take a sample; whether it counts."""
+        stamp_ns -= self.shift_ns
         sample, last, other = (stamp_ns, temperature_c), self._last, self._other
         agrees = other is not None and not _apart(other, sample)
         if last is None:
@@ -128,6 +122,6 @@ class SpikeFilter:
 
     def remembered_k(self, now_ns: int, time_constant_s: float) -> float:
         """Tell how far the last jump was, K, while a model remembers it; 0 afterwards."""
-        elapsed_s = abs(now_ns - self._jumped_ns) / NANOSECONDS
+        elapsed_s = abs(now_ns - self.shift_ns - self._jumped_ns) / NANOSECONDS
         left_k = self._jump_k * math.exp(-elapsed_s / max(time_constant_s, _REPORTED_S))
         return self._jump_k if abs(left_k) > _JUMP_K else 0.0

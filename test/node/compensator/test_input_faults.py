@@ -366,11 +366,12 @@ class TestTemperature:
         warns(node, 'temperature', words)
         unharmed(node)
 
-    def test_the_stream_of_a_simulation_that_begins_anew_goes_on_from_there(self, warm, warns):
+    def test_the_stream_of_a_clock_that_begins_anew_goes_on_from_there(self, warm, warns):
         node = warm()
         for second in range(5):
             node.warm(second * SECOND, 30.0)
-        assert node.node.compensator.tracker.clocks.restarts == 1
+        tracker = node.node.compensator.tracker
+        assert (tracker.clocks.restarts, tracker.forgot) == (1, False)
         words = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         assert warns(node, 'temperature', words).values['stamps_restarted'] == '1'
         unharmed(node, 10 * SECOND)
