@@ -126,7 +126,7 @@ def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_pat
 def test_a_table_of_rows_of_different_length_is_refused(load):
     document = plain(example())
     document['thermal']['start_c'] = [[20.0], [20.0, 21.0]]
-    with pytest.raises(StateFileError, match='rows differ in length'):
+    with pytest.raises(StateFileError, match='rows that differ in length'):
         load(document)
 
 
@@ -164,7 +164,7 @@ def test_content_that_is_no_state_is_refused(load, content, sentence):
 @pytest.mark.parametrize(
     'text',
     [
-        'NaN', 'Infinity', '-Infinity', '1e999', '1e101', '"1"', 'null', '[]', 'true',
+        'NaN', 'Infinity', '-Infinity', '1e999', '1e101', '"1"', 'null', 'true',
         '1' + '0' * 400,
     ],
 )  # fmt: skip
@@ -184,7 +184,7 @@ def test_numbers_are_finite(load, place, text):
 @pytest.mark.parametrize('key', list(plain(example())))
 def test_nothing_may_be_missing_or_more(load, key):
     document = plain(example())
-    with pytest.raises(StateFileError, match='breaks the schema at the top level'):
+    with pytest.raises(StateFileError, match='more must be none of'):
         load({**document, 'more': 1})
     del document[key]
     with pytest.raises(StateFileError):

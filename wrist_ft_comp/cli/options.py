@@ -1,8 +1,9 @@
-"""What the commands share: options, checks of paths, JSON for scripts, a progress bar."""
+"""What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from importlib.util import find_spec
 import json
 import math
@@ -11,17 +12,15 @@ import re
 import sys
 from typing import Any, get_args, NoReturn, TypeVar
 
-from tqdm import tqdm
-
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import log_map
 from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of
-from wrist_ft_comp.signals import Progress, Reference, Topics
-from wrist_ft_comp.stored.documents import plain
+from wrist_ft_comp.signals import Reference, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources
 from wrist_ft_comp.wire.wrench_source import parse_wrench
 
@@ -37,17 +36,30 @@ RECORDING_HELP = (
 
 
 class Parser(argparse.ArgumentParser):
-    """Refuses by a UsageError, where argparse would leave the process."""
+    """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        #: Parsers of the commands, by name.
+        self.commands: dict[str, Parser] = {}
         # Let "--hat-temperatures -40,0,20" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
 
     def error(self, message: str) -> NoReturn:
-        """Show the usage, and leave the sentence to whoever parses."""
-        self.print_usage(sys.stderr)
-        raise UsageError(message)
+        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
+
+    def refuse_unknown(self, words: Sequence[str]) -> None:
+        """Refuse words that no option takes, and name the option that may be meant."""
+        word = words[0].partition('=')[0]
+        options = [option for option in self._option_string_actions if option.startswith('--')]
+        self.error(f'{word} is not understood{did_you_mean(word, options)}')
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Ask for the nearest of some words, to be put behind a refusal; empty where none is near."""
+    near = get_close_matches(word, known, n=1)
+    return f'; did you mean {near[0]}?' if near else ''
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
@@ -230,16 +242,4 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def print_json(value: object) -> None:
     """Print JSON for scripts; numbers that are not finite become null."""
-    print(json.dumps(plain(value), indent=1, allow_nan=False, default=str))
-
-
-@contextmanager
-def progress_bar(what: str) -> Iterator[Progress]:
-    """Show progress on standard error where that is a terminal; yields the report function."""
-    form = '{desc} {percentage:3.0f}%|{bar}| {elapsed}'
-    with tqdm(total=1.0, desc=what, disable=None, leave=False, bar_format=form) as bar:
-
-        def report(share: float) -> None:
-            bar.update(max(share - bar.n, 0.0))
-
-        yield report
+    print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))

@@ -24,9 +24,9 @@ from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import calibration_view, ReportView
+from wrist_ft_comp.report.report_content import calibration_content, ReportContent
+from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.signals import CLOCK_NS, part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
@@ -47,10 +47,10 @@ class JobOutcome:
     #: Recordings that were left out, and why, in sentences.
     left_out: tuple[str, ...]
 
-    def view(self, job: CalibrationJob) -> ReportView:
+    def view(self, job: CalibrationJob) -> ReportContent:
         """Make the content of its report."""
         reference = job.settings.reference
-        return calibration_view(self.calibration, self.recordings, self.stored, reference)
+        return calibration_content(self.calibration, self.recordings, self.stored, reference)
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:

@@ -16,11 +16,12 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
 from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
+from wrist_ft_comp.stored.own_file import Kind
+from wrist_ft_comp.stored.plain_values import Document, to_plain
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=2, schema='diary.schema.json', keeps=True,
+    name='diary', says='wrist_ft_comp diary', version=2, keeps=True,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
@@ -156,8 +157,7 @@ def diary_path(directory: Path) -> Path:
 def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where none can be read."""
     with suppress(RecordingError, OSError):
-        if document := KIND.load_json(diary_path(directory)):
-            diary: Diary = restored(Diary, document)
+        if diary := KIND.load(Diary, diary_path(directory)):
             numbered = tuple(day for day in diary.days if day_number(day.name))
             return replace(diary, days=numbered)
     return Diary()
@@ -165,7 +165,7 @@ def load_diary(directory: Path) -> Diary:
 
 def diary_problem(directory: Path) -> str:
     """Say why a diary cannot be read; empty where it can, or where there is none."""
-    return KIND.problem(diary_path(directory))
+    return KIND.problem(Diary, diary_path(directory))
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
@@ -174,12 +174,12 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
-    KIND.set_aside_unreadable(diary_path(directory))
+    KIND.set_aside_unreadable(Diary, diary_path(directory))
     document = {
         'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
         'paused': diary.paused,
     }
-    KIND.write_json(diary_path(directory), document)
+    KIND.save(diary_path(directory), document)
 
 
 def node_folders(path: Path) -> list[Path]:
@@ -233,5 +233,5 @@ def _entry_values(entry: DayEntry) -> Document:
     rounded = {
         model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
     }
-    values: Document = plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
+    values: Document = to_plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
     return values
