@@ -250,8 +250,7 @@ class Kind(Output):
         except ValueError as error:
             language = 'JSON' if self.parse is parse_json else 'YAML'
             raise self.error(
-                f'{path} is not a {self.name}: expected {language}, but {error}. '
-                f'{self.made_by}'
+                f'{path} is not a {self.name}: expected {language}, but {error}. {self.made_by}'
             ) from error
         if not isinstance(document, dict) or document.get('format') != self.says:
             raise self.error(
