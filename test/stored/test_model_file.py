@@ -399,3 +399,8 @@ def test_the_schema_and_the_records_agree(document, load):
                     load(changed)
                 refused += 1
     assert refused > 150
+
+
+def test_a_calibration_is_written_in_a_line(calibration):
+    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
+    assert len(repr(calibration)) < 200

@@ -105,6 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_outputs(arguments)
     job = _job(arguments)
     options.warn_of_idle(arguments, arguments.recordings)
+    _warn_of_idle_structure(arguments)
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
@@ -112,6 +113,18 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.write(job.report, page(content))
     print_result(_result(outcome, content, job.report), as_json=arguments.json)
     return 0
+
+
+def _warn_of_idle_structure(arguments: argparse.Namespace) -> None:
+    """Warn of choices that the method does not leave."""
+    method = arguments.method
+    hats = arguments.features == 'hats' or bool(arguments.hat_temperatures)
+    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
+        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
+    if method != 'arx_pls':
+        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
+    if hats:
+        options.warn_of(arguments, ['degree'], 'hats have no degree')
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:

@@ -168,21 +168,18 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
-    """Warn of options that have no effect for these recordings."""
+    """Warn of options that have no effect for recordings of these kinds."""
     kinds = {kind_of(path) for path in recordings}
-    asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
-    given = {name for name in asked if asked[name] != arguments.command.get_default(name)}
-    method, hats = asked['method'], asked['features'] == 'hats' or 'hat_temperatures' in given
-    chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
-    for names, idle, why in (
-        (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
-        (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
-        (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
-        (['latents'], chosen_alone, f'the method {method} has none to choose'),
-        (['orders'], method != 'arx_pls', 'only the method arx_pls has any'),
-        (['degree'], hats, 'hats have no degree'),
-    ):
-        for name in sorted(given.intersection(names)) if idle else ():
+    if BAG not in kinds:
+        warn_of(arguments, _OF_BAGS, 'nothing that was named is a bag')
+    if CSV not in kinds:
+        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a CSV file')
+
+
+def warn_of(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Warn of those options that were given, that they do nothing, and why."""
+    for name in sorted(names):
+        if name in arguments and getattr(arguments, name) != arguments.command.get_default(name):
             option = f'--{name.replace("_", "-")}'
             print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
 

@@ -7,7 +7,7 @@ import hashlib
 import math
 from pathlib import Path
 import platform
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -18,7 +18,7 @@ from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
-from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, SENSOR_FACTS
+from wrist_ft_comp.signals import AXES, NANOSECONDS, SENSOR_FACTS
 from wrist_ft_comp.stored.own_file import HEADER, Kind
 from wrist_ft_comp.stored.plain_values import from_plain, to_plain
 
@@ -88,17 +88,12 @@ KIND = _ModelKind(
     'changed.')  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Candidate:
+class _Candidate(NamedTuple):
     """What a file says of a fit that was tried, as fit/result.py does."""
 
     name: str
     rms: float
     weight: float
-
-    def __post_init__(self) -> None:
-        check_range('rms', self.rms, -math.inf)
-        check_range('weight', self.weight, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +107,7 @@ class _Axis:
     day_limit: float | None
     reason: str
     time_constants_s: tuple[float, ...]
-    time_constant_errors_s: tuple[float, ...]
+    time_constant_errors_s: tuple[float | None, ...]
     #: For people only.
     terms: tuple[dict[str, Any], ...]
     notes: tuple[str, ...]
@@ -120,39 +115,30 @@ class _Axis:
     model: AxisModel | None
 
     def __post_init__(self) -> None:
-        check_range('rms_before', self.rms_before, -math.inf)
-        check_range('rms_after', self.rms_after, 0.0)
-        for name in ('expected_rms', 'day_limit'):
+        for name in ('rms_after', 'expected_rms', 'day_limit'):
             if getattr(self, name) is not None:
                 check_range(name, getattr(self, name), 0.0)
-        for time_constant_s in self.time_constants_s:
-            check_range('time_constants_s', time_constant_s, 0.0)
-        if self.model is not None:
-            count = len(self.model.features.reference_c)
-            for name in ('reference_c', 'lower_c', 'upper_c'):
-                _check_shape(name, getattr(self.model.features, name), (count,))
-            for name in ('input_mean', 'output_mean'):
-                array = getattr(self.model.dynamics, name)
-                _check_shape(name, array, (len(array),))
-            for arx in (*self.model.filters, *self.model.dynamics.latents):
-                _check_shape('a', arx.a, (len(arx.a),))
-                _check_shape('b', arx.b, (max(len(arx.b), 1),))
+        if self.model is None:
+            return
+        # The records of what runs check how their arrays fit, but not all shapes.
+        features, dynamics = self.model.features, self.model.dynamics
+        shape = (len(features.reference_c),)
+        arrays = {name: getattr(features, name) for name in ('reference_c', 'lower_c', 'upper_c')}
+        if wrong := [name for name, array in arrays.items() if array.shape != shape]:
+            raise ModelFileError(f'{wrong[0]} must have shape {shape}.')
+        filters = (*self.model.filters, *dynamics.latents)
+        rows = [dynamics.input_mean, dynamics.output_mean, *(arx.a for arx in filters)]
+        rows += [arx.b for arx in filters]
+        if any(row.ndim != 1 for row in rows) or not all(len(arx.b) for arx in filters):
+            raise ModelFileError(
+                'input_mean, output_mean, a and b must be lists, b with a number.'
+            )
 
 
-def _check_shape(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise ModelFileError(f'{name} must have shape {shape}; got {array.shape}.')
-
-
-@dataclass(frozen=True)
-class _Thermometer:
+class _Thermometer(NamedTuple):
     range_c: tuple[float, float]
     #: Its share of ThermometerPrediction; a single thermometer has none.
     prediction: dict[str, Any] | None = None
-
-    def __post_init__(self) -> None:
-        for end_c in self.range_c:
-            check_range('range_c', end_c, -math.inf)
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,8 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
     """
     Turn plain values back into what an annotation names, such as a record.
 
-    Where a number is expected null is NaN, but for arrays, which hold finite numbers only. Entries
-    of a record that have a default may be absent; where it is ``whole`` only if that is None.
+    Numbers are finite; a single one may be null, which is NaN, and entries of a record that have
+    a default may be absent. Not so where it is ``whole``: then only a default of None counts.
 
     Raises
     ------
@@ -87,12 +87,14 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
     if origin is Literal:
         _require(value in arguments, f'one of {", ".join(map(str, arguments))}', value, where)
     elif kind in _SCALARS:
-        if kind is float and value is None:
+        if kind is float and value is None and not whole:
             return math.nan
         types_of_value, words = _SCALARS[kind]
         _require(type(value) in types_of_value, words, value, where)
         if kind is Path:
             _require(not _IN_NO_PATH.search(value), words, value, where)
+        elif kind is float:
+            _require(abs(value) <= sys.float_info.max, 'a finite number', value, where)
         return kind(value)
     return value
 
