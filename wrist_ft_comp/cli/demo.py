@@ -140,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
         answer=answer, judged=result.words, report=report, folder=folder, sentence=sentence
     )
     more = {'masses_kg': masses_kg, 'reached': reached, 'report': report, 'folder': folder}
-    result = Result(words, {**result.document, **more}, result.warnings)
+    result = Result(words, {**result.document, **more})
     print_result(result, as_json=arguments.json)
     return 0 if reached else 1
 

@@ -166,8 +166,8 @@ def print_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         print_json(result.document)
     else:
-        print_warnings(result.warnings)
         print(result.words)
+        print_warnings(result.warnings)
 
 
 def print_warnings(sentences: Iterable[str]) -> None:

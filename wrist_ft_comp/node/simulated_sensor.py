@@ -97,7 +97,13 @@ class SimulatedSensor(Node):
         self._woken_s: float | None = None
         self._subscribers: list[int] = []
         self._subscribed_s = 0.0
-        self._make_messages(chosen['frame_id'])
+        # Made once; only stamps and readings change.
+        self._reference, self._raw = WrenchStamped(), WrenchStamped()
+        self._readings = [Temperature(), Temperature()]
+        for message in (self._reference, self._raw, *self._readings):
+            message.header.frame_id = chosen['frame_id']
+        for reading in self._readings:
+            reading.variance = self._sensor.settings.thermometer_noise_k**2
         self._robot = None
         if at_work:
             work = WorkSettings(chosen['tool_mass'])
@@ -113,15 +119,6 @@ class SimulatedSensor(Node):
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _make_messages(self, frame_id: str) -> None:
-        """Make the messages once; only stamps and readings change."""
-        self._reference, self._raw = WrenchStamped(), WrenchStamped()
-        self._readings = [Temperature(), Temperature()]
-        for message in (self._reference, self._raw, *self._readings):
-            message.header.frame_id = frame_id
-        for message in self._readings:
-            message.variance = self._sensor.settings.thermometer_noise_k**2
 
     def _advertise(self, message_type: Any, topic: str) -> Any:
         """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
@@ -140,20 +137,6 @@ class SimulatedSensor(Node):
             self._woken_s = now_s
         self._ran_s += min(now_s - self._woken_s, LONGEST_WAKE_S)
         self._woken_s = now_s
-        self._publish_due()
-
-    def _may_begin(self, now_s: float) -> bool:
-        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
-        subscribers = [
-            publisher.get_subscription_count()
-            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
-        ]
-        if subscribers != self._subscribers:
-            self._subscribers, self._subscribed_s = subscribers, now_s
-        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
-
-    def _publish_due(self) -> None:
-        """Take the heat to the present, read the sensor, and send the readings."""
         wrench_ns = self._wrenches.due(self._ran_s)
         temperature_ns = self._temperatures.due(self._ran_s)
         wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
@@ -179,6 +162,16 @@ class SimulatedSensor(Node):
             self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
         while waiting:
             self._send_temperatures(*waiting.pop())
+
+    def _may_begin(self, now_s: float) -> bool:
+        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
+        subscribers = [
+            publisher.get_subscription_count()
+            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
+        ]
+        if subscribers != self._subscribers:
+            self._subscribers, self._subscribed_s = subscribers, now_s
+        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
 
     def _warm_up(self, *streams_ns: IntArray) -> list[FloatArray]:
         """Advance the heat to the latest of some times; node temperatures at each of them."""

@@ -181,7 +181,15 @@ def calibration_content(
         series = _held_out_series(_held_out(fit), recordings, coverage.leading)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, _widening(fit) * after)
-        evidence = _evidence_of_fit(fit, series, max(durations_s))
+        held_out = _held_out(fit)
+        tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
+        evidence = Evidence(
+            unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
+            widening=_widening(fit), compensated=fit.model is not None,
+            best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
+            recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
+            slowest_s=_slowest_s(fit), longest_s=max(durations_s), refusal=fit.refusal,
+            promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         axes.append(_axis_view(stored, axis, evidence, errors, series))
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
@@ -373,19 +381,6 @@ def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
-
-
-def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evidence:
-    """Collect the evidence about one axis of a calibration."""
-    held_out = _held_out(fit)
-    tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
-    return Evidence(
-        unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
-        widening=_widening(fit), compensated=fit.model is not None,
-        best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
-        recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
-        promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
 
 
 def _held_out_series(
