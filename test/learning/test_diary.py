@@ -1,4 +1,5 @@
 from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
+    diary_problem,
     good_days,
     load_diary,
     NONE,
@@ -102,3 +104,17 @@ def test_a_recording_that_nobody_judged_stays(tmp_path):
     diary = recorded(tmp_path, {'day_00001.csv': 10, 'day_00002.csv': 10})
     assert prune(tmp_path, replace(diary, days=diary.days[:1]), 1, 500.0) == [
         'day_00001.csv', 'day_00002.csv']  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    'change',
+    [{'noise': [0.1]}, {'left': {'none': [1.0]}}, {'payloads': [[1.0]]}, {'rotation': [1.0] * 8}],
+)
+def test_an_entry_with_too_few_figures_is_damage(change, tmp_path):
+    save_diary(tmp_path, Diary((DayEntry('day_00001.csv'),)))
+    assert load_diary(tmp_path).days
+    document = json.loads(diary_path(tmp_path).read_text())
+    document['days'][0].update(change)
+    diary_path(tmp_path).write_text(json.dumps(document))
+    assert load_diary(tmp_path) == Diary()
+    assert 'too few or too many figures' in diary_problem(tmp_path)

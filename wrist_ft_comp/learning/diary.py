@@ -97,6 +97,13 @@ class DayEntry:
     #: empty where unknown.
     noise: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        axes = len(AXES)
+        sizes = {len(left) - axes for left in self.left.values()} | {len(self.noise) % axes}
+        sizes |= {len(payload) - 4 for payload in self.payloads} | {len(self.rotation) % 9}
+        if sizes - {0}:
+            raise RecordingError(f'The entry of {self.name} has too few or too many figures.')
+
 
 class Decision(NamedTuple):
     """A change of the live model."""
