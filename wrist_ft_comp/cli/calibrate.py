@@ -102,7 +102,14 @@ def _orders(text: str) -> Orders:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_recordings(arguments.recordings)
-    _check_outputs(arguments)
+    # Nothing that a person made may be overwritten, and it is said before the work.
+    others = list(arguments.recordings)
+    if arguments.reference == 'payload':
+        others.append(arguments.output.with_name(PAYLOADS))
+        load_payloads(others[-1])
+    MODEL.check_target(arguments.output, others)
+    if arguments.report:
+        REPORT.check_target(arguments.report, [arguments.output, *others])
     job = _job(arguments)
     options.warn_of_idle(arguments, arguments.recordings)
     _warn_of_idle_structure(arguments)
@@ -125,17 +132,6 @@ def _warn_of_idle_structure(arguments: argparse.Namespace) -> None:
         options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
     if hats:
         options.warn_of(arguments, ['degree'], 'hats have no degree')
-
-
-def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse what would overwrite something, or cannot be written."""
-    others = list(arguments.recordings)
-    if arguments.reference == 'payload':
-        others.append(arguments.output.with_name(PAYLOADS))
-        load_payloads(others[-1])
-    MODEL.check_target(arguments.output, others)
-    if arguments.report:
-        REPORT.check_target(arguments.report, [arguments.output, *others])
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:

@@ -1,7 +1,7 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import textwrap
@@ -87,12 +87,27 @@ class Evaluation:
 
     def result(self, report: Path | None) -> tables.Result:
         """Put it into words and numbers, with the report that was written."""
-        units = {axis.axis: axis.unit for axis in self.content.axes}
-        verdicts = {axis.axis: axis.verdict for axis in self.content.axes}
-        words = (
-            f'{evaluation_text(self.errors, units)}\n\n{tables.verdict_text(verdicts)}\n\n'
-            f'{_limit_text(self.stored, self.judged)}'
+        table = tables.table_text(
+            ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
+            [
+                [axis.axis, axis.unit, *(rounded(figure, 4) for figure in vars(left).values()),
+                 f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
+                for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
+            ],
+        )  # fmt: skip
+        verdicts = tables.verdict_text({axis.axis: axis.verdict for axis in self.content.axes})
+        # What errors are, and which limits the calibration stated of the peaks.
+        model = self.stored.model
+        basis = (
+            f'Reference: {", ".join(dict.fromkeys(judged.reference for judged in self.judged))}. '
+            f'Errors are means over {averaged_s(model):g} s, as those of calibrate.'
         )
+        if model.day_limits:
+            limits = ', '.join(
+                f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in model.day_limits.items()
+            )
+            basis += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
+        words = f'{table}\n\n{verdicts}\n\n{textwrap.fill(basis, tables.WIDTH)}'
         if report:
             words += f'\nreport: {report}'
         document = {
@@ -205,28 +220,3 @@ def _unknown_payloads(
                 f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
                 'beside the model; its weight was fitted to this recording.'
             )
-
-
-def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:
-    """Put an evaluation into a table."""
-    return tables.table_text(
-        ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
-        [
-            [axis, units[axis], *(rounded(figure, 4) for figure in vars(left).values()),
-             f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
-            for axis, left in axes.items()
-        ],
-    )  # fmt: skip
-
-
-def _limit_text(stored: StoredModel, judged: Sequence[EvaluatedRecording]) -> str:
-    """Say what errors are, and which limits the calibration stated of the peaks."""
-    references = ', '.join(dict.fromkeys(evaluated.reference for evaluated in judged))
-    limits = ', '.join(
-        f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in stored.model.day_limits.items()
-    )
-    text = f'Errors are means over {averaged_s(stored.model):g} s, as those of calibrate.'
-    text = f'Reference: {references}. {text}'
-    if limits:
-        text += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
-    return textwrap.fill(text, tables.WIDTH)
