@@ -33,7 +33,6 @@ setup(
         'numpy>=1.26,<3',
         'scipy>=1.11,<2',
         'PyYAML>=6.0,<7',
-        'jsonschema>=4.10,<5',
         'matplotlib>=3.6,<4',
         'jinja2>=3.1,<4',
         'tqdm>=4.66,<5',
@@ -41,15 +40,14 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6'],
         'bags': ['rosbags>=0.11,<0.12'],  # a system ROS reads them by rosbag2_py
-        'completion': ['shtab>=1.5,<2'],
         'test': [
             'pytest>=7.4,<10',
             'pytest-xdist>=3.8,<4',  # newer than Ubuntu's: knows --no-loadscope-reorder
             'hypothesis>=6,<7',
+            'jsonschema>=4.10,<5',
             'distributed>=2024.1',  # docs/fleet.md
             'rosbags>=0.11,<0.12',
             'scikit-learn>=1.4,<2',
-            'shtab>=1.5,<2',
         ],
         'lint': [
             'ruff>=0.17,<0.18',

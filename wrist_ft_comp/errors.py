@@ -29,11 +29,11 @@ class RecordingError(WristFtCompError):
 
 
 class ModelFileError(WristFtCompError):
-    """A model file cannot be read, is of another version, or breaks the schema."""
+    """A model file cannot be read, is of another version, or is damaged."""
 
 
 class StateFileError(WristFtCompError):
-    """A saved state cannot be read or written, is of another version, or breaks the schema."""
+    """A saved state cannot be read or written, is of another version, or is damaged."""
 
 
 class OutputError(WristFtCompError):

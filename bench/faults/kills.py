@@ -13,6 +13,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing, suppress
+from functools import partial
 from pathlib import Path
 import shutil
 import time
@@ -26,7 +27,7 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import KIND
+from wrist_ft_comp.learning.diary import Diary, KIND
 from wrist_ft_comp.learning.memory import load_memory
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.signals import AXES, GRAVITY, NANOSECONDS
@@ -58,7 +59,7 @@ FILES: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
     ('recordings', 'recordings/recording_*.csv', read_recording),
     ('states', 'state.json', load_state),
     ('days', 'days/*.csv', read_recording),
-    ('diaries', 'days/diary.json', KIND.load_json),
+    ('diaries', 'days/diary.json', partial(KIND.load, Diary)),
     ('memories', 'learning.json', lambda path: load_memory(path.parent)),
 )
 

@@ -50,7 +50,7 @@ def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
     yield EXITS % ', '.join(f'`{error.kind()}`' for error in WristFtCompError.__subclasses__())
-    _, commands = build_parser()
+    commands = build_parser().commands
     for name, parser in commands.items():
         yield f'### `{name}`\n\n{parser.description}\n'
         yield table(('argument', 'what it is'), map(option_row, parser._actions[1:])) + '\n'

@@ -139,6 +139,14 @@ def model(tmp_path_factory, drift_csv):
 
 
 @pytest.fixture(scope='session')
+def report(tmp_path_factory, model, drift_csv):
+    """A report of that model; read-only."""
+    path = tmp_path_factory.mktemp('report') / 'report.html'
+    assert main(['evaluate', str(model), str(drift_csv), '--report', str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope='session')
 def bags(tmp_path_factory, messages):
     """Bags of both storages: 200 Hz wrenches, 2 Hz temperatures of an accelerated warm-up."""
     rng = np.random.default_rng(0)

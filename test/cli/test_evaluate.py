@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.stream import offline
 from wrist_ft_comp.stream.compensator import Compensator
 
 
@@ -91,15 +90,6 @@ def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     assert max(map(len, lines)) <= 80
 
 
-def test_a_report_holds_the_printed_figures(done, make, model, tmp_path):
-    path, page = make.csv(tmp_path / 'run.csv', make.drifting(seed=3)), tmp_path / 'r.html'
-    out = done('evaluate', model, path, '--tare', '5', '--report', page)
-    text = page.read_text()
-    for number in out.splitlines()[1].split()[2:6]:
-        assert f'<td>{number}</td>' in text
-    assert 'first 5\N{NO-BREAK SPACE}s' in text
-
-
 def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_path):
     columns = make.drifting(70)
     noise = np.random.default_rng(0).normal(0, 0.02, (2, 70))
@@ -114,28 +104,6 @@ def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_pat
     moved = make.csv(tmp_path / 'day.csv', make.drifting(seed=3))
     judged = json.loads(done('evaluate', model, path, moved, '--json'))['verdicts']
     assert {verdict['level'] for verdict in judged.values()} == {'good'}
-
-
-def test_every_recording_is_simulated_once(done, make, model, tmp_path, monkeypatch):
-    paths = [make.csv(tmp_path / f'{seed}.csv', make.drifting(seed=seed)) for seed in (1, 2)]
-    runs, run_once = [], offline.run_from_rest
-
-    def counted(*arguments):
-        runs.append(arguments)
-        return run_once(*arguments)
-
-    monkeypatch.setattr(offline, 'run_from_rest', counted)
-    done('evaluate', model, *paths, '--report', tmp_path / 'r.html')
-    assert len(runs) == len(paths)
-
-
-def test_large_figures_are_written_out(run, make, model, tmp_path):
-    columns = make.drifting(seed=3)
-    columns['force_z'] = [20_000 * value for value in columns['force_z']]
-    columns['temperature_c'] = [value + 60 for value in columns['temperature_c']]
-    outcome = run('evaluate', model, make.csv(tmp_path / 'run.csv', columns))
-    assert 'For 100 % of the time the correction is a guess' in outcome.err
-    assert 'e+0' not in outcome.out + outcome.err
 
 
 def lagged_pair(seed, *, frozen=False):

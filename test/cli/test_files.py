@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from wrist_ft_comp.cli import demo, options
+from wrist_ft_comp.cli import options
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.stored.model_file import KIND
@@ -58,7 +58,7 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
 @pytest.mark.parametrize('name', ['m.yaml', 'm', 'm.csv'])
 def test_a_model_is_one_by_its_content(name, tmp_path):
     path = tmp_path / name
-    path.write_text(f'# mine\nformat: {KIND.says}\nversion: 99\n')
+    path.write_text(f'format: {KIND.says}\nversion: 99\n')
     options.check_model(path)
     KIND.check_target(path)
     with pytest.raises(RecordingError, match='is a model file'):
@@ -122,15 +122,54 @@ def test_neither_report_nor_picture_takes_another_s_place(run, day, own_model, f
             assert contents(tmp_path) == before, target
 
 
-@pytest.mark.parametrize('place', ['picture', 'folder'])
+@pytest.mark.parametrize('place', ['report', 'folder'])
 def test_the_demo_looks_before_it_starts_a_process(place, run, tmp_path, monkeypatch):
     monkeypatch.setattr(options, 'find_spec', lambda _: object())
-    monkeypatch.setattr(demo, 'play', pytest.fail)
-    path = tmp_path / ('demo.png' if place == 'picture' else 'file')
+    monkeypatch.setattr('wrist_ft_comp.cli.demo._play', pytest.fail)
+    path = tmp_path / ('demo.html' if place == 'report' else 'file')
     path.write_bytes(PNG)
-    output, words = (tmp_path, 'it exists') if place == 'picture' else (path, 'is no folder')
+    output, words = (tmp_path, 'it exists') if place == 'report' else (path, 'File exists')
     assert words in run('demo', '--output', output).sentence
     assert path.read_bytes() == PNG
+    assert list(tmp_path.iterdir()) == [path]
+
+
+#: Texts that quote a file of ours, at their beginning or further on.
+QUOTES = {
+    'notes.md': '# Models\n\nEach begins with\n\nformat: wrist_ft_comp drift model\nversion: 2\n',
+    'first.md': 'format: wrist_ft_comp drift model\nversion: 2\n\nis how each model begins.\n',
+    'other.yaml': 'of: me\nsays: |\n  format: wrist_ft_comp drift model\n  version: 2\n',
+    'page.html': '<!doctype html>\n&lt;meta name="generator" content="wrist_ft_comp report">',
+    'head.html': '<html><head><meta name="author" content="me">\n'
+    '<meta name="generator" content="wrist_ft_comp report"></head></html>',
+    'photo.png': (PNG + b'tEXtComment\0Software\0wrist_ft_comp picture').decode('latin-1'),
+}
+
+
+@pytest.mark.parametrize('name', QUOTES)
+def test_a_text_that_quotes_a_file_of_ours_is_not_replaced(name, run, day, own_model, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(QUOTES[name].encode('latin-1'))
+    for words in (
+        ['calibrate', day, '--method', 'pls', '-o', path],
+        ['calibrate', day, '-o', tmp_path / 'new.yaml', '--report', path],
+        ['evaluate', own_model, day, '--report', path],
+    ):
+        assert 'it exists and is no ' in run(*words).sentence
+        assert path.read_bytes() == QUOTES[name].encode('latin-1')
+
+
+def test_a_folder_that_does_not_exist_is_not_made(run, day, own_model, folder, tmp_path):
+    target = tmp_path / 'mistyped'
+    for words in (
+        ['calibrate', day, '-o', target / 'm.yaml'],
+        ['calibrate', day, '-o', tmp_path / 'm.yaml', '--report', target / 'r.html'],
+        ['evaluate', own_model, day, '--report', target / 'r.html'],
+        ['compensate', own_model, day, '-o', target / 'c.csv'],
+        ['show', folder, '--picture', target / 'p.png'],
+    ):
+        assert f'{target} does not exist; make that folder first' in run(*words).sentence
+        assert not target.exists()
 
 
 @pytest.mark.parametrize('spelling', ['{0}', '{0.parent}/../{0.parent.name}/{0.name}', 'link'])
@@ -234,13 +273,11 @@ def test_an_option_that_does_nothing_is_named(words, idle, run, fill_in):
     assert sorted(line.split()[1] for line in warned) == idle
 
 
-def test_a_reference_s_topic_that_nobody_asks_is_named(run, bags, model):
-    for command, idle in (
-        (['evaluate', model, bags['mcap']], True),
-        (['show', bags['mcap']], False),
-    ):
-        said = run(*command, '--reference-topic', '/wrench_raw2').err
-        assert ('--reference-topic does nothing here' in said) is idle
+def test_the_topic_of_a_reference_that_the_model_was_learnt_with_is_no_idle_option(
+    run, bags, model
+):
+    said = run('evaluate', model, bags['mcap'], '--reference-topic', '/wrench_raw2').err
+    assert 'does nothing here' not in said
 
 
 def test_gravity_has_one_source(run, bags):

@@ -1,4 +1,5 @@
 from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
+    diary_problem,
     good_days,
     load_diary,
     NONE,
@@ -85,3 +87,17 @@ def test_days_and_bytes_are_bounded_with_room_for_another_day(recorded, tmp_path
 def test_a_recording_that_nobody_judged_stays(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr(old_days, '_KEPT_DAYS', 1)
     assert len(prune(tmp_path, replace(recorded, days=recorded.days[:1]), 500.0)) == 6
+
+
+@pytest.mark.parametrize(
+    'change',
+    [{'noise': [0.1]}, {'left': {'none': [1.0]}}, {'payloads': [[1.0]]}, {'rotation': [1.0] * 8}],
+)
+def test_an_entry_with_too_few_figures_is_damage(change, tmp_path):
+    save_diary(tmp_path, Diary((DayEntry('day_00001.csv'),)))
+    assert load_diary(tmp_path).days
+    document = json.loads(diary_path(tmp_path).read_text())
+    document['days'][0].update(change)
+    diary_path(tmp_path).write_text(json.dumps(document))
+    assert load_diary(tmp_path) == Diary()
+    assert 'too few or too many figures' in diary_problem(tmp_path)

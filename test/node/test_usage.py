@@ -1,12 +1,9 @@
 import pytest
-from rclpy.context import Context
 
 from wrist_ft_comp.node import compensator as compensator_node
 from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.compensator import CompensatorNode
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
-from wrist_ft_comp.ros.arguments import refuse_strays
-from wrist_ft_comp.ros.running import run_nodes
 
 NODES = pytest.mark.parametrize(
     ('module', 'node', 'name'),
@@ -46,32 +43,3 @@ def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, ca
         inside = f'/shown/{made.get_name()}/'
         asked = f'~/{end.removeprefix(inside)}' if end.startswith(inside) else end
         assert asked.removeprefix('/shown/') in text
-
-
-def test_help_without_a_usage_text_is_an_unread_word():
-    assert run_nodes(list, ['example', '--help']) == 1
-
-
-@pytest.mark.parametrize(
-    'words',
-    [[], ['--ros-args'], ['--ros-args', '-p', 'a:=b', '--', '--ros-args', '-r', 'a:=b', '--']],
-)
-def test_ros_arguments_may_come_in_parts(words):
-    refuse_strays(['compensator', *words])
-
-
-@pytest.mark.parametrize(
-    ('words', 'stray'),
-    [
-        (['model.yaml'], 'model.yaml'),
-        (['-p', 'model_file:=x'], '-p model_file:=x'),
-        (['wrench_raw:=/ft', '--ros-args', '-p', 'a:=b'], 'wrench_raw:=/ft'),
-        (['--ros-args', '-p', 'a:=b', '--', 'x', 'y'], 'x y'),
-    ],
-)
-def test_a_stray_word_starts_no_node(monkeypatch, capfd, words, stray):
-    monkeypatch.setattr(Context, 'init', None)
-    assert compensator_node.main(['compensator', *words]) == 1
-    said = capfd.readouterr().err
-    assert f'Nothing reads {stray!r}: ' in said
-    assert 'behind --ros-args' in said

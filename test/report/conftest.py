@@ -11,7 +11,11 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import calibration_view, EvaluatedRecording, evaluation_view
+from wrist_ft_comp.report.report_content import (
+    calibration_content,
+    EvaluatedRecording,
+    evaluation_content,
+)
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import save_model
 
@@ -95,14 +99,14 @@ def view(tmp_path_factory, stored, make_working_day):
         if kind == 'plateaus':
             recordings = [make_plateaus()]
             calibration, model = learn(recordings, folder, method='pls', features='hats')
-            return calibration_view(calibration, recordings, model, 'unloaded')
+            return calibration_content(calibration, recordings, model, 'unloaded')
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
-            return evaluation_view(stored, [evaluated(stored, make_recording()), second], 60.0)
+            return evaluation_content(stored, [evaluated(stored, make_recording()), second], 60.0)
         if kind == 'work':
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')
-            return calibration_view(calibration, recordings, model, 'payload')
+            return calibration_content(calibration, recordings, model, 'payload')
         drifts = {'good': (1.0, 0.0, 0), 'weak': (0.05, 0.1, 0), 'none': (0.0, 0.0, 2)}
         slope, hidden, seed = drifts[kind]
         recordings = [
@@ -110,7 +114,7 @@ def view(tmp_path_factory, stored, make_working_day):
             for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'], seed)
         ]
         calibration, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
-        return calibration_view(calibration, recordings, model, 'unloaded')
+        return calibration_content(calibration, recordings, model, 'unloaded')
 
     return build
 

@@ -144,7 +144,9 @@ def test_the_list_is_readable_by_people_and_keeps_what_was_given(store):
         'path': 'models/a.yaml', 'sha256': 'a' * 64, 'since': '2026-01-05T06:00:00+00:00',
         'why': 'It is better.', 'how': 'learnt', 'day': 'd', 'withdrawn': False,
     }  # fmt: skip
-    assert json.loads(text) == {'history': [said], 'given': 'abc'}
+    assert json.loads(text) == {
+        'format': 'wrist_ft_comp live models', 'version': 1, 'history': [said], 'given': 'abc',
+    }  # fmt: skip
     assert len(text.splitlines()) > 3
     assert (store.history(), store.given()) == (history, 'abc')
 
@@ -163,19 +165,16 @@ def test_the_history_says_what_ran_on_a_day_and_when_a_person_decided_last():
     assert day_of_choice([]) == ''
 
 
-def test_a_list_of_an_older_version_is_kept_beside_the_new_one(store):
-    store.directory.mkdir()
-    path, old = (
-        store.directory / 'active.json',
-        '{"history": [null, "models/a.yaml"], "given": ""}',
-    )
-    path.write_text(old)
-    with pytest.raises(ModelFileError, match='by an older version'):
-        store.history()
-    store.activate(entries(None))
-    assert path.with_name('active.json.kept').read_text() == old
+def test_a_list_without_a_format_is_read_and_replaced(store):
+    """So it was written before the list had one."""
+    store.activate(entries(None), 'abc')
+    path = store.directory / 'active.json'
+    plain = json.loads(path.read_text())
+    path.write_text(json.dumps({name: plain[name] for name in ('history', 'given')}, indent=1))
+    assert (store.history(), store.given()) == (entries(None), 'abc')
     store.activate([])
-    assert store.history() == []
+    assert json.loads(path.read_text())['version'] == 1
+    assert not path.with_name('active.json.kept').exists()
 
 
 def test_leftovers_of_killed_processes_are_swept(store):
@@ -183,7 +182,7 @@ def test_leftovers_of_killed_processes_are_swept(store):
     store.activate([HistoryEntry(None)])
     source = (
         'import os, signal, sys; from pathlib import Path\n'
-        'from wrist_ft_comp.stored.documents import replace_file\n'
+        'from wrist_ft_comp.stored.own_file import replace_file\n'
         'os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n'
         'replace_file(Path(sys.argv[1]), "new")\n'
     )

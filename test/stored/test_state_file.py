@@ -1,6 +1,5 @@
 """State files: what comes back, and what is refused."""
 
-import copy
 from dataclasses import replace
 import json
 import os
@@ -126,7 +125,7 @@ def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_pat
 def test_a_table_of_rows_of_different_length_is_refused(load):
     document = plain(example())
     document['thermal']['start_c'] = [[20.0], [20.0, 21.0]]
-    with pytest.raises(StateFileError, match='rows differ in length'):
+    with pytest.raises(StateFileError, match='rows that differ in length'):
         load(document)
 
 
@@ -162,29 +161,37 @@ def test_content_that_is_no_state_is_refused(load, content, sentence):
 
 
 @pytest.mark.parametrize(
-    'text',
-    [
-        'NaN', 'Infinity', '-Infinity', '1e999', '1e101', '"1"', 'null', '[]', 'true',
-        '1' + '0' * 400,
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize(
-    'place', ['tare', 'temperature_c', 'zero', 'sensitivity', 'filters', 'history']
+    'text', ['NaN', '-Infinity', '1e999', '1e101', '"1"', 'null', 'true', '1' + '0' * 400]
 )
+@pytest.mark.parametrize('place', ['tare', 'temperature_c', 'zero', 'filters', 'history'])
 def test_numbers_are_finite(load, place, text):
-    document = copy.deepcopy(plain(example()))
+    document = plain(example())
     row = (document if place == 'tare' else document['thermal'])[place]
     if place in {'filters', 'history'}:
         row = row['force_z'] if place == 'filters' else row[1]['temperature_c']
     row[0] = 'HERE'
-    with pytest.raises(StateFileError, match=f'{text} stands in it' if text[-1] in 'yN' else '.'):
+    with pytest.raises(StateFileError):
         load(json.dumps(document).replace('"HERE"', text).encode())
+
+
+@pytest.mark.parametrize(
+    ('place', 'value'),
+    [
+        ('period_ns', 0), ('period_ns', 10**12), ('silent', [-1]), ('zero', [0.0] * 5),
+        ('filters', {'force_q': [1.0]}), ('history', [{'temperature_c': [20.0], 'cells': 10**6}]),
+    ],
+)  # fmt: skip
+def test_what_nothing_can_go_on_from_is_refused(load, place, value):
+    document = plain(example())
+    document['thermal'][place] = value
+    with pytest.raises(StateFileError, match=r'is damaged: .* Remove it, or restore the file\.'):
+        load(document)
 
 
 @pytest.mark.parametrize('key', list(plain(example())))
 def test_nothing_may_be_missing_or_more(load, key):
     document = plain(example())
-    with pytest.raises(StateFileError, match='breaks the schema at the top level'):
+    with pytest.raises(StateFileError, match='more must be none of'):
         load({**document, 'more': 1})
     del document[key]
     with pytest.raises(StateFileError):

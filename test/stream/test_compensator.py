@@ -351,6 +351,8 @@ class TestTare:
                 compensator.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
         np.testing.assert_allclose(swapped.correct(4 * SECOND, LOAD.tolist()), LOAD)
         np.testing.assert_allclose(tared.correct(4 * SECOND, LOAD.tolist()), 0, atol=1e-9)
+        assert swapped.tare.any()
+        assert (tared.tared, swapped.tared) == (True, False), 'an offset that nobody took'
         np.testing.assert_allclose(alone.tare, tared.tare)
         assert not free.tare.any()
 

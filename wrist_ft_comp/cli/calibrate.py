@@ -6,7 +6,8 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import payloads_json, verdict_text
+from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli.tables import payloads_json, print_result, Result, verdict_text
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
@@ -14,10 +15,10 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.report_content import ReportContent
+from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.report.summary import summarise
-from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -101,27 +102,7 @@ def _orders(text: str) -> Orders:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_recordings(arguments.recordings)
-    _check_outputs(arguments)
-    job = _job(arguments)
-    options.warn_of_idle(arguments, arguments.recordings)
-    with options.progress_bar('calibrating') as progress:
-        outcome = run_job(job, progress)
-    view = outcome.view(job)
-    verdicts = {axis.axis: axis.verdict for axis in view.axes}
-    if not arguments.json:
-        print(summarise(outcome.calibration))
-        print(f'\n{verdict_text(verdicts)}\n\nsaved as {outcome.stored.path}')
-    if job.report:
-        REPORT.write(job.report, page(view))
-        if not arguments.json:
-            print(f'report: {job.report}')
-    if arguments.json:
-        options.print_json(_as_json(outcome, verdicts))
-    return 0
-
-
-def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Refuse what would overwrite something, or cannot be written."""
+    # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
         others.append(arguments.output.with_name(PAYLOADS))
@@ -129,6 +110,28 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
     MODEL.check_target(arguments.output, others)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
+    job = _job(arguments)
+    options.warn_of_idle(arguments, arguments.recordings)
+    _warn_of_idle_structure(arguments)
+    with progress_bar('calibrating') as progress:
+        outcome = run_job(job, progress)
+    content = outcome.view(job)
+    if job.report:
+        REPORT.write(job.report, page(content))
+    print_result(_result(outcome, content, job.report), as_json=arguments.json)
+    return 0
+
+
+def _warn_of_idle_structure(arguments: argparse.Namespace) -> None:
+    """Warn of choices that the method does not leave."""
+    method = arguments.method
+    hats = arguments.features == 'hats' or bool(arguments.hat_temperatures)
+    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
+        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
+    if method != 'arx_pls':
+        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
+    if hats:
+        options.warn_of(arguments, ['degree'], 'hats have no degree')
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:
@@ -148,26 +151,31 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         options.topics_from(arguments), report=arguments.report)  # fmt: skip
 
 
-def _as_json(outcome: JobOutcome, verdicts: dict[str, Verdict]) -> dict[str, object]:
-    """Everything a script may want."""
-    calibration = outcome.calibration
+def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) -> Result:
+    """Say what was learnt and saved, and where; ``content`` is that of its report."""
+    calibration, path = outcome.calibration, outcome.stored.path
+    verdicts = verdict_text({axis.axis: axis.verdict for axis in content.axes})
+    words = f'{summarise(calibration)}\n\n{verdicts}\n\nsaved as {path}'
+    if report:
+        words += f'\nreport: {report}'
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
     )  # fmt: skip
-    return {
-        'model': str(outcome.stored.path),
+    document = {
+        'model': str(path),
         'sha256': outcome.stored.sha256,
         'axes': {
-            axis: {
-                'verdict': verdicts[axis].level,
-                'why': verdicts[axis].sentence,
-                **{name: getattr(fit, name) for name in names},
+            axis.axis: {
+                'verdict': axis.verdict.level,
+                'why': axis.verdict.sentence,
+                **{name: getattr(calibration.fits[axis.axis], name) for name in names},
             }
-            for axis, fit in calibration.fits.items()
+            for axis in content.axes
         },
         'temperature_range_c': calibration.temperature_range_c,
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
         'warnings': calibration.warnings,
     }
+    return Result(words, document)

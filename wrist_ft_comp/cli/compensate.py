@@ -6,7 +6,8 @@ import gc
 from pathlib import Path
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import print_warnings, range_warnings
+from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli.tables import print_result, range_warnings, Result
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.at_work import learn_at_work
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     stored = load_model(arguments.model)
     model, topics = stored.model, options.topics_from(arguments)
     period_s = model.period_ns / NANOSECONDS
-    with options.progress_bar('compensating') as progress, ExitStack() as stack:
+    with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time
         stack.callback(gc.enable)
         recording = read_recording(
@@ -99,12 +100,10 @@ def run(arguments: argparse.Namespace) -> int:
         *range_warnings(stored, recording),
         *external_warnings,
     )
-    if arguments.json:
-        answer = {'output': arguments.output, 'tare': dict(zip(AXES, tare.tolist(), strict=True))}
-        options.print_json({**answer, 'warnings': warnings})
-        return 0
-    print_warnings(warnings)
-    print(f'wrote {arguments.output}')
+    taken_off = dict(zip(AXES, tare.tolist(), strict=True))
+    document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
+    result = Result(f'wrote {arguments.output}', document, warnings)
+    print_result(result, as_json=arguments.json)
     return 0
 
 

@@ -1,192 +1,75 @@
-"""wrist_ft_comp demo: a simulated sensor, the real node, and a table of what it removed."""
+"""wrist_ft_comp demo: a node learns a simulated drift on one day, and is judged on another."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
-import json
+from functools import partial
 import os
 from pathlib import Path
-import select
 import subprocess
 import sys
-import tempfile
-from typing import Any, NoReturn, TextIO
+from tempfile import mkdtemp, NamedTemporaryFile
+from typing import Any, TYPE_CHECKING
 
-from tqdm import tqdm
-
-from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.demo_result import draw, judge, PART_KG, TOOL_KG, TOPICS
+from wrist_ft_comp.cli import evaluate, options
+from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli.tables import print_result, Result
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.report.outputs import PICTURE
-from wrist_ft_comp.stored.demo_log import load_demo_log
+from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.report_files import REPORT
+from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
-#: A program that was asked to end is killed after this time, s.
-_END_TIMEOUT_S = 10.0
-#: While the operator is silent, the other programs are checked once in this time, s.
-_LOOK_AFTER_S = 0.5
+if TYPE_CHECKING:
+    from wrist_ft_comp.cli.operate import Operator, Stamps
+
+_Process = subprocess.Popen[bytes]
 #: ROS domains whose ports Linux does not use for others; people choose from the other end.
 _DOMAINS = range(60, 101)
-_Process = subprocess.Popen[bytes]
-_Event = dict[str, object]
+#: A program that was asked to end is killed after this time, s.
+_END_TIMEOUT_S = 10.0
+#: The sensor is given up where it is silent for this time, s.
+_SILENCE_S = 30.0
 #: Temperatures per second of a thermometer: as many as a real one sends.
 _TEMPERATURE_RATE_HZ = 100.0
 #: Length of a thermal cell, s; at that rate and speed every cell has a temperature.
 _THERMAL_PERIOD_S = 5.0
-#: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works and cools.
-_RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
-_RECORD_S = 11400
-#: Duty cycle of the day after, on which the calibration is judged.
-_TEST_DUTY = ((0, 0.0), (2400, 0.7), (4800, 0.2), (6600, 1.0), (8400, 0.0), (9300, 0.6))
-_TEST_S = 10800
+#: From the end of the first day to the beginning of the second, s.
+_NIGHT_S = 36_000
+#: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
+_TOOL_KG, _MASS_SHARE = 1.4, 0.05
+#: The drift of force z has to become smaller by this factor; at work weight and contacts disturb.
+_RATIO, _RATIO_AT_WORK = 10.0, 5.0
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Arguments of the three programs: modules of ``node``, and their parameters."""
+class _Day:
+    """A day of the simulated robot."""
 
-    #: Specimen of the simulated sensor.
-    seed: int
-    #: How many times faster than real time it runs.
-    speed: float
-    #: Whether the robot works, and never stands empty.
-    at_work: bool = False
-
-    def compensator(self, folder: Path) -> list[str]:
-        """Write the node's command line."""
-        learns: dict[str, object] = {'calibration.reference': 'recorded'}
-        if self.at_work:
-            learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
-        where = {
-            'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS),
-            'thermal_period': _THERMAL_PERIOD_S,
-        }  # fmt: skip
-        return _program('compensator', where | learns)
-
-    def operator(self, log_file: Path) -> list[str]:
-        """Write the operator's command line."""
-        work = ['--at-work'] * self.at_work
-        return ['demo_client', *work, str(log_file), str(_RECORD_S), str(_TEST_S), *TOPICS]
-
-    def sensor(self) -> list[str]:
-        """Write the simulated sensor's command line, for both days."""
-        # A busy machine calibrates while hours go by here: the other day comes several times.
-        days = range(_RECORD_S, _RECORD_S + 6 * _TEST_S, _TEST_S)
-        test = [(day + start, level) for day in days for start, level in _TEST_DUTY]
-        duty = [*_RECORD_DUTY, *test]
-        works = {
-            'work.tool_mass': TOOL_KG, 'work.part_mass': PART_KG, 'load.force_n': 0.0,
-            'load.torque_nm': 0.0,
-        }  # fmt: skip
-        parameters = {
-            'seed': self.seed, 'speed': self.speed, 'wrench_rate': 500.0,
-            'temperature_rate': min(self.speed, _TEMPERATURE_RATE_HZ),
-            'duty_cycle.start_s': _array([float(start) for start, _ in duty]),
-            'duty_cycle.level': _array([float(level) for _, level in duty]),
-        }  # fmt: skip
-        return _program('simulated_sensor', parameters | (works if self.at_work else {}))
+    what: str
+    #: When the duty cycle of the motor changes, s, and to which level.
+    duty: tuple[tuple[float, float], ...]
+    length_s: float
 
 
-def _program(module: str, parameters: Mapping[str, object]) -> list[str]:
-    """Name a program and its parameters, as a ROS command line."""
-    pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
-    return [module, '--ros-args', *(word for pair in pairs for word in pair)]
-
-
-def _array(values: Sequence[object]) -> str:
-    """Write an array as ROS parameters are written."""
-    return f'[{", ".join(str(value) for value in values)}]'
-
-
-def play(folder: Path, log_file: Path, plan: Plan, messages: TextIO) -> None:
-    """
-    Run the three processes until the operator is done, and end them.
-
-    The operator puts what it received into the log file; what it says is printed to the messages.
-    """
-    with ExitStack() as stack:
-        running = {'compensator': stack.enter_context(_process(*plan.compensator(folder)))}
-        operator = stack.enter_context(_process(*plan.operator(log_file), stdout=subprocess.PIPE))
-        bar = stack.enter_context(tqdm(total=1.0, disable=None, leave=False))
-        for event in _events(operator, running):
-            if event['event'] == 'recording':
-                running['simulated sensor'] = stack.enter_context(_process(*plan.sensor()))
-            else:
-                _show(event, bar, messages, str(folder))
-    if not log_file.exists():
-        raise RecordingError('The demonstration ended without a result; see the messages above.')
-
-
-def _show(event: _Event, bar: 'tqdm[NoReturn]', messages: TextIO, folder: str) -> None:
-    """Show an event of the operator, but no line about a folder that is removed at the end."""
-    if event['event'] == 'progress':
-        bar.set_description(str(event['what']))
-        bar.update(float(str(event['share'])) - bar.n)
-    elif event['event'] == 'failed':
-        raise RecordingError(f'The demonstration failed: {event["text"]}')
-    elif event['event'] == 'message':
-        bar.clear()
-        for line in str(event['text']).splitlines():
-            if folder not in line:
-                print(line, file=messages, flush=True)
-
-
-def _events(operator: _Process, running: Mapping[str, _Process]) -> Iterator[_Event]:
-    """Read the events of the operator, a JSON object a line, while the others are alive."""
-    output: Any = operator.stdout
-    while True:
-        if not select.select([output], [], [], _LOOK_AFTER_S)[0]:
-            for name, process in running.items():
-                if process.poll() is not None:
-                    raise RecordingError(
-                        f'The {name} of the demonstration ended early, with exit code '
-                        f'{process.returncode}; see the messages above.'
-                    )
-            continue
-        line = output.readline()
-        if not line:
-            return
-        with suppress(ValueError):  # whatever else a library may print there is not for us
-            event = json.loads(line)
-            if isinstance(event, dict) and 'event' in event:
-                yield event
-
-
-def _environment() -> dict[str, str]:
-    """Stay on this computer and out of the user's domain: a robot may listen to a wrench there."""
-    taken = os.environ.get('ROS_DOMAIN_ID', '0')
-    free = [domain for domain in _DOMAINS if str(domain) != taken]
-    return {
-        **os.environ,
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(free[os.getpid() % len(free)]),
-    }
-
-
-@contextmanager
-def _process(module: str, *arguments: str, stdout: int | None = None) -> Iterator[_Process]:
-    """Run one of the package's programs; end it by its own id."""
-    command = [sys.executable, '-m', f'wrist_ft_comp.node.{module}', *arguments]
-    # Without a buffer, in which lines would wait unseen by select.
-    with subprocess.Popen(  # noqa: S603 -- our own modules, no shell
-        command, env=_environment(), stdout=stdout, bufsize=0
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.terminate()
-            try:
-                process.wait(_END_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
+#: The sensor warms up, rests, works and cools.
+_LEARNT = _Day(
+    'day 1, which is learnt from',
+    ((0.0, 0.0), (300.0, 0.9), (3600.0, 0.0), (5700.0, 0.5), (8100.0, 1.0), (9600.0, 0.0)), 11400,
+)  # fmt: skip
+#: It works otherwise.
+_JUDGED = _Day(
+    'day 2, on which the model is judged',
+    ((0.0, 0.0), (1200.0, 0.7), (3600.0, 0.2), (5400.0, 1.0), (7200.0, 0.0), (8100.0, 0.6)), 9600,
+)  # fmt: skip
 
 HELP = 'watch the node learn and remove a simulated drift'
 DESCRIPTION = """\
-Start a simulated sensor and the compensator as processes, record a
-warm-up, calibrate, let the robot cool down and warm up differently, and print
-what is left of the drift. With --at-work the robot never stands empty.
+Start a simulated sensor and the compensator as processes, record a warm-up,
+calibrate, record another day, and judge the model on it: a report says what is
+left of the drift. With --at-work the robot never stands empty.
 Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and
 the tool's mass was found within 5 %."""
 EXAMPLES = """\
@@ -196,13 +79,29 @@ examples:
   wrist_ft_comp demo --seed 2 --output /tmp/demo
   wrist_ft_comp demo --json
 """
+_WORDS = """\
+The node's answer to ~/calibrate, after day 1:
+
+{answer}
+
+Day 2, which the model does not know:
+
+{judged}
+
+Next: open {report} in a browser. The node's files, with the model and
+both recordings, are in {folder}. Of your own bag,
+  wrist_ft_comp show BAG
+prints the commands that learn from it.
+
+{sentence}"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
         '--output', type=Path, default=Path('out'), metavar='FOLDER',
-        help='for the picture, demo.png (default: %(default)s)')  # fmt: skip
+        help="for the report, demo.html, and a folder of the node's (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         '--seed', type=options.number(0, 2**63 - 1), default=1, metavar='N',
         help='specimen of the simulated sensor (default: %(default)s)')  # fmt: skip
@@ -219,20 +118,139 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(RecordingError, 'The demonstration needs rclpy')
-    picture = arguments.output / 'demo.png'
-    PICTURE.check_target(picture)
-    with tempfile.TemporaryDirectory(prefix='wrist_ft_comp_demo_') as folder:
-        log_file = Path(folder, 'log.npz')
-        messages = sys.stderr if arguments.json else sys.stdout
-        plan = Plan(arguments.seed, arguments.speed, arguments.at_work)
-        play(Path(folder), log_file, plan, messages)
-        log = load_demo_log(log_file)
-        learnt = load_payloads(Path(folder, 'data', 'models', PAYLOADS))
-    masses_kg = {name: payload.mass_kg for name, (payload, _) in learnt.items()}
-    outcome = judge(log, masses_kg if plan.at_work else None)
-    PICTURE.write(picture, draw(log, external=plan.at_work))
-    if arguments.json:
-        options.print_json({**outcome.as_json(), 'picture': picture})
-    else:
-        print(f'{outcome.table()}\npicture: {picture}\n{outcome.sentence}')
-    return 0 if outcome.reached else 1
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    report = arguments.output / 'demo.html'
+    REPORT.check_target(report)
+    folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
+    answer = _play(arguments, folder)
+    store = ModelStore(folder)
+    model, day_2 = store.history()[-1].path, store.recordings()[-1]
+    if model is None:
+        raise RecordingError(f'The node did not keep its model; see its log in {folder}.')
+    with progress_bar('judging') as progress:
+        evaluation = evaluate.evaluate_recordings(
+            model, [day_2], reference='recorded', progress=progress
+        )
+    REPORT.write(report, page(evaluation.content))
+    payloads = load_payloads(model.with_name(PAYLOADS)) if arguments.at_work else {}
+    masses_kg = {name: payload.mass_kg for name, (payload, _) in payloads.items()}
+    reached, sentence = _judge(evaluation, masses_kg, at_work=arguments.at_work)
+    result = evaluation.result(report)
+    words = _WORDS.format(
+        answer=answer, judged=result.words, report=report, folder=folder, sentence=sentence
+    )
+    more = {'masses_kg': masses_kg, 'reached': reached, 'report': report, 'folder': folder}
+    result = Result(words, {**result.document, **more})
+    print_result(result, as_json=arguments.json)
+    return 0 if reached else 1
+
+
+def _judge(
+    evaluation: evaluate.Evaluation, masses_kg: Mapping[str, float], *, at_work: bool
+) -> tuple[bool, str]:
+    """Say whether what is promised was reached, and in a sentence with which numbers."""
+    force_z = evaluation.errors['force_z']
+    ratio, wanted = force_z.rms_before / force_z.rms_after, _RATIO_AT_WORK if at_work else _RATIO
+    reached = ratio >= wanted
+    sentence = f'drift of force z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
+    if at_work:
+        tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - _TOOL_KG), default=0.0)
+        off = abs(tool_kg - _TOOL_KG) / _TOOL_KG
+        reached &= off <= _MASS_SHARE
+        sentence += (
+            f'\nthe tool of {_TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at '
+            f'most {_MASS_SHARE:.0%} are wanted'
+        )
+    return reached, f'{"PASS" if reached else "FAIL"}: {sentence}'
+
+
+def _play(arguments: argparse.Namespace, folder: Path) -> str:
+    """Let the node record, calibrate and record again; gives its answer to ~/calibrate."""
+    os.environ.update(_surroundings())
+    from wrist_ft_comp.cli.operate import ask, operating, Stamps, Watch  # noqa: PLC0415 -- rclpy
+
+    learns: dict[str, object] = {'calibration.reference': 'recorded'}
+    if arguments.at_work:
+        learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
+    node = {
+        'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
+        'thermal_period': _THERMAL_PERIOD_S,
+    }  # fmt: skip
+    with ExitStack() as stack:
+        log = stack.enter_context(
+            NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False)
+        )
+        operator = stack.enter_context(operating())
+        stamps = Stamps(operator, 'temperature')
+        for number, day in enumerate((_LEARNT, _JUDGED)):
+            begin_s = stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0
+            parameters = {'run': number, 'start_stamp_s': begin_s, **_sensor(arguments, day)}
+            # The node is started anew on the second day, and takes the model by itself.
+            with _process('compensator', {**node, **learns}, log) as compensator:
+                name = operator.find()
+                watch = Watch(operator, name)
+                ask(operator, name, 'record', watch)
+                with _process('simulated_sensor', parameters, log) as sensor:
+                    _listen(operator, stamps, day, {'compensator': compensator, 'sensor': sensor})
+                ask(operator, name, 'stop', watch)
+                if day is _LEARNT:
+                    with progress_bar('calibrating'):
+                        answer = ask(operator, name, 'calibrate', watch)
+    return answer
+
+
+def _sensor(arguments: argparse.Namespace, day: _Day) -> dict[str, object]:
+    """Give the parameters of the simulated sensor."""
+    starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
+    return {
+        'seed': arguments.seed, 'speed': arguments.speed, 'wrench_rate': 500.0,
+        'temperature_rate': min(arguments.speed, _TEMPERATURE_RATE_HZ),
+        'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
+        'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
+    }  # fmt: skip
+
+
+def _listen(
+    operator: 'Operator', stamps: 'Stamps', day: _Day, programs: Mapping[str, _Process]
+) -> None:
+    """Wait until a day has passed in the stamps, as long as both programs are alive."""
+    first_ns, before_ns = 0, stamps.latest_ns
+    with progress_bar(f'recording {day.what}') as progress:
+        while not first_ns or before_ns < first_ns + day.length_s * NANOSECONDS:
+            heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
+            for program, process in programs.items():
+                if process.poll() is not None:
+                    raise RecordingError(
+                        f'The {program} of the demonstration ended early, with exit code '
+                        f'{process.returncode}; see its log.'
+                    )
+            if not heard:
+                raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
+            before_ns = stamps.latest_ns
+            first_ns = first_ns or before_ns
+            progress(min((before_ns - first_ns) / (day.length_s * NANOSECONDS), 1.0))
+
+
+def _surroundings() -> dict[str, str]:
+    """Stay on this computer and out of the user's domain: a robot may listen to a wrench there."""
+    taken = os.environ.get('ROS_DOMAIN_ID', '0')
+    free = [domain for domain in _DOMAINS if str(domain) != taken]
+    domain = str(free[os.getpid() % len(free)])
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': domain}
+
+
+@contextmanager
+def _process(module: str, parameters: Mapping[str, object], log: Any) -> Iterator[_Process]:
+    """Run one of the package's nodes; end it by its own id."""
+    pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
+    command = [sys.executable, '-m', f'wrist_ft_comp.node.{module}', '--ros-args']
+    command += [word for pair in pairs for word in pair]
+    with subprocess.Popen(command, stdout=log, stderr=log) as process:  # noqa: S603 -- no shell
+        try:
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()

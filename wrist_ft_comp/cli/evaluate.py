@@ -1,14 +1,15 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 import textwrap
 
 import numpy as np
 
 from wrist_ft_comp.cli import options, tables
+from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.at_work import learn_at_work
@@ -22,10 +23,23 @@ from wrist_ft_comp.report.evaluation import (
     tared_errors,
     without_steps,
 )
-from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import EvaluatedRecording, evaluation_view, model_sources
-from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, Recording, Reference
+from wrist_ft_comp.report.report_content import (
+    EvaluatedRecording,
+    evaluation_content,
+    model_sources,
+    ReportContent,
+)
+from wrist_ft_comp.report.report_files import REPORT
+from wrist_ft_comp.signals import (
+    axis_unit,
+    NANOSECONDS,
+    part_of,
+    Progress,
+    Recording,
+    Reference,
+    Topics,
+)
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -55,6 +69,74 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output_forms(parser)
 
 
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a model leaves of the drift in recordings: the command's result."""
+
+    stored: StoredModel
+    paths: Sequence[Path]
+    judged: Sequence[EvaluatedRecording]
+    tare_s: float
+    #: What its report shows.
+    content: ReportContent
+
+    @property
+    def errors(self) -> dict[str, AxisEvaluation]:
+        """Figures by axis, of all recordings together."""
+        return {axis.axis: axis.errors for axis in self.content.axes}
+
+    def result(self, report: Path | None) -> tables.Result:
+        """Put it into words and numbers, with the report that was written."""
+        table = tables.table_text(
+            ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
+            [
+                [axis.axis, axis.unit, *(rounded(figure, 4) for figure in vars(left).values()),
+                 f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
+                for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
+            ],
+        )  # fmt: skip
+        verdicts = tables.verdict_text({axis.axis: axis.verdict for axis in self.content.axes})
+        # What errors are, and which limits the calibration stated of the peaks.
+        model = self.stored.model
+        basis = (
+            f'Reference: {", ".join(dict.fromkeys(judged.reference for judged in self.judged))}. '
+            f'Errors are means over {averaged_s(model):g} s, as those of calibrate.'
+        )
+        if model.day_limits:
+            limits = ', '.join(
+                f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in model.day_limits.items()
+            )
+            basis += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
+        words = f'{table}\n\n{verdicts}\n\n{textwrap.fill(basis, tables.WIDTH)}'
+        if report:
+            words += f'\nreport: {report}'
+        document = {
+            'model': str(self.stored.path),
+            'sha256': self.stored.sha256,
+            'tare_s': self.tare_s,
+            'averaged_s': averaged_s(self.stored.model),
+            'axes': self.errors,
+            'day_limits': dict(self.stored.model.day_limits),
+            'recordings': [
+                {
+                    'name': judged.recording.name,
+                    'path': str(path),
+                    'reference': judged.reference,
+                    'duration_s': judged.recording.duration_s,
+                    'axes': judge_errors([judged.errors]),
+                    'warnings': judged.recording.warnings,
+                }
+                for path, judged in zip(self.paths, self.judged, strict=True)
+            ],
+            'verdicts': {
+                axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
+                for axis in self.content.axes
+            },
+            'warnings': self.content.warnings,
+        }
+        return tables.Result(words, document, self.content.warnings)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_model(arguments.model)
@@ -62,53 +144,45 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     options.warn_of_idle(arguments, arguments.recordings)
-    stored = load_model(arguments.model)
-    count = len(arguments.recordings)
-    with options.progress_bar('evaluating') as progress:
-        judged = [
-            _judge(arguments, stored, path, part_of(progress, number, count))
-            for number, path in enumerate(arguments.recordings)
-        ]
-    view = evaluation_view(stored, judged, arguments.tare)
-    errors = {axis.axis: axis.errors for axis in view.axes}
-    verdicts = {axis.axis: axis.verdict for axis in view.axes}
+    with progress_bar('evaluating') as progress:
+        evaluation = evaluate_recordings(
+            arguments.model, arguments.recordings, options.topics_from(arguments),
+            arguments.reference, arguments.tare, progress)  # fmt: skip
     if arguments.report:  # before what a closed pipe may end
-        REPORT.write(arguments.report, page(view))
-    if not arguments.json:
-        units = {axis.axis: axis.unit for axis in view.axes}
-        print(f'{evaluation_text(errors, units)}\n\n{tables.verdict_text(verdicts)}')
-        print(f'\n{_limit_text(stored, judged)}')
-    tables.print_warnings(view.warnings)
-    if arguments.report and not arguments.json:
-        print(f'report: {arguments.report}')
-    if arguments.json:
-        by_path = dict(zip(map(str, arguments.recordings), judged, strict=True))
-        options.print_json(
-            {
-                'model': str(stored.path),
-                'sha256': stored.sha256,
-                'tare_s': arguments.tare,
-                'averaged_s': averaged_s(stored.model),
-                'axes': errors,
-                'day_limits': dict(stored.model.day_limits),
-                'recordings': [_as_json(path, evaluated) for path, evaluated in by_path.items()],
-                'verdicts': {
-                    axis: {'level': verdict.level, 'why': verdict.sentence}
-                    for axis, verdict in verdicts.items()
-                },
-                'warnings': view.warnings,
-            }
-        )
+        REPORT.write(arguments.report, page(evaluation.content))
+    tables.print_result(evaluation.result(arguments.report), as_json=arguments.json)
     return 0
 
 
-def _judge(
-    arguments: argparse.Namespace, stored: StoredModel, path: Path, progress: Progress
+def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's options
+    model: Path,
+    paths: Sequence[Path],
+    topics: Topics | None = None,
+    reference: Reference | None = None,
+    tare_s: float = 60.0,
+    progress: Progress = lambda _: None,
+) -> Evaluation:
+    """Judge a model file on recordings; the reference is that of the model by default."""
+    stored, count = load_model(model), len(paths)
+    judged = [
+        _judge(stored, path, topics or Topics(), reference, tare_s, part_of(progress, i, count))
+        for i, path in enumerate(paths)
+    ]
+    return Evaluation(stored, paths, judged, tare_s, evaluation_content(stored, judged, tare_s))
+
+
+def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
+    stored: StoredModel,
+    path: Path,
+    topics: Topics,
+    wanted: Reference | None,
+    tare_s: float,
+    progress: Progress,
 ) -> EvaluatedRecording:
     """Read a recording and compare it, raw and compensated, with its reference."""
-    period_s, topics = stored.model.period_ns / NANOSECONDS, options.topics_from(arguments)
+    period_s = stored.model.period_ns / NANOSECONDS
     recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
-    reference: Reference = arguments.reference or _learnt_reference(stored, recording)
+    reference: Reference = wanted or _learnt_reference(stored, recording)
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
@@ -121,7 +195,7 @@ def _judge(
         compared, true = work.drift[0], 'recorded'
         warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
     warnings += tuple(without_steps(compared, true)[1])
-    errors = tared_errors(stored.model, compared, true, arguments.tare)
+    errors = tared_errors(stored.model, compared, true, tare_s)
     warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
 
@@ -146,40 +220,3 @@ def _unknown_payloads(
                 f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
                 'beside the model; its weight was fitted to this recording.'
             )
-
-
-def evaluation_text(axes: Mapping[str, AxisEvaluation], units: Mapping[str, str]) -> str:
-    """Put an evaluation into a table."""
-    return tables.table_text(
-        ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
-        [
-            [axis, units[axis], *(rounded(figure, 4) for figure in vars(left).values()),
-             f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
-            for axis, left in axes.items()
-        ],
-    )  # fmt: skip
-
-
-def _limit_text(stored: StoredModel, judged: Sequence[EvaluatedRecording]) -> str:
-    """Say what errors are, and which limits the calibration stated of the peaks."""
-    references = ', '.join(dict.fromkeys(evaluated.reference for evaluated in judged))
-    limits = ', '.join(
-        f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in stored.model.day_limits.items()
-    )
-    text = f'Errors are means over {averaged_s(stored.model):g} s, as those of calibrate.'
-    text = f'Reference: {references}. {text}'
-    if limits:
-        text += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
-    return textwrap.fill(text, tables.WIDTH)
-
-
-def _as_json(path: str, evaluated: EvaluatedRecording) -> dict[str, object]:
-    """Everything a script may want of one recording."""
-    return {
-        'name': evaluated.recording.name,
-        'path': path,
-        'reference': evaluated.reference,
-        'duration_s': evaluated.recording.duration_s,
-        'axes': judge_errors([evaluated.errors]),
-        'warnings': evaluated.recording.warnings,
-    }

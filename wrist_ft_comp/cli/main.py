@@ -10,8 +10,8 @@ import signal
 import sys
 
 import wrist_ft_comp
-from wrist_ft_comp.cli import calibrate, compensate, completion, demo, evaluate, node, show
-from wrist_ft_comp.cli.options import Parser, print_json
+from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
+from wrist_ft_comp.cli.options import did_you_mean, Parser, print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
 EXAMPLES = """\
@@ -24,8 +24,8 @@ Run "wrist_ft_comp COMMAND --help" for the options of a command.
 """
 
 
-def build_parser() -> tuple[Parser, dict[str, Parser]]:
-    """Build the parser of all commands, and those of each by name."""
+def build_parser() -> Parser:
+    """Build the parser of all commands."""
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
@@ -33,13 +33,14 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
-    for command in (calibrate, evaluate, compensate, show, node, demo, completion):
+    for command in (calibrate, evaluate, compensate, show, node, demo):
         texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
         name = command.__name__.rpartition('.')[2]
         subparser = commands.add_parser(name, help=command.HELP, **texts)
-        subparser.set_defaults(run=command.run, command=subparser, commands=commands, whole=parser)
+        subparser.set_defaults(run=command.run, command=subparser)
         command.add_arguments(subparser)
-    return parser, dict(commands.choices)
+    parser.commands = dict(commands.choices)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,8 +67,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     """Parse and run; what was printed has left the process then, or an error says why not."""
     try:
-        parser, _ = build_parser()
-        arguments = parser.parse_args(argv)
+        parser = build_parser()
+        if argv and not argv[0].startswith('-') and argv[0] not in parser.commands:
+            parser.error(f'{argv[0]} is no command{did_you_mean(argv[0], parser.commands)}')
+        arguments, unknown = parser.parse_known_args(argv)
+        if unknown:
+            arguments.command.refuse_unknown(unknown)
     except SystemExit:  # --help and --version have printed
         sys.stdout.flush()
         raise

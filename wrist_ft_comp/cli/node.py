@@ -15,7 +15,7 @@ from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.signals import AXES
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.node.operate import Operator, Watch
+    from wrist_ft_comp.cli.operate import Operator, Watch
     from wrist_ft_comp.ros.node_log import Status
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
-    from wrist_ft_comp.node.operate import operating, Watch  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli.operate import operating, Watch  # noqa: PLC0415 -- loads rclpy
 
     with operating() as operator:
         name = operator.find(arguments.name)
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
     """Ask, and show on standard error how far it is, where that is a terminal."""
-    from wrist_ft_comp.node.operate import ask  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli.operate import ask  # noqa: PLC0415 -- loads rclpy
 
     with tqdm(bar_format='{desc} {elapsed}', disable=None, leave=False) as line:
 
@@ -96,7 +96,7 @@ def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
 
 def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> int:
     """Print the status once, or in a terminal again and again; 1 when something is an error."""
-    from wrist_ft_comp.node.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
 
     if not operator.wait_for(lambda: watch.reports, SILENCE_S):
         raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')

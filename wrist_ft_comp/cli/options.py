@@ -1,8 +1,9 @@
-"""What the commands share: options, checks of paths, JSON for scripts, a progress bar."""
+"""What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from importlib.util import find_spec
 import json
 import math
@@ -11,17 +12,15 @@ import re
 import sys
 from typing import Any, get_args, NoReturn, TypeVar
 
-from tqdm import tqdm
-
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.excerpt import parse_part
 from wrist_ft_comp.recordings.foreign_log import log_map
 from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of
-from wrist_ft_comp.signals import Progress, Reference, Topics
-from wrist_ft_comp.stored.documents import plain
+from wrist_ft_comp.signals import Reference, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.
@@ -36,17 +35,30 @@ RECORDING_HELP = (
 
 
 class Parser(argparse.ArgumentParser):
-    """Refuses by a UsageError, where argparse would leave the process."""
+    """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        #: Parsers of the commands, by name.
+        self.commands: dict[str, Parser] = {}
         # Let "--hat-temperatures -40,0,20" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
 
     def error(self, message: str) -> NoReturn:
-        """Show the usage, and leave the sentence to whoever parses."""
-        self.print_usage(sys.stderr)
-        raise UsageError(message)
+        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
+
+    def refuse_unknown(self, words: Sequence[str]) -> None:
+        """Refuse words that no option takes, and name the option that may be meant."""
+        word = words[0].partition('=')[0]
+        options = [option for option in self._option_string_actions if option.startswith('--')]
+        self.error(f'{word} is not understood{did_you_mean(word, options)}')
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Ask for the nearest of some words, to be put behind a refusal; empty where none is near."""
+    near = get_close_matches(word, known, n=1)
+    return f'; did you mean {near[0]}?' if near else ''
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
@@ -153,21 +165,18 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
-    """Warn of options that have no effect for these recordings."""
+    """Warn of options that have no effect for recordings of these kinds."""
     kinds = {kind_of(path) for path in recordings}
-    asked = {'method': '', 'features': None, 'reference': 'recorded', **vars(arguments)}
-    given = {name for name in asked if asked[name] != arguments.command.get_default(name)}
-    method, hats = asked['method'], asked['features'] == 'hats' or 'hat_temperatures' in given
-    chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
-    for names, idle, why in (
-        (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
-        (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
-        (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
-        (['latents'], chosen_alone, f'the method {method} has none to choose'),
-        (['orders'], method != 'arx_pls', 'only the method arx_pls has any'),
-        (['degree'], hats, 'hats have no degree'),
-    ):
-        for name in sorted(given.intersection(names)) if idle else ():
+    if BAG not in kinds:
+        warn_of(arguments, _OF_BAGS, 'nothing that was named is a bag')
+    if CSV not in kinds:
+        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a CSV file')
+
+
+def warn_of(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Warn of those options that were given, that they do nothing, and why."""
+    for name in sorted(names):
+        if name in arguments and getattr(arguments, name) != arguments.command.get_default(name):
             option = f'--{name.replace("_", "-")}'
             print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
 
@@ -227,16 +236,4 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def print_json(value: object) -> None:
     """Print JSON for scripts; numbers that are not finite become null."""
-    print(json.dumps(plain(value), indent=1, allow_nan=False, default=str))
-
-
-@contextmanager
-def progress_bar(what: str) -> Iterator[Progress]:
-    """Show progress on standard error where that is a terminal; yields the report function."""
-    form = '{desc} {percentage:3.0f}%|{bar}| {elapsed}'
-    with tqdm(total=1.0, desc=what, disable=None, leave=False, bar_format=form) as bar:
-
-        def report(share: float) -> None:
-            bar.update(max(share - bar.n, 0.0))
-
-        yield report
+    print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))

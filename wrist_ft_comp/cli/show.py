@@ -10,7 +10,15 @@ import shlex
 import numpy as np
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.tables import days_json, days_text, payloads_json, table_text
+from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli.tables import (
+    days_json,
+    days_text,
+    payloads_json,
+    print_result,
+    Result,
+    table_text,
+)
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
@@ -29,8 +37,8 @@ from wrist_ft_comp.recordings.recordings import (
     RecordingSummary,
     REFERENCE,
 )
-from wrist_ft_comp.report.outputs import PICTURE, REPORT
-from wrist_ft_comp.report.view import drifts_removed, model_sources
+from wrist_ft_comp.report.report_content import drifts_removed, model_sources
+from wrist_ft_comp.report.report_files import PICTURE, REPORT
 from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
@@ -96,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
             lines += ['', payload_line(name, payload), *driver_lines(payload)]
     else:
         recordings = [path]
-        with options.progress_bar('reading') as progress:
+        with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             summary = describe_recording(path, topics, part_of(progress, 0, 2))
             refusal, found = _read(summary, path, part_of(progress, 1, 2))
@@ -106,10 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
         document = _as_json(summary, path, refusal)
         lines = [*_recording_lines(summary, path, refusal)]
     options.warn_of_idle(arguments, recordings)
-    if arguments.json:
-        options.print_json(document)
-    else:
-        print('\n'.join(lines))
+    print_result(Result('\n'.join(lines), document), as_json=arguments.json)
     return 0
 
 

@@ -1,7 +1,7 @@
 """Tables, verdicts and warnings that commands print, and the same for scripts."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 import sys
@@ -9,6 +9,7 @@ import textwrap
 
 import numpy as np
 
+from wrist_ft_comp.cli.options import print_json
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
@@ -148,6 +149,26 @@ def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
         _filled(f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}')
         for axis, verdict in verdicts.items()
     )
+
+
+@dataclass(frozen=True)
+class Result:
+    """The result of a command."""
+
+    #: In words, and everything that a script may want.
+    words: str
+    document: Mapping[str, object]
+    #: What a person should know besides; a script finds it in the document.
+    warnings: Sequence[str] = ()
+
+
+def print_result(result: Result, *, as_json: bool) -> None:
+    """Print a result, in words or as JSON."""
+    if as_json:
+        print_json(result.document)
+    else:
+        print(result.words)
+        print_warnings(result.warnings)
 
 
 def print_warnings(sentences: Iterable[str]) -> None:

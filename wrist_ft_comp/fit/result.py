@@ -135,3 +135,10 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        figures = ', '.join(
+            f'{axis} {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit}'
+            for axis, fit in self.fits.items()
+        )
+        return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'

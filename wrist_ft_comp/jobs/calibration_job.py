@@ -17,7 +17,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.view import calibration_view, ReportView
+from wrist_ft_comp.report.report_content import calibration_content, ReportContent
 from wrist_ft_comp.signals import part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -33,10 +33,10 @@ class JobOutcome:
     #: Recordings that were left out, and why, in sentences.
     left_out: tuple[str, ...]
 
-    def view(self, job: CalibrationJob) -> ReportView:
+    def view(self, job: CalibrationJob) -> ReportContent:
         """Make the content of its report."""
         reference = job.settings.reference
-        return calibration_view(self.calibration, self.recordings, self.stored, reference)
+        return calibration_content(self.calibration, self.recordings, self.stored, reference)
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:

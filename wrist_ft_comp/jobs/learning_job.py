@@ -23,9 +23,9 @@ from wrist_ft_comp.learning.model_choice import Champion, describe_day, drift_wo
 from wrist_ft_comp.learning.old_days import prune
 from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
-from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.view import calibration_view, model_sources
+from wrist_ft_comp.report.report_content import calibration_content, model_sources
+from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_on
@@ -141,7 +141,7 @@ class _LearningJob:
         if job.report is not None:
             with suppress(WristFtCompError):
                 drifts = [self.look(name).drift for name in days]
-                view = calibration_view(saved, drifts, stored, 'payload')
+                view = calibration_content(saved, drifts, stored, 'payload')
                 REPORT.write(job.report, page(replace(view, diary=diary)))
         return model_values(stored)
 

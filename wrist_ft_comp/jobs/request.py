@@ -7,8 +7,8 @@ from pathlib import Path
 
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import Topics
-from wrist_ft_comp.stored.documents import parse_json, plain, restored
 from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.plain_values import from_plain, parse_json, to_plain
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ class CalibrationJob:
 
 def encode_job(job: CalibrationJob) -> str:
     """Write a job as JSON."""
-    return json.dumps(plain(job), default=str)
+    return json.dumps(to_plain(job), default=str)
 
 
 def decode_job(text: str) -> CalibrationJob:
     """Read a job that encode_job wrote."""
-    job: CalibrationJob = restored(CalibrationJob, parse_json(text))
+    job: CalibrationJob = from_plain(CalibrationJob, parse_json(text))
     return job

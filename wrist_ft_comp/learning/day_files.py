@@ -17,7 +17,7 @@ from wrist_ft_comp.recordings.csv_file import (
     sensor_in,
 )
 from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
-from wrist_ft_comp.stored.documents import beginning, writing
+from wrist_ft_comp.stored.own_file import beginning, writing
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS

@@ -15,11 +15,12 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import Kind, plain, restored
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.own_file import Kind
+from wrist_ft_comp.stored.plain_values import to_plain
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=2, schema='diary.schema.json', keeps=True,
+    name='diary', says='wrist_ft_comp diary', version=2, keeps=True,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
@@ -95,6 +96,13 @@ class DayEntry:
     #: empty where unknown.
     noise: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        axes = len(AXES)
+        sizes = {len(left) - axes for left in self.left.values()} | {len(self.noise) % axes}
+        sizes |= {len(payload) - 4 for payload in self.payloads} | {len(self.rotation) % 9}
+        if sizes - {0}:
+            raise RecordingError(f'The entry of {self.name} has too few or too many figures.')
+
     def share_left(self, model: str) -> FloatArray:
         """Compute the share of the drift that a model left, (6,); NaN where it is unknown."""
         unknown = (np.nan,) * len(AXES)
@@ -133,15 +141,15 @@ def diary_path(directory: Path) -> Path:
 def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where none can be read."""
     with suppress(RecordingError, OSError):
-        if document := KIND.load_json(diary_path(directory)):
-            diary: Diary = restored(Diary, document)
-            return replace(diary, days=tuple(day for day in diary.days if day_number(day.name)))
+        if diary := KIND.load(Diary, diary_path(directory)):
+            numbered = tuple(day for day in diary.days if day_number(day.name))
+            return replace(diary, days=numbered)
     return Diary()
 
 
 def diary_problem(directory: Path) -> str:
     """Say why a diary cannot be read; empty where it can, or where there is none."""
-    return KIND.problem(diary_path(directory))
+    return KIND.problem(Diary, diary_path(directory))
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
@@ -155,9 +163,9 @@ def save_diary(directory: Path, diary: Diary) -> None:
         left = {
             model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
         }
-        entries.append(plain({**vars(entry), 'known': sorted(entry.known), 'left': left}))
-    KIND.set_aside_unreadable(diary_path(directory))
-    KIND.write_json(diary_path(directory), {'days': entries, 'paused': diary.paused})
+        entries.append(to_plain({**vars(entry), 'known': sorted(entry.known), 'left': left}))
+    KIND.set_aside_unreadable(Diary, diary_path(directory))
+    KIND.save(diary_path(directory), {'days': entries, 'paused': diary.paused})
 
 
 def node_folders(path: Path) -> list[Path]:

@@ -1,17 +1,17 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.learning.day_files import day_number
-from wrist_ft_comp.stored.documents import Kind
 from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.own_file import Kind
 
 KIND = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
-    schema='learning.schema.json', keeps=True, max_bytes=1_000_000, error=StateFileError,
+    keeps=True, max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart may forget an offered model.')  # fmt: skip
@@ -46,19 +46,17 @@ def memory_path(directory: Path) -> Path:
 
 def load_memory(directory: Path) -> Memory | None:
     """Read a memory; None where there is none."""
-    document = KIND.load_json(memory_path(directory))
-    if document is None:
+    memory = KIND.load(Memory, memory_path(directory))
+    if memory is None:
         return None
     # The name of a stray file, such as day_1.csv, would be newer than every day to come.
-    if not day_number(document.get('judged', '')):
-        document['judged'] = ''
-    return Memory(**document)
+    return memory if day_number(memory.judged) else replace(memory, judged='')
 
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step; one that cannot be read is kept beside it, once."""
-    KIND.set_aside_unreadable(memory_path(directory))
-    KIND.write_json(memory_path(directory), asdict(memory))
+    KIND.set_aside_unreadable(Memory, memory_path(directory))
+    KIND.save(memory_path(directory), asdict(memory))
 
 
 def last_change(history: Sequence[HistoryEntry]) -> str:

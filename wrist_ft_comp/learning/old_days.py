@@ -8,7 +8,7 @@ import numpy as np
 
 from wrist_ft_comp.learning.day_files import days, size_of
 from wrist_ft_comp.learning.diary import DayEntry, Diary, good_days
-from wrist_ft_comp.stored.documents import writing
+from wrist_ft_comp.stored.own_file import writing
 
 #: Most days whose recordings are kept: a month, in which a room's temperatures come round.
 _KEPT_DAYS = 30

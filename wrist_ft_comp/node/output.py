@@ -39,10 +39,13 @@ class Output(Part):
         """Report what is subtracted, and whether it hits a limit."""
         stream, counts = self._compensator, self._counts
         grown, elapsed_s = self._growth.since(published=counts.published)
+        tare = 'active' if stream.tared else 'none'
+        if not stream.tared and stream.tare.any():
+            tare = 'none; an offset is kept since a change of model'
         numbers = {
             'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
             'published': str(counts.published),
-            'tare': 'active' if stream.tare.any() else 'none',
+            'tare': tare,
             'origin': stream.tracker.origin,
             **_axis_numbers(stream),
         }

@@ -25,8 +25,8 @@ from wrist_ft_comp.signals import (
     REFERENCE_CHANNELS,
     SensorNames,
 )
-from wrist_ft_comp.stored.documents import writing
 from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell

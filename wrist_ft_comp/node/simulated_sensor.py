@@ -9,6 +9,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 import sys
 import time
 from typing import Any, cast
@@ -20,7 +21,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.node.robot import SimulatedRobot
+from wrist_ft_comp.node.simulated_robot import SimulatedRobot
 from wrist_ft_comp.ros.arguments import tell_unknown, usage
 from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import at_start as _row
@@ -38,7 +39,7 @@ from wrist_ft_comp.simulation.run import (
 )
 from wrist_ft_comp.simulation.work import WorkSettings
 
-_RUN, _WORK = RunSettings(), WorkSettings()
+_RUN = RunSettings()
 PARAMETERS = (
     EXECUTOR_PARAMETER,
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
@@ -50,53 +51,17 @@ PARAMETERS = (
     _row('frame_id', 'wrist_ft', 'Frame of the messages.'),
     _row('start_stamp_s', 0.0, 'First stamp; 0 means the time of the start.',
          's', 0.0, 2.0**31 - 1),
-    _row('wait_for_subscriber', True,
-         'Whether the run waits for a subscriber of one of its topics, and for a second in which '
-         'no other comes.'),
-    _row('room_temperature_c', _RUN.room_c, 'Mean room temperature.', '°C', -40.0, 85.0),
-    _row('room_swing_k', _RUN.room_swing_k, 'Amplitude of the slow swing of the room temperature.',
-         'K', 0.0, 20.0),
-    _row('room_swing_period_s', _RUN.room_swing_period_s, 'Period of that swing.',
-         'simulated s', 1.0),
-    _row('load.force_n', _RUN.force_n, 'Largest force of an axis; 0 is unloaded.',
-         'N', 0.0, 1000.0),
-    _row('load.torque_nm', _RUN.torque_nm, 'Largest torque of an axis; 0 is unloaded.',
-         'N m', 0.0, 100.0),
-    _row('load.period_s', _RUN.load_period_s, 'About the time from one peak of load to the next.',
-         'simulated s', 0.1),
-    _row('work.tool_mass', 0.0,
-         'Mass of a tool on a robot at work: it moves, and publishes imu, /tf (where tf2_msgs is '
-         'installed) and wrench_external_reference; 0 is a robot that stands still.',
-         'kg', 0.0, 100.0),
-    _row('work.part_mass', _WORK.part_kg, 'Mass of the part that it picks up and puts down.',
-         'kg', 0.0, 100.0),
-    _row('work.contacts', _WORK.contacts,
-         'Share of the time in which it presses on something.', minimum=0.0, maximum=0.6),
-    _row('work.speed', _WORK.speed_rad_s, 'Its largest speed of rotation.',
-         'rad/s', 0.01, 10.0),
+    _row('loaded', True, f'Whether loads of up to {_RUN.force_n:g} N and {_RUN.torque_nm:g} N m '
+         'come and go; a robot at work has others.'),
+    _row('tool_mass', 0.0,
+         'Mass of a tool on a robot at work: it moves, picks up a part, presses on things, and '
+         'publishes imu, /tf (where tf2_msgs is installed) and wrench_external_reference; 0 is a '
+         'robot that stands still.', 'kg', 0.0, 100.0),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
          minimum=0.0, maximum=1.0),
 )  # fmt: skip
-
-
-def run_settings(chosen: dict[str, Any]) -> RunSettings:
-    """Translate the parameters of a run; SettingsError when its duty cannot be followed."""
-    names = (
-        'duty_cycle.start_s', 'duty_cycle.level', 'room_temperature_c', 'room_swing_k',
-        'room_swing_period_s', 'load.force_n', 'load.torque_nm', 'load.period_s',
-    )  # fmt: skip
-    return RunSettings(*(chosen[name] for name in names))
-
-
-def work_settings(chosen: dict[str, Any]) -> WorkSettings | None:
-    """Translate the parameters of work; None for a robot that stands still."""
-    if chosen['work.tool_mass'] == 0:
-        return None
-    names = ('tool_mass', 'part_mass', 'contacts', 'speed')
-    return WorkSettings(*(chosen[f'work.{name}'] for name in names))
-
 
 #: Messages due within this time leave in one wake-up, which costs less than a wake-up for each.
 SHORTEST_WAKE_S = 0.004
@@ -117,7 +82,11 @@ class SimulatedSensor(Node):
         seeds = [chosen['seed'], chosen['run']]
         random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
-        self._run = draw_run(run_settings(chosen), draws)
+        at_work = chosen['tool_mass'] > 0
+        settings = RunSettings(chosen['duty_cycle.start_s'], chosen['duty_cycle.level'])
+        if at_work or not chosen['loaded']:
+            settings = replace(settings, force_n=0.0, torque_nm=0.0)
+        self._run = draw_run(settings, draws)
         self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
         self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
         self._step = 0
@@ -126,13 +95,18 @@ class SimulatedSensor(Node):
         self._start_ns = round(chosen['start_stamp_s'] * NANOSECONDS)
         self._ran_s = 0.0
         self._woken_s: float | None = None
-        self._waits: bool = chosen['wait_for_subscriber']
         self._subscribers: list[int] = []
         self._subscribed_s = 0.0
-        self._make_messages(chosen['frame_id'])
-        work = work_settings(chosen)
+        # Made once; only stamps and readings change.
+        self._reference, self._raw = WrenchStamped(), WrenchStamped()
+        self._readings = [Temperature(), Temperature()]
+        for message in (self._reference, self._raw, *self._readings):
+            message.header.frame_id = chosen['frame_id']
+        for reading in self._readings:
+            reading.variance = self._sensor.settings.thermometer_noise_k**2
         self._robot = None
-        if work is not None:
+        if at_work:
+            work = WorkSettings(chosen['tool_mass'])
             self._robot = SimulatedRobot(work, seeds, self._raw, self._advertise)
         self._to_raw = self._advertise(WrenchStamped, 'wrench_raw')
         self._to_reference = self._advertise(WrenchStamped, 'wrench_reference')
@@ -141,20 +115,10 @@ class SimulatedSensor(Node):
         ]
         logger = cast('Any', self).get_logger()
         tell_unknown(self, (), logger)
-        if self._waits:
-            logger.info('Waiting for subscribers; the run begins when the last of them has come.')
+        logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _make_messages(self, frame_id: str) -> None:
-        """Make the messages once; only stamps and readings change."""
-        self._reference, self._raw = WrenchStamped(), WrenchStamped()
-        self._readings = [Temperature(), Temperature()]
-        for message in (self._reference, self._raw, *self._readings):
-            message.header.frame_id = frame_id
-        for message in self._readings:
-            message.variance = self._sensor.settings.thermometer_noise_k**2
 
     def _advertise(self, message_type: Any, topic: str) -> Any:
         """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
@@ -167,26 +131,12 @@ class SimulatedSensor(Node):
         """Publish what has become due since the last wake-up, in the order of the stamps."""
         now_s = time.monotonic()
         if self._woken_s is None:
-            if self._waits and not self._may_begin(now_s):
+            if not self._may_begin(now_s):
                 return
             self._start_ns = self._start_ns or self.get_clock().now().nanoseconds
             self._woken_s = now_s
         self._ran_s += min(now_s - self._woken_s, LONGEST_WAKE_S)
         self._woken_s = now_s
-        self._publish_due()
-
-    def _may_begin(self, now_s: float) -> bool:
-        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
-        subscribers = [
-            publisher.get_subscription_count()
-            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
-        ]
-        if subscribers != self._subscribers:
-            self._subscribers, self._subscribed_s = subscribers, now_s
-        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
-
-    def _publish_due(self) -> None:
-        """Take the heat to the present, read the sensor, and send the readings."""
         wrench_ns = self._wrenches.due(self._ran_s)
         temperature_ns = self._temperatures.due(self._ran_s)
         wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
@@ -212,6 +162,16 @@ class SimulatedSensor(Node):
             self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
         while waiting:
             self._send_temperatures(*waiting.pop())
+
+    def _may_begin(self, now_s: float) -> bool:
+        """Whether somebody listens to one of the topics, and nobody has come or gone lately."""
+        subscribers = [
+            publisher.get_subscription_count()
+            for publisher in (self._to_raw, self._to_reference, *self._to_temperatures)
+        ]
+        if subscribers != self._subscribers:
+            self._subscribers, self._subscribed_s = subscribers, now_s
+        return any(subscribers) and now_s - self._subscribed_s >= SETTLE_S
 
     def _warm_up(self, *streams_ns: IntArray) -> list[FloatArray]:
         """Advance the heat to the latest of some times; node temperatures at each of them."""
@@ -269,10 +229,10 @@ Simulates a wrist force/torque sensor that warms up, as a driver's node, to try
 the compensator on:
 
   simulated_sensor --ros-args -p speed:=100.0 -p temperature_rate:=100.0 \\
-    -p load.force_n:=0.0 -p load.torque_nm:=0.0
+    -p loaded:=false
 
 publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
-           temperature_2; with -p work.tool_mass:=1.4 also imu, /tf, and
+           temperature_2; with -p tool_mass:=1.4 also imu, /tf, and
            wrench_external_reference (what pushes on the tool)
 """
 

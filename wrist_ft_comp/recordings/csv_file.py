@@ -57,7 +57,7 @@ from wrist_ft_comp.signals import (
     Samples,
     SensorNames,
 )
-from wrist_ft_comp.stored.documents import writing
+from wrist_ft_comp.stored.own_file import writing
 
 #: Rows in memory at once.
 ROWS = 10_000

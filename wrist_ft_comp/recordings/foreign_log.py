@@ -27,7 +27,7 @@ from wrist_ft_comp.recordings.columns import (
     STAMPS,
 )
 from wrist_ft_comp.signals import AXES, axis_unit, GRAVITY, NANOSECONDS, Samples
-from wrist_ft_comp.stored.documents import beginning
+from wrist_ft_comp.stored.own_file import beginning
 
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'

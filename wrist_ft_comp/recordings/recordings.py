@@ -53,7 +53,7 @@ from wrist_ft_comp.signals import (
     SensorNames,
     Topics,
 )
-from wrist_ft_comp.stored.documents import beginning, Output, writing
+from wrist_ft_comp.stored.own_file import beginning, Output, writing
 from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.stream.sample_checks import SampleChecks
@@ -200,7 +200,7 @@ def check_copy(
     source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
 ) -> Output:
     """Refuse a target of a copy, or topics that are added to it, before anything is read."""
-    copy = Output(name='copy', says='', endings='.csv')
+    copy = Output(name='copy', endings='.csv')
     if done := _compensated(source):
         raise RecordingError(done)
     if kind_of(source) == BAG:

@@ -56,11 +56,22 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     edges = np.arange(lowest, highest + 1) * BIN_K
     seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    moves = np.concatenate([_moves(recording, at, leading) for recording, at in pairs])
+    # Rise and fall, between means of the leading thermometer.
+    moves = np.concatenate([
+        np.diff(bin_means(recording.temperature_c[at, leading], at,
+                          max(round(_TREND_S / recording.period_s), 1)))
+        for recording, at in pairs if len(at)
+    ])  # fmt: skip
+    reference = np.concatenate([recording.reference for recording in recordings])
+    loads = {
+        axis: (float(loaded.min()), float(loaded.max()), float(loaded.std()))
+        for axis, column in zip(AXES, reference.T, strict=True)
+        if len(loaded := column[np.isfinite(column)])
+    }
     return Coverage(
         edges_c=edges, seconds=np.array(seconds), range_c=range_c, leading=leading,
         risen_k=float(np.abs(moves[moves > 0]).sum()),
-        fallen_k=float(np.abs(moves[moves < 0]).sum()), loads=_loads(recordings))  # fmt: skip
+        fallen_k=float(np.abs(moves[moves < 0]).sum()), loads=loads)  # fmt: skip
 
 
 def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
@@ -89,24 +100,6 @@ def _cells_with_wrench(recording: Recording) -> IntArray:
     return np.concatenate([np.arange(0), *(np.arange(p[0], p[-1] + 1) for p in parts)])
 
 
-def _moves(recording: Recording, at: IntArray, thermometer: int) -> FloatArray:
-    """Change between neighbouring means of a thermometer over cells, K."""
-    if not len(at):
-        return np.zeros(0)
-    cells = max(round(_TREND_S / recording.period_s), 1)
-    return np.diff(bin_means(recording.temperature_c[at, thermometer], at, cells))
-
-
-def _loads(recordings: Sequence[Recording]) -> dict[str, tuple[float, float, float]]:
-    reference = np.concatenate([recording.reference for recording in recordings])
-    loads = {}
-    for axis, column in zip(AXES, reference.T, strict=True):
-        loaded = column[np.isfinite(column)]
-        if len(loaded):
-            loads[axis] = float(loaded.min()), float(loaded.max()), float(loaded.std())
-    return loads
-
-
 def what_to_record_next(
     coverage: Coverage,
     levels: Mapping[str, Level],
@@ -115,10 +108,35 @@ def what_to_record_next(
     slowest_s: float,
 ) -> list[str]:
     """Say what another recording should hold, most important first."""
-    advice = [*_temperatures(coverage), *_thermometers_and_ways(coverage, levels)]
-    advice += _lengths(durations_s, slowest_s)
-    if missing := [axis for axis in AXES if axis not in levels]:
-        names = _names(missing)
+    advice = [*_temperatures(coverage)]
+    # A second thermometer where one explains little.
+    if len(coverage.range_c) == 1 and (poor := _poor(levels)):
+        advice.append(
+            f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '
+            'sides needs two: put another one at the side of the motor, or of the room.'
+        )
+    # The missing direction.
+    up, down = coverage.risen_k, coverage.fallen_k
+    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
+        missing, action = ('cooled', 'cool down') if down < up else ('warmed', 'warm up')
+        advice.append(
+            f'The sensor {missing} by {min(up, down):.1f} K only, and went {max(up, down):.1f} K '
+            f'the other way: let it {action} while recording. A lag shows where both ways differ.'
+        )
+    # Longer, and more often.
+    longest_s, wanted_s = max(durations_s), max(_TIME_CONSTANTS * slowest_s, _SHORTEST_S)
+    if longest_s < wanted_s:
+        why = f', as the slowest lag is {slowest_s / 60:.0f} min' if slowest_s > 0 else ''
+        advice.append(
+            f'The longest recording lasts {longest_s / 3600:.1f} h; record '
+            f'{wanted_s / 3600:.1f} h or more{why}.'
+        )
+    if len(durations_s) == 1:
+        advice.append(
+            'Record on a second day: a model is then judged on whole days that it has not seen.'
+        )
+    if missing_axes := [axis for axis in AXES if axis not in levels]:
+        names = _names(missing_axes)
         advice.append(f'No recording holds {names}; what is not recorded is passed through.')
     if reference not in {'recorded', 'payload'} or not coverage.loads:
         advice.append(
@@ -179,37 +197,6 @@ def _temperatures(coverage: Coverage) -> Iterator[str]:
             f'Between {low:.0f} and {high:.0f} °C you have not seen {", ".join(holes)} °C{where}: '
             'there the correction is a guess between its neighbours. Record some of these.'
         )
-
-
-def _thermometers_and_ways(coverage: Coverage, levels: Mapping[str, Level]) -> Iterator[str]:
-    """Ask for a second thermometer where one explains little, and for the missing direction."""
-    poor = _poor(levels)
-    if len(coverage.range_c) == 1 and poor:
-        yield (
-            f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '
-            'sides needs two: put another one at the side of the motor, or of the room.'
-        )
-    up, down = coverage.risen_k, coverage.fallen_k
-    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
-        missing, action = ('cooled', 'cool down') if down < up else ('warmed', 'warm up')
-        yield (
-            f'The sensor {missing} by {min(up, down):.1f} K only, and went {max(up, down):.1f} K '
-            f'the other way: let it {action} while recording. A lag shows where both ways differ.'
-        )
-
-
-def _lengths(durations_s: Sequence[float], slowest_s: float) -> Iterator[str]:
-    """Ask for longer, or for more recordings."""
-    longest_s = max(durations_s)
-    wanted_s = max(_TIME_CONSTANTS * slowest_s, _SHORTEST_S)
-    if longest_s < wanted_s:
-        why = f', as the slowest lag is {slowest_s / 60:.0f} min' if slowest_s > 0 else ''
-        yield (
-            f'The longest recording lasts {longest_s / 3600:.1f} h; record '
-            f'{wanted_s / 3600:.1f} h or more{why}.'
-        )
-    if len(durations_s) == 1:
-        yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
 
 
 def _names(axes: Sequence[str]) -> str:

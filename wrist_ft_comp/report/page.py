@@ -11,21 +11,26 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.report.days import event_line, events, summary
-from wrist_ft_comp.report.outputs import GENERATOR
+from wrist_ft_comp.report.report_content import (
+    AxisView,
+    model_sources,
+    one_after_the_other,
+    ReportContent,
+)
+from wrist_ft_comp.report.report_files import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
-from wrist_ft_comp.report.view import AxisView, model_sources, one_after_the_other, ReportView
 
 #: A number and its unit stay on one line, and so does N m.
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
-def page(view: ReportView) -> str:
+def page(view: ReportContent) -> str:
     """Write the page: HTML that loads nothing and runs nothing."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
 
 
-def headline(view: ReportView) -> str:
+def headline(view: ReportContent) -> str:
     """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``, and say what was seen."""
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)

@@ -4,7 +4,6 @@ The pictures: the report's, SVG that takes its text's colour and font from the p
 Without compensation is dashed, or a cross; with it is solid, or a dot: colour is never needed.
 """
 
-from collections.abc import Sequence
 from html import escape
 from io import BytesIO, StringIO
 from itertools import cycle, pairwise
@@ -19,8 +18,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
-from wrist_ft_comp.report.outputs import PAINTER
-from wrist_ft_comp.report.view import ErrorSeries, WorkView
+from wrist_ft_comp.report.report_content import ErrorSeries
+from wrist_ft_comp.report.report_files import PAINTER
 from wrist_ft_comp.signals import FloatArray, IntArray
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in
@@ -48,19 +47,13 @@ _BUCKETS = 240
 _POINTS = 300
 #: Samples are not joined where they are farther apart than this many median distances.
 _GAP = 10.0
-#: Colour, width, height above others, and label of what is left of an axis' drift in a PNG.
-_LEFT = (
-    (WITHOUT, 1.0, 2.0, 'without'),
-    (WITH, 1.0, 2.2, 'with'),
-    (FRAME, 0.6, 2.1, 'with, payload taken off'),
-)
-#: Most points of a line of a PNG.
-_PNG_POINTS = 4000
 
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel_of_parts(f'error, {unit}', series.hours, series.part)
+    figure, panel = _panel('time, h', f'error, {unit}')
+    for at in np.flatnonzero(np.diff(series.part)):
+        panel.axvline(series.hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
     label = 'without compensation'
     _line(panel, series.hours, series.before, series.part, label=label, **_DASHED)
     _line(panel, series.hours, series.after, series.part, label='with', **_SOLID)
@@ -106,37 +99,6 @@ def time_over_temperature(coverage: Coverage) -> Figure:
         np.diff(edges)[empty], align='edge', color='none', edgecolor=FRAME, hatch='////', lw=0,
         label='not seen',
     )  # fmt: skip
-    _legend(panel)
-    return figure
-
-
-def directions_seen(directions: FloatArray) -> Figure:
-    """Draw the directions of gravity: two half spheres, equal areas, z in their middles."""
-    figure = Figure(figsize=_SIZE, layout='constrained')
-    drawn = directions[:: max(-(-len(directions) // (2 * _POINTS)), 1)]
-    angle = np.linspace(0, 2 * np.pi, 100)
-    for number, sign in enumerate((1, -1)):
-        panel = figure.add_subplot(1, 2, number + 1)
-        panel.set_aspect('equal')
-        panel.set_axis_off()
-        for tilt in (30, 60, 90):
-            radius = np.sqrt(2) * np.sin(np.deg2rad(tilt) / 2)
-            panel.plot(radius * np.cos(angle), radius * np.sin(angle), **_GRID)
-        x, y, z = drawn[sign * drawn[:, 2] > 0].T
-        shrink = 1 / np.sqrt(1 + np.abs(z))
-        panel.plot(x * shrink, y * shrink, **_DOTS)
-        panel.annotate('x', (1.03, 0), va='center')
-        panel.annotate('y', (0, 1.03), ha='center')
-        panel.set_title('z up' if sign > 0 else 'z down', fontsize=9)
-    return figure
-
-
-def used_over_time(work: WorkView) -> Figure:
-    """Draw the shares of the time that counted, and that were taken for contact."""
-    figure, panel = _panel_of_parts('share of the time, %', work.hours, work.part)
-    _line(panel, work.hours, 100 * work.used, work.part, label='learnt from', **_SOLID)
-    _line(panel, work.hours, 100 * work.pushed, work.part, label='taken for contact', **_DASHED)
-    panel.set_ylim(0, 100)
     _legend(panel)
     return figure
 
@@ -197,14 +159,6 @@ def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     return figure, panel
 
 
-def _panel_of_parts(y_label: str, hours: FloatArray, part: IntArray) -> tuple[Figure, Axes]:
-    """Prepare a picture over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel('time, h', y_label)
-    for at in np.flatnonzero(np.diff(part)):
-        panel.axvline(hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
-    return figure, panel
-
-
 def _thermometer_lines(panel: Axes, x: FloatArray, columns: FloatArray, part: IntArray) -> None:
     """Draw a line per thermometer, (n, J); a legend of many begins with the word only."""
     styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
@@ -240,45 +194,6 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
         ys += [kept_y, nothing]
     lonely = 'o' if max(len(piece) for piece, _ in pieces) < 3 else ''
     panel.plot(np.concatenate(xs), np.concatenate(ys), marker=lonely, ms=2, **style)
-
-
-def draw_drift(
-    axes: Sequence[tuple[str, FloatArray, Sequence[FloatArray]]],
-    temperatures: Sequence[tuple[str, FloatArray, FloatArray]],
-) -> Figure:
-    """
-    Draw every axis over time, without and with compensation, above the temperatures.
-
-    Both come by title, which names the unit, and with their times, s, (n,): of an axis what is
-    left of its drift, raw, compensated and perhaps in ``wrench_external``; temperatures in °C.
-    All are of shape (n,), NaN where nothing is known.
-    """
-    rows = -(-len(axes) // 2) + 1
-    figure = Figure(figsize=(10.0, 2.2 * rows), layout='constrained')
-    grid = figure.add_gridspec(rows, 2)
-    for number, (title, elapsed_s, left) in enumerate(axes):
-        panel = figure.add_subplot(grid[number // 2, number % 2])
-        for values, (colour, width, above, label) in zip(left, _LEFT, strict=False):
-            _png_line(panel, elapsed_s, values, color=colour, lw=width, zorder=above, label=label)
-        panel.set_title(title, fontsize=10)
-        panel.grid(alpha=0.3)
-        if number == 0:
-            panel.legend(title='compensation', fontsize=8, title_fontsize=8)
-    panel = figure.add_subplot(grid[rows - 1, :])
-    pairs = zip(temperatures, cycle(THERMOMETERS), strict=False)
-    for (title, elapsed_s, temperature_c), colour in pairs:
-        _png_line(panel, elapsed_s, temperature_c, color=colour, label=title)
-    panel.set_title('temperature, °C', fontsize=10)
-    panel.set_xlabel('time, h')
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8)
-    return figure
-
-
-def _png_line(panel: Axes, elapsed_s: FloatArray, values: FloatArray, **style: Any) -> None:
-    """Draw a line of a few thousand points."""
-    drawn = slice(None, None, max(len(elapsed_s) // _PNG_POINTS, 1))
-    panel.plot(elapsed_s[drawn] / 3600, values[drawn], **style)
 
 
 def png_bytes(figure: Figure) -> bytes:

@@ -8,7 +8,6 @@ from typing import Any
 
 from rclpy.node import Node
 
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.parameters import Parameter
 
 HELP = ('-h', '--help')
@@ -44,21 +43,6 @@ def _entry(row: Parameter) -> str:
     text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'
     indented = fill(text, _WIDTH, initial_indent=_INDENT, subsequent_indent=_INDENT)
     return f'  {row.name}{"" if row.read_only else " *"}\n{indented}'
-
-
-def refuse_strays(words: Sequence[str]) -> None:
-    """Refuse words of a command line that stand outside of --ros-args: nothing would read them."""
-    strays, behind = [], False
-    for word in words[1:]:
-        if word in {'--ros-args', '--'}:
-            behind = word == '--ros-args'
-        elif not behind:
-            strays.append(word)
-    if strays:
-        raise SettingsError(
-            f'Nothing reads {" ".join(strays)!r}: arguments of a node stand behind --ros-args, '
-            'such as --ros-args -p NAME:=VALUE. --help shows them all.'
-        )
 
 
 def tell_unknown(node: Node, later: Iterable[str], log: Any) -> None:

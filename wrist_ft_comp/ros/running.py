@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.arguments import HELP, refuse_strays
+from wrist_ft_comp.ros.arguments import HELP
 from wrist_ft_comp.ros.parameters import (
     declare,
     NODE_NAME,
@@ -55,7 +55,6 @@ def run_nodes(factory: NodesFactory, argv: Sequence[str] | None = None, usage: s
     context = Context()
     try:
         with _stop_flag() as stop:
-            refuse_strays(words)
             _initialise(context, words)
             _create_and_spin(factory, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -1,1 +1,1 @@
-"""Our own files; read ``documents`` first, then ``model_file``."""
+"""Our own files; read ``own_file`` first, then ``model_file``."""

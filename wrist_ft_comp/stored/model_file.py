@@ -1,26 +1,26 @@
-"""Model files: YAML that people can read, checked against a schema, exact to the last digit."""
+"""Model files: YAML for people, exact to the last digit; its records check themselves."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from datetime import datetime, timezone
 import hashlib
+import math
 from pathlib import Path
 import platform
-from typing import Any, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 import yaml
 
 import wrist_ft_comp
-from wrist_ft_comp.drift.arx import Arx
-from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
-from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.signals import FloatArray, SENSOR_FACTS
-from wrist_ft_comp.stored.documents import Kind, plain
+from wrist_ft_comp.errors import ModelFileError, WristFtCompError
+from wrist_ft_comp.ranges import check_range, PERIODS_S
+from wrist_ft_comp.signals import AXES, NANOSECONDS, SENSOR_FACTS
+from wrist_ft_comp.stored.own_file import HEADER, Kind
+from wrist_ft_comp.stored.plain_values import from_plain, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration
@@ -29,147 +29,216 @@ if TYPE_CHECKING:  # what runs live reads models without loading what fits them
 _MAX_DEPTH = 30
 #: Values in a file, which is read in a second or two; models have some thousands.
 _MAX_EVENTS = 100_000
+#: Most coefficients and longest lag, cells, of a filter, and most powers of a temperature: poles,
+#: states and features are computed from them before a model can be checked as a whole.
+_MOST = {'a': 100, 'b': 100, 'first_lag': 1000, 'degree': 10}
+#: Longest time whose mean temperatures a start takes, s.
+_LONGEST_START_S = 600.0
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-#: What is written of an axis.
-_KEPT = (
-    'chosen', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
-    'time_constants_s', 'time_constant_errors_s', 'notes', 'candidates', 'model',
-)  # fmt: skip
+
+
+def _parse(content: bytes) -> Any:
+    """
+    Read safe YAML, plain values only, or raise ValueError.
+
+    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
+    the stack, and many values take long: these are refused by the events, which build nothing.
+    """
+    depth = 0
+    try:
+        for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
+            problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > _MAX_DEPTH:
+                problem = f'no more than {_MAX_DEPTH} levels are allowed'
+            if number > _MAX_EVENTS:
+                problem = f'no more than {_MAX_EVENTS} values are allowed'
+            if problem:
+                raise ValueError(f'{problem} {event.start_mark}')  # noqa: TRY301 -- as YAML's own
+        return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
+        # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
+        raise ValueError(' '.join(str(error).split())) from error
+
+
+class _ModelKind(Kind):
+    """A model is known by its first line, and by being YAML as a whole: notes may quote one."""
+
+    def is_own(self, path: Path) -> bool:
+        """Tell by its content whether a file is a model, of whatever version."""
+        if not super().is_own(path):
+            return False
+        try:
+            return isinstance(_parse(self.read(path)), dict)
+        except (ModelFileError, ValueError):
+            return False
+
+
 # A model of six axes with hats and banks takes some tens of kilobytes.
-KIND = Kind(
-    name='model file', says='wrist_ft_comp drift model', version=2, schema='model.schema.json',
-    max_bytes=4_000_000, endings='.yaml .yml', error=ModelFileError,
+KIND = _ModelKind(
+    name='model file', says='wrist_ft_comp drift model',
+    begins='format: wrist_ft_comp drift model\n', version=2, max_bytes=4_000_000,
+    endings='.yaml .yml', error=ModelFileError, parse=_parse,
     made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
     unwritable='{path} cannot be written: {reason}. Name another file, or make room; no file was '
     'changed.')  # fmt: skip
 
 
+class _Candidate(NamedTuple):
+    """What a file says of a fit that was tried, as fit/result.py does."""
+
+    name: str
+    rms: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """What a file says of an axis, as fit/result.py does; N or N m."""
+
+    chosen: str
+    rms_before: float
+    rms_after: float
+    expected_rms: float | None
+    day_limit: float | None
+    reason: str
+    time_constants_s: tuple[float, ...]
+    time_constant_errors_s: tuple[float | None, ...]
+    notes: tuple[str, ...]
+    candidates: tuple[_Candidate, ...]
+    model: AxisModel | None
+
+    def __post_init__(self) -> None:
+        for name in ('rms_after', 'expected_rms', 'day_limit'):
+            if getattr(self, name) is not None:
+                check_range(name, getattr(self, name), 0.0)
+        if self.model is None:
+            return
+        # The records of what runs check how their arrays fit, but not all shapes.
+        features, dynamics = self.model.features, self.model.dynamics
+        shape = (len(features.reference_c),)
+        arrays = {name: getattr(features, name) for name in ('reference_c', 'lower_c', 'upper_c')}
+        if wrong := [name for name, array in arrays.items() if array.shape != shape]:
+            raise ModelFileError(f'{wrong[0]} must have shape {shape}.')
+        filters = (*self.model.filters, *dynamics.latents)
+        rows = [dynamics.input_mean, dynamics.output_mean, *(arx.a for arx in filters)]
+        rows += [arx.b for arx in filters]
+        if any(row.ndim != 1 for row in rows) or not all(len(arx.b) for arx in filters):
+            raise ModelFileError(
+                'input_mean, output_mean, a and b must be lists, b with a number.'
+            )
+
+
+class _Thermometer(NamedTuple):
+    range_c: tuple[float, float]
+    #: Its share of ThermometerPrediction; a single thermometer has none.
+    prediction: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class _Model:
+    """All that a model file holds; ``model.schema.json`` explains it."""
+
+    period_ns: int
+    thermometers: tuple[_Thermometer, ...]
+    duration_s: float
+    start_s: float
+    warnings: tuple[str, ...]
+    provenance: dict[str, Any]
+    axes: dict[str, _Axis]
+
+    def __post_init__(self) -> None:
+        if not self.thermometers:
+            raise ModelFileError('thermometers must not be empty.')
+        shortest_s, longest_s = PERIODS_S
+        check_range('period_ns', self.period_ns, shortest_s * NANOSECONDS, longest_s * NANOSECONDS)
+        check_range('duration_s', self.duration_s, 0.0)
+        check_range('start_s', self.start_s, 0.0, _LONGEST_START_S)
+        if unknown := self.axes.keys() - set(AXES):
+            raise ModelFileError(
+                f'axes holds {min(unknown)}, and may hold {", ".join(AXES)} only.'
+            )
+
+    def drift_model(self) -> DriftModel:
+        """Build what runs."""
+        return DriftModel(
+            period_ns=self.period_ns, thermometers=len(self.thermometers),
+            axes={
+                axis: entry.model for axis, entry in self.axes.items() if entry.model is not None
+            },
+            deviation={
+                axis: entry.rms_after if entry.expected_rms is None else entry.expected_rms
+                for axis, entry in self.axes.items()
+            },
+            day_limits={
+                axis: entry.day_limit
+                for axis, entry in self.axes.items()
+                if entry.day_limit is not None
+            },
+            start_s=self.start_s,
+            prediction=_prediction([each.prediction for each in self.thermometers]))  # fmt: skip
+
+
+def _prediction(entries: Sequence[Document | None]) -> ThermometerPrediction | None:
+    """Join what thermometers predict of each other; a single one has no others."""
+    known = [entry for entry in entries if entry is not None]
+    if len(known) < len(entries):
+        return None
+    names = [part.name for part in fields(ThermometerPrediction)]
+    if lacking := [name for name in names for entry in known if name not in entry]:
+        raise ModelFileError(f'A prediction of a thermometer lacks {lacking[0]}.')
+    parts = {name: [entry[name] for entry in known] for name in names}
+    (time_constants_s, *others) = parts['time_constants_s']
+    if any(other != time_constants_s for other in others):
+        raise ModelFileError('All predictions must have the same time_constants_s.')
+    parts['time_constants_s'] = time_constants_s
+    prediction: ThermometerPrediction = from_plain(ThermometerPrediction, parts, 'prediction')
+    for name, values in vars(prediction).items():
+        if name not in {'gains', 'constant_c'} and not (values >= 0).all():
+            raise ModelFileError(f'{name} of the predictions must not be negative.')
+    return prediction
+
+
 def load_model(path: Path | str) -> StoredModel:
     """
-    Read a model file, which is checked against the schema.
+    Read a model file.
 
-    ModelFileError when it is missing, not YAML, of another version, or breaks the schema.
+    ModelFileError when it is missing, not YAML, of another version, or holds what no model holds.
     """
     path = Path(path)
     content = KIND.read(path)
-    try:
-        document = _parse(content)
-    except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
-        # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
-        reason = ' '.join(str(error).split())
-        raise ModelFileError(
-            f'{path} is not a model file: expected YAML, but {reason}. {KIND.made_by}'
-        ) from error
-    KIND.check(path, document)
+    document = KIND.document(path, content)
     return restore_model(path, hashlib.sha256(content).hexdigest(), document)
 
 
 def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
-    """Build a stored model from a document that was checked against the schema."""
+    """Build a stored model from the document of a model file of this version."""
     try:
-        return StoredModel(path, sha256, _build_model(document), document)
-    except (ModelFileError, SettingsError) as error:
-        raise ModelFileError(f'{path}: {error}') from error
+        _refuse_endless_work(document)
+        content = {name: document[name] for name in document if name not in HEADER}
+        record: _Model = from_plain(_Model, content, whole=True)
+        return StoredModel(path, sha256, record.drift_model(), document)
+    except (ValueError, WristFtCompError) as error:
+        raise KIND.damaged(path, str(error)) from error
 
 
-def _parse(content: bytes) -> Any:
-    """
-    Read safe YAML: plain values only.
-
-    Aliases, which no model file needs, can blow up when they are expanded, deep nesting exhausts
-    the stack, and many values take long: these are refused by the events, which build nothing.
-    """
-    depth = 0
-    for number, event in enumerate(yaml.parse(content, Loader=_LOADER)):
-        problem = 'aliases are not allowed' if isinstance(event, yaml.AliasEvent) else ''
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            problem = f'no more than {_MAX_DEPTH} levels are allowed'
-        if number > _MAX_EVENTS:
-            problem = f'no more than {_MAX_EVENTS} values are allowed'
-        if problem:
-            raise yaml.YAMLError(f'{problem} {event.start_mark}')
-    return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
-
-
-def _build_model(document: Document) -> DriftModel:
-    thermometers = len(document['thermometers'])
-    return DriftModel(
-        period_ns=document['period_ns'], thermometers=thermometers,
-        axes={
-            axis: _build_axis(entry['model'], thermometers)
-            for axis, entry in document['axes'].items()
-            if entry['model'] is not None
-        },
-        deviation={
-            axis: entry['rms_after'] if entry['expected_rms'] is None else entry['expected_rms']
-            for axis, entry in document['axes'].items()
-        },
-        day_limits={
-            axis: entry['day_limit']
-            for axis, entry in document['axes'].items()
-            if entry['day_limit'] is not None
-        },
-        start_s=document['start_s'],
-        prediction=_build_prediction(document['thermometers']))  # fmt: skip
-
-
-def _build_prediction(entries: Sequence[Document]) -> ThermometerPrediction | None:
-    """Build what thermometers predict of each other; a single one has no others."""
-    if not all('prediction' in entry for entry in entries):
-        return None
-    parts = {
-        part.name: [entry['prediction'][part.name] for entry in entries]
-        for part in fields(ThermometerPrediction)
-    }
-    (time_constants_s, *others) = parts.pop('time_constants_s')
-    if any(other != time_constants_s for other in others):
-        raise ModelFileError('All predictions must have the same time_constants_s.')
-    arrays = {name: _array(name, values) for name, values in parts.items()}
-    return ThermometerPrediction(_array('time_constants_s', time_constants_s), **arrays)
-
-
-def _build_axis(entry: Document, thermometers: int) -> AxisModel:
-    features, dynamics = entry['features'], entry['dynamics']
-    filtered = (thermometers * max(len(entry['filters']), 1),)
-    blocks = [block.name for block in fields(ArxPls) if block.name != 'latents']
-    return AxisModel(
-        Features(
-            kind=features['kind'],
-            degree=features['degree'],
-            beyond=features['beyond'],
-            knots_c=tuple(_array('knots_c', knots) for knots in features['knots_c']),
-            **{k: _array(k, features[k], filtered) for k in ('reference_c', 'lower_c', 'upper_c')},
-        ),
-        ArxPls(
-            latents=tuple(map(_build_arx, dynamics['latents'])),
-            **{key: _array(key, dynamics[key]) for key in blocks},
-        ),
-        tuple(map(_build_arx, entry['filters'])),
-    )
-
-
-def _build_arx(entry: Document) -> Arx:
-    return Arx(_array('a', entry['a']), _array('b', entry['b']), entry['first_lag'])
-
-
-def _array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> FloatArray:
-    """Turn nested lists into a finite array, of a given shape where the record can't check it."""
-    try:
-        array = np.array(values, dtype=float)
-    except (ValueError, OverflowError) as error:
-        raise ModelFileError(f'{name} must be an array of numbers; restore the file.') from error
-    if shape not in {None, array.shape}:
-        raise ModelFileError(
-            f'{name} must have shape {shape}; got {array.shape}. Restore the file.'
-        )
-    if not np.isfinite(array).all():
-        raise ModelFileError(f'{name} must hold finite numbers only; restore the file.')
-    return array
+def _refuse_endless_work(value: Any) -> None:
+    """Refuse what would take long to check, or much memory to run, wherever it stands."""
+    if isinstance(value, list):
+        for item in value:
+            _refuse_endless_work(item)
+    if isinstance(value, dict):
+        for name, item in value.items():
+            _refuse_endless_work(item)
+            most = _MOST.get(name, math.inf)
+            if isinstance(item, list) and len(item) > most:
+                raise ValueError(f'{name} must have at most {most} values; got {len(item)}')
+            if isinstance(item, int) and not 0 <= item <= most:
+                raise ValueError(f'{name} must be a number from 0 to {most}; got {item}')
 
 
 def save_model(
@@ -211,13 +280,13 @@ def save_model(
             **(provenance or {}),
         },
         'axes': {
-            axis: {name: getattr(fit, name) for name in _KEPT}
+            axis: {entry.name: getattr(fit, entry.name) for entry in fields(_Axis)}
             for axis, fit in calibration.fits.items()
         },
     }
     # In plain values no list occurs twice, which YAML would write as an alias.
     text = yaml.dump(
-        plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99
+        to_plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99
     )
     KIND.write(path, text)
     return load_model(path)

@@ -12,19 +12,18 @@ Where a node keeps what it made: models, own recordings, and which model is acti
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 import fcntl
-import json
 import os
 from pathlib import Path
-import re
 from tempfile import TemporaryFile
-from typing import Any, get_args, Literal
+from typing import Literal
 from weakref import finalize
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored.documents import Output, parse_json, remove_leftovers
+from wrist_ft_comp.stored.own_file import Kind, remove_leftovers
+from wrist_ft_comp.stored.plain_values import to_plain
 
 #: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
 MAX_HISTORY = 100
@@ -32,13 +31,12 @@ MAX_HISTORY = 100
 MAX_RECORDINGS = 10
 #: Most bytes that are quoted of the process that holds the folder.
 _HOLDER = 200
-#: What the name of no model holds: a NUL, or half of a character of two.
-_IN_NO_NAME = re.compile('[\0\ud800-\udfff]')
-#: A list of MAX_HISTORY models, with reasons, is shorter.
-_MAX_LIST_CHARACTERS = 1_000_000
-_LIST = Output(
-    name='list of models', says=r'"history": \[\s*[\]{]', endings='.json',
-    keeps=True, error=ModelFileError,
+# A list of MAX_HISTORY models, with reasons, is shorter. It began without a format.
+_LIST = Kind(
+    name='list of models', says='wrist_ft_comp live models', version=1, max_bytes=1_000_000,
+    begins=r'\{\s*("format": "wrist_ft_comp live models"|"history": \[\s*[\]{])', keeps=True,
+    error=ModelFileError, made_by='Remove it and set model_file.',
+    renewed_by='Remove it and set model_file',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
 
@@ -63,6 +61,16 @@ class HistoryEntry:
     day: str = ''
     #: Whether ~/rollback went back from it or past it; another rollback does not return to it.
     withdrawn: bool = False
+
+
+@dataclass(frozen=True)
+class _List:
+    """What active.json holds."""
+
+    #: Paths below the node's folder are relative.
+    history: tuple[HistoryEntry, ...] = ()
+    #: SHA-256 of the model that the operator gave at the last start.
+    given: str = ''
 
 
 def model_on(history: Sequence[HistoryEntry], day: str) -> HistoryEntry | None:
@@ -127,39 +135,29 @@ class ModelStore:
 
     def history(self) -> list[HistoryEntry]:
         """List the models that were live, newest last."""
-        entries = [HistoryEntry(**entry) for entry in self._read()['history']]
         return [
             entry if entry.path is None else replace(entry, path=self.directory / entry.path)
-            for entry in entries
+            for entry in self._read().history
         ]
 
     def given(self) -> str:
         """Read the SHA-256 of the model given at the last start; empty where none is known."""
         try:
-            return str(self._read()['given'])
+            return self._read().given
         except ModelFileError:
             return ''
 
-    def _read(self) -> dict[str, Any]:
+    def _read(self) -> _List:
         """Read the list."""
         path = self.directory / 'active.json'
-        try:
-            pipe = path.exists() and not path.is_file()  # it would never be read
-            with (Path(os.devnull) if pipe else path).open(encoding='utf-8') as file:
-                content = parse_json(file.read(_MAX_LIST_CHARACTERS))
-        except FileNotFoundError:
-            return {'history': [], 'given': ''}
-        except (OSError, ValueError) as error:
-            raise ModelFileError(
-                f'{path} cannot be read ({error}). Remove it and set model_file.'
-            ) from error
-        entries = content.get('history') if isinstance(content, dict) else None
-        if not isinstance(entries, list) or not all(map(_is_entry, entries)):
-            raise ModelFileError(
-                f'{path} was damaged, or written by an older version of wrist_ft_comp: "history" '
-                'must be a list of models that were live. Remove it and set model_file.'
-            )
-        return {'given': '', **content}
+        if not path.exists():
+            return _List()
+        content = _LIST.read(path)
+        with suppress(ValueError):
+            document = _LIST.parse(content)
+            if isinstance(document, dict) and 'history' in document and 'format' not in document:
+                return _LIST.restore(_List, path, document)
+        return _LIST.restore(_List, path, _LIST.document(path, content))
 
     def activate(self, history: Sequence[HistoryEntry], given: str | None = None) -> None:
         """
@@ -168,14 +166,11 @@ class ModelStore:
         ``given`` is the SHA-256 of the model that the operator gave; None leaves it as it was.
         """
         entries = [
-            {**asdict(entry), 'path': None if entry.path is None else self._written(entry.path)}
-            for entry in history
+            {**to_plain(entry), 'path': None if entry.path is None else self._written(entry.path)}
+            for entry in history[-MAX_HISTORY:]
         ]
-        document = {
-            'history': entries[-MAX_HISTORY:],
-            'given': self.given() if given is None else given,
-        }
-        _LIST.write(self.directory / 'active.json', json.dumps(document, indent=1))
+        given = self.given() if given is None else given
+        _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
 
     def check_writable(self) -> str:
         """Say why nothing can be kept here, without leaving a trace; empty when something can."""
@@ -227,19 +222,6 @@ class ModelStore:
         """Spell a path so that the folder can be moved."""
         resolved, base = path.resolve(), self.directory.resolve()
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
-
-
-def _is_entry(value: Any) -> bool:
-    """Tell whether a value of a file is a HistoryEntry."""
-    if not isinstance(value, dict) or set(value) != {field.name for field in fields(HistoryEntry)}:
-        return False
-    path, withdrawn, *others = (value[n] for n in ('path', 'withdrawn', 'sha256', 'since', 'why'))
-    return (
-        (path is None or (isinstance(path, str) and not _IN_NO_NAME.search(path)))
-        and isinstance(withdrawn, bool)
-        and all(isinstance(other, str) for other in (*others, value['day']))
-        and value['how'] in get_args(How)
-    )
 
 
 def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:

@@ -9,20 +9,23 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.signals import AXES, FloatArray
-from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
+from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.stored.own_file import Kind
+from wrist_ft_comp.stored.plain_values import Document, to_plain
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
-    name='state file', says='wrist_ft_comp state', version=2, schema='state.schema.json',
-    max_bytes=1_000_000, keeps=True, error=StateFileError, made_by='A running node makes one.',
+    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000, keeps=True,
+    error=StateFileError, made_by='A running node makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart loses the thermal state and the tare.')  # fmt: skip
 
-#: The schema allows no larger numbers, and neither NaN nor infinities.
+#: No larger number is read, and neither NaN nor infinities.
 _LARGEST = 1e100
+#: Longest cell, ns, and most cells of a block of the history: a file must not take all memory.
+_LONGEST_PERIOD_NS, _MOST_CELLS = 600 * NANOSECONDS, 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,57 +46,84 @@ class SavedState:
 
 def save_state(path: Path, state: SavedState) -> None:
     """Write a state file, and its folder; an existing one is replaced in one step."""
-    KIND.write_json(path, _document(state), indent=None)
+    KIND.save(path, _document(state), indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
     """Read a state file, of this version and whole; None when there is none."""
-    document = KIND.load_json(path)
-    if document is None:
+    if not path.exists():
         return None
-    if thermal := document['thermal']:
-        thermal['compensation'] = {name: thermal.pop(name) for name in Drift._fields}
-    try:
-        state: SavedState = restored(SavedState, document)
-    except ValueError as error:
-        raise StateFileError(
-            f'{path} holds a table whose rows differ in length. {KIND.renewed_by}, or restore the '
-            'file.'
-        ) from error
+    document = KIND.document(path, KIND.read(path))
+    thermal = document.get('thermal')
+    if isinstance(thermal, dict):  # what is subtracted lies beside the rest
+        thermal['compensation'] = {
+            name: thermal.pop(name) for name in Drift._fields if name in thermal
+        }
+    state = KIND.restore(SavedState, path, document)
+    if problem := _problem(state):
+        raise KIND.damaged(path, problem)
     return state
+
+
+def _problem(state: SavedState) -> str:
+    """Say why nothing can go on from a state that was read; empty where it can."""
+    wrenches = [state.tare, state.external_tare]
+    if (memory := state.thermal) is not None:
+        wrenches += memory.compensation
+        if not 1 <= memory.period_ns <= _LONGEST_PERIOD_NS:
+            return f'period_ns is {memory.period_ns}'
+        if any(cells < 0 for cells in memory.silent):
+            return f'silent is {memory.silent}, and must not be negative'
+        if any(not 1 <= block.cells <= _MOST_CELLS for block in memory.history):
+            return f'a block of the history must have 1 to {_MOST_CELLS} cells'
+        if memory.filters.keys() - set(AXES):
+            return f'filters holds {", ".join(memory.filters)}'
+        if memory.thermometers is not None and not np.isfinite(memory.thermometers.age_s):
+            return 'age_s must be a number'
+    if any(wrench.shape != (len(AXES),) for wrench in wrenches):
+        return 'a wrench must have six numbers'
+    if not all(map(_readable, (*wrenches, *_thermal_arrays(state.thermal)))):
+        return f'it holds a number beyond {_LARGEST:g}'
+    return ''
+
+
+def _thermal_arrays(memory: ThermalMemory | None) -> list[FloatArray]:
+    """List all numbers of a thermal state."""
+    if memory is None:
+        return []
+    arrays = [memory.temperature_c, memory.start_c, *memory.compensation]
+    arrays += [*memory.filters.values(), *(block.temperature_c for block in memory.history)]
+    if memory.thermometers is not None:
+        parts = vars(memory.thermometers).values()
+        arrays += [part for part in parts if isinstance(part, np.ndarray)]
+    return arrays
 
 
 def _document(state: SavedState) -> Document:
     """Convert a state to plain values; what could not be read again is left out."""
     memory, thermal = state.thermal, None
-    if memory is not None:
-        arrays = [memory.temperature_c, memory.start_c, *memory.compensation]
-        arrays += [*memory.filters.values(), *(block.temperature_c for block in memory.history)]
-        if memory.thermometers is not None:
-            parts = vars(memory.thermometers).values()
-            arrays += [part for part in parts if isinstance(part, np.ndarray)]
-        if _readable(*arrays):
-            thermal = {**vars(memory), **memory.compensation._asdict()}
-            del thermal['compensation']
-            thermal['history'] = [block._asdict() for block in memory.history]
-            if memory.thermometers is None:
-                del thermal['thermometers']
+    if memory is not None and all(map(_readable, _thermal_arrays(memory))):
+        thermal = {**vars(memory), **memory.compensation._asdict()}
+        del thermal['compensation']
+        thermal['history'] = [block._asdict() for block in memory.history]
+        if memory.thermometers is None:
+            del thermal['thermometers']
     tare, external_tare = (
-        wrench.tolist() if _readable(wrench) else [0.0] * len(AXES)
+        wrench if _readable(wrench) else np.zeros(len(AXES))
         for wrench in (state.tare, state.external_tare)
     )
     return {
         'saved_ns': state.saved_ns,
         'model_sha256': state.model_sha256,
-        'tare': tare,
-        **({'external_tare': external_tare} if any(external_tare) else {}),
-        'thermal': plain(thermal),
+        'tare': to_plain(tare),
+        **({'external_tare': to_plain(external_tare)} if any(external_tare) else {}),
+        'thermal': to_plain(thermal),
     }
 
 
-def _readable(*arrays: FloatArray) -> bool:
+def _readable(array: FloatArray) -> bool:
     """Whether all numbers can be read again."""
-    return all((np.abs(array) <= _LARGEST).all() for array in arrays)
+    return bool((np.abs(array) <= _LARGEST).all())
 
 
 class StateWriter:

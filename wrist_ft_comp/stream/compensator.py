@@ -67,6 +67,8 @@ class Compensator:
         #: Of the wrench, and of the external wrench; raw, N and N m, shape (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
         self.external_tare: FloatArray = np.zeros(len(AXES))
+        #: Whether somebody tared; else a tare is what keeps the output at a change of model.
+        self.tared = False
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
         #: the model, within the limits.
         self.compensation = no_drift()
@@ -174,6 +176,7 @@ class Compensator:
         self.tare = raw - drift.zero
         if weight is not None:
             self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
+        self.tared = True
         self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
@@ -193,6 +196,7 @@ class Compensator:
         begins.
         """
         self.tare, self.external_tare = tare, external
+        self.tared = bool(tare.any() or external.any())
         self._tare_waits |= before_drift
         self._refresh_correction()
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 import pytest
 
 from wrist_ft_comp.cli import node as command
+from wrist_ft_comp.cli import operate as operator
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import NodeError
-from wrist_ft_comp.node import operate as operator
 from wrist_ft_comp.ros.node_log import Status
 
 SECOND = 1_000_000_000

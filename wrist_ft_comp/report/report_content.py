@@ -11,6 +11,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.learning.diary import Diary
+from wrist_ft_comp.payload.directions import describe_force, moments_of
 from wrist_ft_comp.payload.gains import COUNTS
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.ranges import rounded
@@ -44,8 +45,6 @@ from wrist_ft_comp.signals import (
 _RESPONSE_S = 7200.0
 #: A recording is named where a model of the others leaves this many times the median of it.
 _HARD_RATIO = 1.5
-#: Length of the bins in which shares of the time at work are drawn, h.
-_BIN_H = 1 / 12
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
     'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
@@ -95,19 +94,13 @@ class AxisView:
 
 
 @dataclass(frozen=True, eq=False)
-class WorkView:
+class AtWork:
     """What was learnt at work."""
 
     #: None where no payload could be identified.
     learnt: LearntPayloads | None
-    #: Unit vectors of the specific force, as it was measured, in cells that counted, (n, 3).
-    directions: FloatArray
-    #: Bins of time, (b,): their middles, h, and which recording they are of.
-    hours: FloatArray
-    part: IntArray
-    #: Shares of these bins that counted, and that were taken for contact, (b,).
-    used: FloatArray
-    pushed: FloatArray
+    #: How much of the time counted, and what was seen, in a sentence.
+    used: str
     #: Tares of the driver that were taken out.
     steps: int
 
@@ -131,7 +124,7 @@ class EvaluatedRecording:
 
 
 @dataclass(frozen=True, eq=False)
-class ReportView:
+class ReportContent:
     """A report's content."""
 
     kind: Literal['calibration', 'evaluation']
@@ -149,7 +142,7 @@ class ReportView:
     #: What a person should know.
     warnings: tuple[str, ...]
     #: What was learnt at work, if it was.
-    work: WorkView | None = None
+    work: AtWork | None = None
     #: What another day is accepted by: a heading, and a line per axis.
     acceptance: Sequence[str] = ()
     #: The days of the node that learnt the model by itself, if one did.
@@ -173,12 +166,12 @@ class ReportView:
         }
 
 
-def calibration_view(
+def calibration_content(
     calibration: Calibration,
     recordings: Sequence[Recording],
     stored: StoredModel,
     reference: Reference,
-) -> ReportView:
+) -> ReportContent:
     """Fill a report's view from a calibration."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
@@ -189,7 +182,15 @@ def calibration_view(
         series = _held_out_series(_held_out(fit), recordings, coverage.leading)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, _widening(fit) * after)
-        evidence = _evidence_of_fit(fit, series, max(durations_s))
+        held_out = _held_out(fit)
+        tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
+        evidence = Evidence(
+            unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
+            widening=_widening(fit), compensated=fit.model is not None,
+            best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
+            recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
+            slowest_s=_slowest_s(fit), longest_s=max(durations_s), refusal=fit.refusal,
+            promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         axes.append(_axis_view(stored, axis, evidence, errors, series))
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
@@ -199,18 +200,18 @@ def calibration_view(
     advice = what_to_record_next(coverage, levels, reference, durations_s, slowest_s)
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
-    return ReportView(
+    return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         acceptance=tuple(acceptance(calibration)),
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        work=_work_view(calibration))  # fmt: skip
+        work=_at_work(calibration))  # fmt: skip
 
 
-def evaluation_view(
+def evaluation_content(
     stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
-) -> ReportView:
+) -> ReportContent:
     """Fill a report's view from an evaluation."""
     recordings = [judged.recording for judged in evaluated]
     coverage = cover(recordings)
@@ -230,7 +231,7 @@ def evaluation_view(
     ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
     levels = {axis.axis: axis.verdict.level for axis in axes}
     references = ', '.join(dict.fromkeys(judged.reference for judged in evaluated))
-    return ReportView(
+    return ReportContent(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
@@ -383,19 +384,6 @@ def _slowest_s(fit: AxisFit) -> float:
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _evidence_of_fit(fit: AxisFit, series: ErrorSeries, longest_s: float) -> Evidence:
-    """Collect the evidence about one axis of a calibration."""
-    held_out = _held_out(fit)
-    tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
-    return Evidence(
-        unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
-        widening=_widening(fit), compensated=fit.model is not None,
-        best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
-        recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-        slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
-        promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-
-
 def _held_out_series(
     held_out: HeldOut, recordings: Sequence[Recording], leading: int
 ) -> ErrorSeries:
@@ -466,24 +454,20 @@ def _explanation(
     )
 
 
-def _work_view(calibration: Calibration) -> WorkView | None:
-    """Collect payloads, directions and what counted; None where nothing was learnt at work."""
+def _at_work(calibration: Calibration) -> AtWork | None:
+    """Collect payloads and what counted; None where nothing was learnt at work."""
     separation = calibration.separation
     if separation is None:
         return None
-    recordings, counts = separation.recordings, separation.fit.weights > COUNTS
-    counted = separation.cells.join(counts)
-    pushed = separation.cells.join(separation.cells.usable & ~counts)
-    rows = []
-    for i, start_h in enumerate(_starts_h(recordings)):
-        bins = (recordings[i].elapsed_s / 3600 // _BIN_H).astype(np.int64)
-        cells = np.maximum(np.bincount(bins), 1)
-        middles = start_h + (np.arange(len(cells)) + 0.5) * _BIN_H
-        shares = [np.bincount(bins, flags[i]) / cells for flags in (counted, pushed)]
-        rows.append(np.stack((middles, np.full(len(cells), float(i)), *shares)))
-    hours, part, used, contact = np.concatenate(rows, axis=1)
-    forces = np.concatenate(separation.accelerometer.forces)[np.concatenate(counted)]
-    return WorkView(
-        learnt=calibration.payloads, hours=hours, part=part.astype(np.int64), used=used,
-        directions=forces / np.linalg.norm(forces, axis=1, keepdims=True), pushed=contact,
-        steps=sum(map(len, separation.steps)))  # fmt: skip
+    counts, usable = separation.fit.weights > COUNTS, separation.cells.usable
+    cells = sum(len(recording) for recording in separation.recordings)
+    counted = np.concatenate(separation.cells.join(counts))
+    gravity = describe_force(moments_of(np.concatenate(separation.accelerometer.forces)[counted]))
+    seen = ('none', 'one', 'two', 'all')[0 if gravity is None else gravity.seen]
+    share, pushed = counts.sum() / cells, (usable & ~counts).sum() / cells
+    used = (
+        f'Learnt from {share:.0%} of the time; {pushed:.0%} were taken for contact, the rest '
+        f'turned fast or held no specific force. Gravity moved along {seen} of three directions; '
+        'a payload needs two, its centre of mass all.'
+    )
+    return AtWork(calibration.payloads, used, sum(map(len, separation.steps)))
