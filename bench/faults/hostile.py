@@ -46,7 +46,7 @@ from stand import make_model, message, write_warm_up
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -59,8 +59,8 @@ HANG_S = 20.0
 WARN = 1
 #: Verbs of a part that are sabotaged.
 VERBS = (
-    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
-    'poll', 'statuses',
+    'on_model', 'on_wrench', 'on_cells', 'on_specific_force', 'check_parameters',
+    'apply_parameters', 'poll', 'statuses',
 )  # fmt: skip
 SERVICES = (
     'calibrate', 'tare', 'reset_tare', 'identify_payload', 'record', 'rollback', 'adopt',
@@ -76,7 +76,7 @@ PARAMETERS: tuple[tuple[str, tuple[Any, ...]], ...] = (
     ('tare.max_deviation', (1e6, 0.001, math.nan)),
     ('calibration.recordings', (['recordings/a.csv'], [], ['/etc/passwd'])),
     ('calibration.reference', ('payload', 'unloaded', 'none')),
-    ('thermal_period', (2.0,)),
+    ('max_drift', (2.0,)),
 )
 FILES = (
     'models/m.yaml', 'models/payloads.json', 'state.json', 'active.json', 'learning.json',
@@ -166,8 +166,7 @@ class HostileRobot(RuleBasedStateMachine):
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
             'temperature_topics': ['temperature', 'temperature_2'][:1],
-            'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning': 'auto',
-            'save_period': 0.1,
+            'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning.mode': 'auto',
         }  # fmt: skip
         untyped: Any = Parameter
         overrides = [untyped(name, value=value) for name, value in given.items()]
@@ -282,8 +281,8 @@ class HostileRobot(RuleBasedStateMachine):
 
     def _force(self, data: bytes) -> None:
         """Give an Imu to what reads them."""
-        source = self.node.gravity
-        self.node.do(self.node.gravity, source.on_imu, data)
+        source = self.node.specific_force
+        self.node.do(self.node.specific_force, source.on_imu, data)
 
     @rule(
         force=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
@@ -389,7 +388,7 @@ class HostileRobot(RuleBasedStateMachine):
     def housekeeping(self) -> None:
         """Do what the node does ten times a second."""
         self._did('housekeepings')
-        self.node._keep_house()
+        self.node.broadcast('poll')
 
     # What must hold
 

@@ -31,6 +31,7 @@ from sensor_msgs.msg import Temperature
 from stand import (
     COLD_C,
     GAINS,
+    HASTE,
     keep,
     make_model,
     message,
@@ -49,8 +50,8 @@ from wrist_ft_comp.stored.state_file import load_state
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SPEED = 50.0
-#: The parameter's default, 5 s, in stamps.
-SAVE_PERIOD_S = 5.0 / SPEED
+#: As HASTE says: 5 s of stamps.
+SAVE_PERIOD_S = 0.1
 START_NS = 1_700_000_000 * NANOSECONDS
 #: Stamps from a look for the node to the next one.
 LOOK_NS = 10_000_000
@@ -162,8 +163,7 @@ def kill_once(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[
     for second in range(len(celsius)):
         sensor.advance(float(second))
         celsius[second] = sensor.celsius
-    given = (f'model_file:={model_path}', f'save_period:={SAVE_PERIOD_S}')
-    with closing(Stand(folder, *given)) as stand:
+    with closing(Stand(folder, f'model_file:={model_path}', source=HASTE)) as stand:
         day = Day(stand, celsius)
         day.live(-SOAKS_S, killed)
         day.heard.clear()
@@ -230,7 +230,7 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
     path = make_model(write_day(folder / 'learnt.csv', rng), folder / 'm.yaml')
     model, settings = load_model(path).model, StreamSettings()
     given = (
-        f'model_file:={path}', f'save_period:={SAVE_PERIOD_S}',
+        f'model_file:={path}',
         'temperature_topics:=[temperature, temperature_2]',
     )  # fmt: skip
     kills = days = named = 0
@@ -242,7 +242,7 @@ def kill_with_a_thermometer_out(arguments: argparse.Namespace, folder: Path) -> 
         frozen = int(rng.integers(*FREEZES_S))
         celsius[frozen:, 1] = celsius[frozen, 1]
         data = folder / f'day_{days}'
-        with closing(Stand(data, *given)) as stand:
+        with closing(Stand(data, *given, source=HASTE)) as stand:
             day, first = Day(stand, celsius), 0
             while first < DAY_S - LIFE_S[0] and kills < arguments.kills:
                 end = min(first + int(rng.integers(*LIFE_S)), DAY_S)

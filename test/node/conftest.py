@@ -16,12 +16,14 @@ import warnings
 
 import pytest
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
-from wrist_ft_comp.ros.running import make_executor, spin, Stop
+from wrist_ft_comp.ros.rclpy_internals import Stop
+from wrist_ft_comp.ros.running import make_executor, spin
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
@@ -113,15 +115,13 @@ class Bench:
         return node
 
     def start(self, factory, *args, **kwargs):
-        """Make a node and spin it until the test ends; ``executor`` is as in make_executor."""
-        return self.start_all(lambda **options: [factory(*args, **options)], **kwargs)[0]
-
-    def start_all(self, factory, **kwargs):
-        """Make nodes as ``factory(context=…, **kwargs)`` and spin them in one thread."""
-        executor = make_executor(kwargs.pop('executor', 'default'), self.context)
-        nodes = factory(context=self.context, **_node_arguments(kwargs))
-        for node in nodes:
-            executor.add_node(node)
+        """Make a node and spin it until the test ends; ``executor`` is default or events."""
+        if kwargs.pop('executor', 'default') == 'events':
+            executor = make_executor(self.context)
+        else:
+            executor = SingleThreadedExecutor(context=self.context)
+        node = factory(*args, context=self.context, **_node_arguments(kwargs))
+        executor.add_node(node)
         stop = Stop()
         self._stops.append(stop)
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
@@ -130,13 +130,12 @@ class Bench:
         def take_down():
             stop.set()
             thread.join(TIMEOUT_S)
-            assert not thread.is_alive(), f'{nodes[0].get_name()} did not stop'
+            assert not thread.is_alive(), f'{node.get_name()} did not stop'
             executor.shutdown()
-            for node in nodes:
-                node.destroy_node()
+            node.destroy_node()
 
         self._stack.callback(take_down)
-        return nodes
+        return node
 
     def listen(self, message_type, topic, qos=None):
         """Subscribe; without qos it is best effort, which hears every publisher, and deep."""

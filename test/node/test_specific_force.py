@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import Gravity, RecentForces
-from wrist_ft_comp.ros.messages import FAST_SENSOR
+from wrist_ft_comp.node.specific_force import RecentForces, SpecificForceInput
+from wrist_ft_comp.ros.qos import FAST_SENSOR
 from wrist_ft_comp.signals import GRAVITY
 
 SECOND = 1_000_000_000
@@ -44,15 +44,15 @@ class FakeHub:
         self.on, self.samples, self.frame = {}, [], frame
         self.log = SimpleNamespace(info=lambda _: None)
         chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
-        self.source = Gravity(chosen)
+        self.source = SpecificForceInput(chosen)
         self.source.hub = self
         self.source.start()
 
     def hardware_id(self):
         return self.frame
 
-    def tell(self, verb, *values):
-        assert verb == 'on_force'
+    def broadcast(self, verb, *values):
+        assert verb == 'on_specific_force'
         self.samples.append(values)
 
     def guarded(self, _part, callback):

@@ -32,8 +32,6 @@ _Process = subprocess.Popen[bytes]
 _Event = dict[str, object]
 #: Temperatures per second of a thermometer: as many as a real one sends.
 _TEMPERATURE_RATE_HZ = 100.0
-#: Length of a thermal cell, s; at that rate and speed every cell has a temperature.
-_THERMAL_PERIOD_S = 5.0
 #: Duty cycle of the recorded day, s and level: the sensor warms up, rests, works and cools.
 _RECORD_DUTY = ((0, 0.0), (300, 0.9), (3600, 0.0), (5700, 0.5), (8100, 1.0), (9600, 0.0))
 _RECORD_S = 11400
@@ -58,10 +56,7 @@ class Plan:
         learns: dict[str, object] = {'calibration.reference': 'recorded'}
         if self.at_work:
             learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
-        where = {
-            'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS),
-            'thermal_period': _THERMAL_PERIOD_S,
-        }  # fmt: skip
+        where = {'data_directory': folder / 'data', 'temperature_topics': _array(TOPICS)}
         return _program('compensator', where | learns)
 
     def operator(self, log_file: Path) -> list[str]:

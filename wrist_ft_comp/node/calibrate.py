@@ -5,17 +5,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 import sys
 import time
-from typing import Any
+from typing import Any, get_args
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.process import JobProcess
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
 from wrist_ft_comp.node.recording import Recorder, RecordService
-from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import LongService, Work
-from wrist_ft_comp.signals import NANOSECONDS, Topics
+from wrist_ft_comp.signals import NANOSECONDS, Reference, Topics
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
@@ -54,7 +56,7 @@ class JobMaker:
         """Ask for what can be learnt from days."""
         chosen = {**self.settings(), 'calibration.reference': 'payload'}
         kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
-        learning = Learning(tuple(history), chosen['learning.keep_days'], kept_mb)
+        learning = Learning(tuple(history), max_mb=kept_mb)
         return replace(self._make(tuple(days), chosen, skip_unusable=True), learning=learning)
 
     def identification(self, minute: Minute) -> CalibrationJob:
@@ -66,11 +68,7 @@ class JobMaker:
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
         output = self.store.new_model_path()
-        settings = CalibrationSettings(
-            reference=chosen['calibration.reference'],
-            min_temperature_span_k=chosen['calibration.min_temperature_span'],
-            identification=IdentificationSettings(method=chosen['calibration.method']),
-        )
+        settings = CalibrationSettings(reference=chosen['calibration.reference'])
         period_s = self.recorder.period_ns / NANOSECONDS
         return CalibrationJob(
             recordings, output, settings, period_s, self._topics(chosen),
@@ -107,7 +105,20 @@ class CalibrateService(LongService):
     _log: NodeLog
     _begun_s: float = 0.0
 
-    name, title, severe = '~/calibrate', 'calibration', True
+    title, name, severe = 'calibration', '~/calibrate', True
+    purpose = 'fits the recordings, saves the model and makes it live; answers when done'
+    parameters = (
+        Parameter(
+            'calibration.recordings', (),
+            "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "
+            'time, they must lie inside data_directory.', element=str),
+        Parameter(
+            'calibration.reference', CalibrationSettings().reference,
+            'The true wrench while recording: zero (unloaded), unknown but constant (constant), '
+            'the weight of an unknown payload, found by the specific force (payload), or that on '
+            'wrench_reference (recorded).',
+            choices=get_args(Reference)),
+    )  # fmt: skip
     done, not_done = 'calibrated: ', 'not calibrated: '
     unchanged = '; the model is unchanged'
 

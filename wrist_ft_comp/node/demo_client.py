@@ -21,8 +21,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.operate import Operator
-from wrist_ft_comp.ros.messages import FAST_SENSOR, SLOW_SENSOR
 from wrist_ft_comp.ros.parameters import NODE_NAME
+from wrist_ft_comp.ros.qos import FAST_SENSOR, SLOW_SENSOR
 from wrist_ft_comp.signals import AXES, NANOSECONDS
 from wrist_ft_comp.stored.demo_log import DemoLog, save_demo_log
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES

@@ -1,7 +1,7 @@
 """The parts that take raw wrenches and temperatures in, and judge them."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 import time
 from typing import TypeAlias
@@ -11,11 +11,11 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import FieldInputs, WrenchTopic
-from wrist_ft_comp.node.specific_force import Gravity
+from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.part import Part, Topic
 from wrist_ft_comp.ros.topic_types import no_wrench
 from wrist_ft_comp.signals import (
     AXES,
@@ -49,6 +49,9 @@ class Counts:
     not_finite: int = 0
     implausible: int = 0
     bad_references: int = 0
+    #: Wrenches that were lost by a fault of this program, and the last one of those.
+    failed: int = 0
+    fault: str = ''
     #: The number that no sensor reads, of the newest wrench that was dropped for one.
     strange: float = 0.0
 
@@ -94,7 +97,7 @@ def _arrival(stamp_ns: int) -> str:
 class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
-    title = 'input'
+    title, logged = 'input', True
     hub: Hub
 
     def __init__(
@@ -219,31 +222,39 @@ class WrenchInput(Part):
             yield f'wrenches come without stamps; {_arrival(self.stamp_ns)}'
 
 
-@dataclass(eq=False)
 class TemperatureInput(Part):
-    """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
+    """
+    Gives temperatures to the stream, and judges the thermometers, which count from 0.
 
-    #: How each temperature is read, and the full name of its topic.
-    _sources: Sequence[TemperatureSource]
-    _topics: Sequence[str]
-    _compensator: Compensator
-    _wrenches: WrenchInput
-    _gravity: Gravity
-    _live: LiveModel
-    _state_keeper: StateKeeper
-    hub: Hub = field(init=False)
-    #: Usable temperatures of all thermometers, and those that no sensor reads.
-    usable: int = 0
-    unusable: int = 0
-    #: Thermometer and value, °C, of the newest unusable reading.
-    _last_unusable: tuple[int, float] | None = None
-    #: Stamp of the newest usable reading, ns.
-    _stamp_ns: int = 0
+    ``sources`` are how each temperature is read, ``topics`` the full names of their topics.
+    """
 
-    title = 'temperature'
+    title, logged = 'temperature', True
+    topics = (
+        Topic(
+            'temperature',
+            'in',
+            'one per entry of temperature_topics (Temperature); topic:field hears messages of any '
+            'type, best effort, the newest ten times a second',
+        ),
+    )
+    hub: Hub
 
-    def __post_init__(self) -> None:
-        self._tracker, count = self._compensator.tracker, len(self._sources)
+    def __init__(  # noqa: PLR0913 -- parts that it needs, by name
+        self, *, sources: Sequence[TemperatureSource], topics: Sequence[str],
+        compensator: Compensator, wrenches: WrenchInput, specific_force: SpecificForceInput,
+        live: LiveModel, state_keeper: StateKeeper,
+    ) -> None:  # fmt: skip
+        self._sources, self._topics, self._compensator = sources, topics, compensator
+        self._wrenches, self._specific_force = wrenches, specific_force
+        self._live, self._state_keeper = live, state_keeper
+        #: Usable temperatures of all thermometers, and those that no sensor reads.
+        self.usable = self.unusable = 0
+        #: Thermometer and value, °C, of the newest unusable reading.
+        self._last_unusable: tuple[int, float] | None = None
+        #: Stamp of the newest usable reading, ns.
+        self._stamp_ns = 0
+        self._tracker, count = compensator.tracker, len(sources)
         #: When every thermometer reported last, by the steady clock.
         self._heard_s: list[float | None] = [None] * count
         #: Whether their newest readings had stamps; None where the type has none.
@@ -274,14 +285,14 @@ class TemperatureInput(Part):
             return
         at_ns, newest = stamp_ns or self.hub.now_ns(), self._wrenches.newest()
         # Specific force that came before this would else be too late for the recording's cell.
-        self.hub.do(self._gravity, self._gravity.poll)
+        self.hub.do(self._specific_force, self._specific_force.poll)
         wrench = newest and newest[:2]
         cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
         self.usable += 1
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
         self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
-            self.hub.tell('on_cells', cells, at_ns)
+            self.hub.broadcast('on_cells', cells, at_ns)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Watch for thermometers that jump."""

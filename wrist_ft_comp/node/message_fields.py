@@ -15,8 +15,9 @@ from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
 from wrist_ft_comp.recordings.bag import Connection, define_installed
-from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.qos import FAST_SENSOR, SLOW_SENSOR
+from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import (
     load_type,
     no_temperature,
@@ -42,7 +43,7 @@ class PlainTopic:
         self._subscription: Any = self._subscribe()
 
     def _subscribe(self) -> Any:
-        return self._node.subscribe(Temperature, self._name, self._take, messages.SLOW_SENSOR)
+        return self._node.subscribe(Temperature, self._name, self._take, SLOW_SENSOR)
 
     def look(self) -> None:
         """
@@ -128,7 +129,7 @@ class WrenchTopic(AnyTopic):
         definitions = define_installed(Connection(0, self._topic, name, 0, None))
         reader = WrenchReader(self._source, name, definitions)
         return self._node.subscribe(
-            kind, self._name, partial(self._on_message, reader), messages.FAST_SENSOR
+            kind, self._name, partial(self._on_message, reader), FAST_SENSOR
         )
 
     def _on_message(self, reader: WrenchReader, data: bytes) -> None:
@@ -161,7 +162,7 @@ class FieldTopic(AnyTopic):
         """Take the newest message that came since the last time; None when there is none."""
         if self._subscription is None:
             return None
-        newest = deque(messages.waiting(self._subscription), maxlen=1)
+        newest = deque(waiting(self._subscription), maxlen=1)
         if not newest or self._resting:
             return None
         self.problem = other_version(self._node, self._topic)

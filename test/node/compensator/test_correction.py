@@ -43,11 +43,11 @@ class Cell:
 
     def __init__(self, node):
         self.node, self.controller = node, AdmittanceController()
-        node.node.correction._publisher.publish = self.controller.on_reference
+        node.node.correction_topic._publisher.publish = self.controller.on_reference
 
     def correct(self):
         """Let the timer of the node fire."""
-        self.node.node.correction.publish()
+        self.node.node.correction_topic.publish()
 
     def run(self, seconds, contact):
         """Warm up by 0.1 K/s under a contact; what the controller sees, ``wrench``, raw."""
@@ -120,14 +120,14 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
     np.testing.assert_array_equal(robot.controller.reference, np.ones(6))
     robot.run(range(30), CONTACT)
     assert robot.controller.reference[2] < -1.0
-    robot.node.node._swap(None)
+    robot.node.node.live.swap(None)
     robot.node.node.compensator.reset_tare()
     robot.correct()
     np.testing.assert_array_equal(robot.controller.reference, np.zeros(6))
 
 
 def test_corrections_come_at_their_rate_with_and_without_wrenches(wired, make_model):
-    node = wired(model=make_model('m.yaml', MODEL), parameters={'correction.rate': 100.0})
+    node = wired(model=make_model('m.yaml', MODEL))
     topic = f'{node.namespace}/wrist_ft_comp/correction'
     corrections = node.bench.listen(WrenchStamped, topic)
     node.warm_up(40.0, seconds=30)

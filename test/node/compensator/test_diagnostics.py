@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.node import compensator as compensator_node
+from wrist_ft_comp.node import compensator_node
 from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000

@@ -10,7 +10,6 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.stored.payload_file import add_payloads
@@ -42,7 +41,7 @@ def holding(rig, learnt):  # noqa: ARG001
 def feel(node, stamp, force, speed=None):
     """Tell a specific force in the wrench's frame, as the IMU has it."""
     measured = tuple((FRAME.rotation.T @ force).tolist())
-    node.node.tell('on_force', stamp, measured, speed)
+    node.node.broadcast('on_specific_force', stamp, measured, speed)
 
 
 def values(message):
@@ -75,7 +74,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     )
     imu = node.bench.publisher(Imu, node.topic('imu'))
     imu.publish(messages.imu(START, (FRAME.rotation.T @ ASIDE).tolist(), [0.0, 0.1, 0.0]))
-    forces = node.node.gravity.forces
+    forces = node.node.specific_force.forces
     node.wait_until(lambda: forces.count == 1, 'the specific force')
     node.wait_until(node.node.external.output.get_subscription_count, 'the listener')
     raw = TOOL.weight(ASIDE) + CONSTANT
@@ -83,7 +82,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     message = externals.get(timeout=20.0)
     assert head(message) == (START + SECOND // 10, 'tool0')
     np.testing.assert_allclose(values(message), CONSTANT, atol=1e-12)
-    assert node.node.gravity.speed == pytest.approx(0.1)
+    assert node.node.specific_force.speed == pytest.approx(0.1)
 
 
 def test_without_a_payload_no_external_wrench_is_computed(rig):
@@ -127,7 +126,7 @@ def test_without_fresh_specific_force_only_the_wrench_goes_on(holding):
 def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(holding):
     node = holding()
     asked = []
-    node.node.gravity.poll = lambda: asked.append(True)
+    node.node.specific_force.poll = lambda: asked.append(True)
     for stamp, times in ((START, 1), (START, 2)):
         ask(node, stamp, CONSTANT)
         assert len(asked) == times
@@ -201,9 +200,9 @@ def test_a_payload_by_hand_never_turns_as_another_sensor(holding, tmp_path, entr
     add_payloads(path, 'other', [TOOL], other)
     node = holding(**{'payload.active': ''})
     ask(node, START, CONSTANT)
-    node.node.gravity.frames = lambda: FrameIds('imu', 'tool0')
+    node.node.specific_force.frames = lambda: FrameIds('imu', 'tool0')
     assert 'the rotation from the IMU' in set_all(node, by_hand()).reason
-    node.node.gravity.mount = lambda: FRAME
+    node.node.specific_force.mount = lambda: FRAME
     assert set_all(node, by_hand()).successful
     feel(node, START, ASIDE)
     np.testing.assert_allclose(ask(node, START, PART.weight(ASIDE))[1], 0.0, atol=1e-12)
@@ -226,20 +225,20 @@ def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(rig, 
     frames = [FRAME, replace(FRAME, source='imu'), ForceFrame(source='imu'), ForceFrame()]
     for frame in frames:
         add_payloads(path, 'day', [TOOL], frame)
-    node = rig(parameters={**IMU, **by_hand(TOOL)})
+    node = rig(parameters=IMU)
     # Of the package that is missing here, the node needs nothing for what is asked of it.
-    node.node.external._files.source = 'tf'
+    node.node.external.files.source = 'tf'
     for name in ('day-1', 'day-2', 'day-3'):
         assert 'learnt by imu, and gravity.source is tf' in node.set('payload.active', name).reason
     for name, held in (('day-4', 'by an unknown source'), ('manual', 'as TF gives it')):
-        assert node.set('payload.active', name).successful
+        assert set_all(node, by_hand(TOOL, **{'payload.active': name})).successful
         assert held in node.diagnosis('payload').values['turn']
 
 
 def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(holding, tmp_path):
     node = holding(**{'payload.active': '', 'tare.duration': 0.2})
     mounted = ForceFrame(np.eye(3), source='imu')
-    node.node.gravity.mount = lambda: mounted
+    node.node.specific_force.mount = lambda: mounted
     ask(node, START, CONSTANT)
     assert set_all(node, by_hand(TOOL)).successful
     taken, tare = tare_at_rest(node)
@@ -274,41 +273,19 @@ def tare_at_rest(node, start=START):
     return answers.get(timeout=20.0), node.node.compensator.external_tare
 
 
-@pytest.mark.parametrize(
-    ('parameters', 'sentence'),
-    [
-        ({'payload.active': 'day-1'}, 'gravity.source is none, so nobody knows where down is'),
-        ({**IMU, 'payload.active': 'nail'}, r'learnt \(there is none yet\); got nail'),
-    ],
-)
-def test_a_payload_that_cannot_be_had_is_refused_at_the_start(rig, parameters, sentence):
-    with pytest.raises(SettingsError, match=sentence):
-        rig(parameters=parameters)
-
-
-def test_a_payload_by_hand_waits_at_the_start_for_its_turn_by_tf(rig):
-    by_hand = {'payload.active': 'manual', 'payload.mass': 1.5}
-    node = rig(parameters={**IMU, **by_hand, 'payload.center_of_mass': TOOL.center_m.tolist()})
+def test_a_payload_by_hand_rests_where_its_turn_is_not_known_any_more(holding, tmp_path):
+    path = tmp_path / 'data/models/payloads.json'
+    add_payloads(path, 'node', [TOOL], replace(FRAME, source='imu', wrench_frame='left'))
+    node = holding(**by_hand())
+    assert node.diagnosis('payload').values['active'].startswith('manual')
     feel(node, START, UP)
-    node.ask_output(START, CONSTANT)
-    found = node.diagnosis('payload')
-    assert (found.level, node.node.external.published) == (WARN, 0)
-    assert 'the rotation from the IMU to the frame of the wrench is not known' in found.message
-    assert node.set('payload.mass', 2.5).successful
-    assert node.call('tare').message.startswith('Taring needs at least 10 wrenches')
-    node.node.gravity.mount = lambda: FRAME
-    assert node.diagnosis('payload').message == 'subtracting manual'
-    feel(node, START, ASIDE)
-    weight = node.node.external.weight_at(START)
-    np.testing.assert_allclose(weight, Payload(2.5, TOOL.center_m).weight(ASIDE), atol=1e-12)
-
-
-def test_a_broken_file_of_payloads_does_not_end_a_node_that_waits(rig, tmp_path):
-    node = rig(parameters={**IMU, **by_hand(TOOL)})
-    (tmp_path / 'data/models').mkdir(parents=True)
-    (tmp_path / 'data/models/payloads.json').write_text('{')
-    node.node.gravity.mount = lambda: FRAME
-    assert node.diagnosis('payload').level == WARN
+    ask(node, START, CONSTANT)  # tells that the frame is tool0
+    found = node.diagnosis('payload', 'the rotation from the IMU to the frame of the wrench')
+    assert found.level == WARN
+    assert ask(node, START, CONSTANT)[1] is None
+    path.write_text('{')
+    node.put(START, CONSTANT, frame='left')
+    assert 'payloads.json' in node.diagnosis('payload', 'payloads.json').message
     assert not node.node.external.stopped
 
 

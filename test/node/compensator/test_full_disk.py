@@ -19,7 +19,8 @@ LIMIT = 400
 #: Python ignores the signal that would end it, so that writing fails as on a full disk.
 LIMITED = f"""
 import resource, sys
-from wrist_ft_comp.node import compensator as compensator_node
+from wrist_ft_comp.node import compensator_node, state_keeper
+state_keeper.SAVE_PERIOD_S = 0.1
 resource.setrlimit(resource.RLIMIT_FSIZE, ({LIMIT}, {LIMIT}))
 sys.exit(compensator_node.main())
 """
@@ -57,8 +58,8 @@ def test_a_full_disk_is_a_warning_and_the_stream_goes_on(bench, peer, executable
     process = executable(
         '',
         *('-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-p', f'data_directory:={data}'),
-        *('-p', f'calibration.recordings:=[{data / "run.csv"}]', '-p', 'save_period:=0.1'),
-        *('-p', 'calibration.method:=pls', '--disable-external-lib-logs'),
+        *('-p', f'calibration.recordings:=[{data / "run.csv"}]'),
+        '--disable-external-lib-logs',
         source=LIMITED,
     )
     bench.wait_for_node(name)

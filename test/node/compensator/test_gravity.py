@@ -58,7 +58,7 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     mount = Rotation.from_euler('y', 0.5)
     static.publish(messages.transforms(0, [('flange', 'tool0', mount.as_quat())]))
     node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
-    node.wait_until(lambda: node.node.gravity._tree._links, 'the static transform')
+    node.wait_until(lambda: node.node.specific_force._tree._links, 'the static transform')
     publisher = bench.publisher(PoseArray, '/tf')
 
     def put(stamp):

@@ -219,7 +219,7 @@ def test_tf_whose_library_cannot_be_loaded_is_refused_and_not_needed_with_an_imu
     with pytest.raises(SettingsError, match=r'tf2_msgs/TFMessage, but .*libraries'):
         rig(parameters=by_tf)
     node = rig(parameters={'gravity.source': 'imu'})
-    assert node.node.gravity.stopped == ''
+    assert node.node.specific_force.stopped == ''
 
 
 def test_a_wrong_entry_of_one_sensor_leaves_the_right_one_of_another(rig, wired, driver, tmp_path):

@@ -11,10 +11,10 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 import yaml
 
-from wrist_ft_comp.node.parameters import PARAMETERS
+from wrist_ft_comp.node.compensator_node import PARAMETERS
 from wrist_ft_comp.recordings.recordings import read_recording
 
-MODULE = 'wrist_ft_comp.node.compensator'
+MODULE = 'wrist_ft_comp.node.compensator_node'
 
 
 @pytest.fixture

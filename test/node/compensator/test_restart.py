@@ -159,10 +159,11 @@ def test_a_state_that_cannot_be_used_is_logged(restart, warm, capfd, change, wor
     np.testing.assert_array_equal(node.node.compensator.tare, TARE if same else np.zeros(6))
 
 
+@pytest.mark.usefixtures('haste')
 def test_a_broken_state_is_logged_and_replaced(rig, stored, tmp_path, capfd):
     path = tmp_path / 'data/state.json'
     path.write_bytes(b'{')
-    node = rig(model=stored, parameters={'save_period': 0.1})
+    node = rig(model=stored)
     assert 'state.json is not a state file' in origin(node)
     assert 'state.json is not a state file' in capfd.readouterr().err
     node.warm_up(30.0)
@@ -175,8 +176,9 @@ def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
     assert node.node.compensator.tracker.awaiting_gap
 
 
+@pytest.mark.usefixtures('haste')
 def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd):
-    node = rig(model=stored, parameters={'save_period': 0.1})
+    node = rig(model=stored)
     (node.directory / 'state.json').mkdir()
     node.warm_up(30.0, 4)
     status = node.diagnosis('model', lambda status: status.level == WARN)
@@ -200,8 +202,9 @@ def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd
     assert 'state.json cannot be written' in capfd.readouterr().err, 'also at the end'
 
 
+@pytest.mark.usefixtures('haste')
 def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
-    node = rig(parameters={'save_period': 0.1})
+    node = rig()
     for number in range(20):
         node.ask_output(number, LOAD)
     assert node.diagnosis('output')

@@ -10,7 +10,7 @@ import yaml
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.recordings.recordings import read_recording
-from wrist_ft_comp.ros.node_log import OK, WARN
+from wrist_ft_comp.ros.diagnostics import OK, WARN
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -71,10 +71,10 @@ def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
     assert capfd.readouterr().err.count('right_ft here') == 1
 
 
+@pytest.mark.usefixtures('haste')
 def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
-    parameters = {'hardware_id': 'FT-7', 'calibration.min_temperature_span': 0.0}
-    parameters |= {'thermal_period': 0.1, 'calibration.method': 'pls'}
-    node = rig(thermometers=2, topics=TOPICS, parameters=parameters)
+    parameters = {'hardware_id': 'FT-7'}
+    node = rig(thermometers=2, topics=TOPICS, period_s=0.1, parameters=parameters)
     node.put(START, [0.0] * 6, 'left_ft, "b"')
     path = Path(node.call('record', True).message.removeprefix('recording into '))
     for k in range(200):

@@ -68,12 +68,6 @@ def test_a_message_without_the_wrench_is_a_warning_until_one_has_it(wired):
     assert node.take()[0].wrench == wrench()
 
 
-def test_one_message_may_hold_the_wrenches_of_two_sensors(rig, wired, tmp_path):
-    left = made(wired, '/arms:wrench[0]')
-    right = rig(parameters={'wrench_topic': '/arms:wrench[1]'}, directory=tmp_path / 'right')
-    assert set(left.node.own_topics).isdisjoint(right.node.own_topics)
-
-
 @pytest.mark.parametrize(
     ('entry', 'words'),
     [

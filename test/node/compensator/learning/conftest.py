@@ -10,7 +10,7 @@ SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 #: Length of a thermal cell; a day has 144 of them.
 CELL_S = 600.0
-NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu', 'thermal_period': CELL_S}
+NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
 #: Stands for the learning job: keeps what it was asked, copies a model, answers.
 JOB = """
 import json, os, shutil, sys
@@ -31,12 +31,13 @@ print(json.dumps(answer))
 class Learner:
     """A node that learns, what it hears, and what its job answers."""
 
-    def __init__(self, rig, folder, clock, **parameters):
+    def __init__(self, rig, folder, clock, period_s=CELL_S, mode='propose', **parameters):
         self._folder, self._clock = folder, clock
         self.answer(success=True, message='no better model')
         self.rig = rig(
-            namespace='/learner', parameters={**NEEDED, 'learning': 'propose', **parameters}
-        )
+            namespace='/learner', period_s=period_s,
+            parameters={**NEEDED, 'learning.mode': mode, **parameters},
+        )  # fmt: skip
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **fields):
@@ -64,7 +65,7 @@ class Learner:
         for _ in range(cells):
             stamp = START + round((self._clock[0] + 0.5) * CELL_S) * SECOND
             self.rig.put(stamp, [12.3456789, 0.5, 123.456789, 0.1, 0.2, 0.3])
-            self.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), 0.01)
+            self.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), 0.01)
             warmth = 25.0 + 0.01 * self._clock[0]
             self.rig.put_temperature(stamp, *[warmth] * self.rig.thermometers)
             self._clock[0] += 1

@@ -9,7 +9,7 @@ import pytest
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stream.cell_averager import row_channels
@@ -146,11 +146,11 @@ def test_a_day_of_two_thermometers_takes_less_than_10_mb(tmp_path):
 
 
 def test_a_silent_thermometer_does_not_end_the_day(learner):
-    node = learner(thermal_period=1.0)
+    node = learner(period_s=1.0)
     for second in range(1500):
         stamp = 1_700_000_000 * 10**9 + second * 10**9
         node.rig.put(stamp, [1.0] * 6)
-        node.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), None)
+        node.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), None)
         if not 100 < second < 900:
             node.rig.put_temperature(stamp, 25.0)
         node.node.recorder.poll()
@@ -162,11 +162,11 @@ def test_a_silent_thermometer_does_not_end_the_day(learner):
 
 @pytest.mark.parametrize('ahead_s', [3600, 86_400, -3600])
 def test_an_imu_whose_clock_is_off_for_a_while_spoils_no_day(learner, ahead_s):
-    node = learner(thermal_period=1.0)
+    node = learner(period_s=1.0)
     for second in range(1500):
         stamp = (1_700_000_000 + second) * 10**9
         at = stamp + (ahead_s * 10**9 if second < 700 else 0)
-        node.node.tell('on_force', at, (0.0, 0.0, 9.0 + (second < 700)), None)
+        node.node.broadcast('on_specific_force', at, (0.0, 0.0, 9.0 + (second < 700)), None)
         node.rig.put(stamp, [1.0] * 6)
         node.node.recorder.poll()
         node.rig.put_temperature(stamp, 25.0)

@@ -19,7 +19,7 @@ def models(make_model):
 
 
 def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, models):
-    node = learner(model_file=str(models[0].path), **{'learning.keep_days': 7})
+    node = learner(model_file=str(models[0].path))
     node.a_day()
     node.a_day()
     one, two = node.asked()
@@ -27,7 +27,7 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
     assert names == [['day_00001.csv'], ['day_00001.csv', 'day_00002.csv']]
     (given,) = two['learning'].pop('history')
     assert (given['path'], given['sha256']) == (str(models[0].path), models[0].sha256)
-    assert two['learning'] == {'keep_days': 7, 'max_mb': 400.0}
+    assert two['learning'] == {'keep_days': 30, 'max_mb': 400.0}
     assert two['settings']['reference'] == 'payload'
     assert two['nice'] == 19
     status = node.rig.diagnosis('learning', 'no better model is offered')
@@ -82,7 +82,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
 
 def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner, models):
     old, new = models
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.find(new, paused='zero of force_z jumped by 4 N')
     node.a_day()
     status = node.rig.diagnosis('learning', 'zero of force_z jumped by 4 N')
@@ -199,7 +199,7 @@ def test_without_gravity_nothing_is_learnt(learner):
 
 
 def test_off_is_off(learner):
-    node = learner(learning='off')
+    node = learner(mode='off')
     node.hear(147)
     assert not node.rig.directory.exists() or not node.days.exists()
     assert not node.node.recorder._running, 'the force path has nothing to do'
@@ -240,12 +240,12 @@ def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
 
 def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
     old, new = models
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.find(new)
     monkeypatch.setattr(node.node.live, 'take', lambda *_: pytest.fail('killed'))
     with pytest.raises(pytest.fail.Exception):
         node.a_day()
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
     values = node.rig.diagnosis('learning', 'no better model is offered').values
     assert 'live: leaves half' in values['last_change']
@@ -253,7 +253,7 @@ def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, mode
 
 
 def test_a_model_that_cannot_be_made_live_is_only_offered(learner, models, monkeypatch):
-    node = learner(model_file=str(models[0].path), learning='auto')
+    node = learner(model_file=str(models[0].path), mode='auto')
     node.find(models[1])
     refused = []
 

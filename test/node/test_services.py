@@ -4,7 +4,7 @@ import pytest
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.ros.part import DeferredService, Service
+from wrist_ft_comp.ros.services import DeferredService, Service
 
 TIMEOUT_S = 60.0
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
@@ -16,8 +16,10 @@ class Example(Node):
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)
         self.replies, self.todo, self.ticks = queue.Queue(), queue.Queue(), queue.Queue()
-        self.service = DeferredService(self, Service(SetBool, '~/work', self.on_work), print)
-        self.at_once = DeferredService(self, Service(Trigger, '~/at_once', self.on_at_once), print)
+        work = Service(SetBool, '~/work', 'works', Example.on_work)
+        at_once = Service(Trigger, '~/at_once', 'answers', Example.on_at_once)
+        self.service = DeferredService(self, work, self.on_work, print)
+        self.at_once = DeferredService(self, at_once, self.on_at_once, print)
         self.create_timer(0.005, self.tick)
 
     def on_work(self, request, reply):
