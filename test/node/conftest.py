@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 from typing import Any
 import warnings
 
@@ -92,6 +93,79 @@ def ros_context(ros_domain):
     context.init([], domain_id=ros_domain)
     yield context
     context.try_shutdown()
+
+
+class FakeHub:
+    """Stands for the hub beside one part: its parameters, what it logs, opens and hands out."""
+
+    def __init__(self, part, **chosen):
+        self.values = {row.name: row.default for row in part.parameters} | chosen
+        self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
+        self.frame, self.listening = 'tool0', False
+        note = self.logged.append
+        self.log = SimpleNamespace(info=note, warning=note, error=note)
+        part.hub = self
+
+    def chosen(self):
+        return dict(self.values)
+
+    def set(self, part, **changed):
+        """Set parameters, as the hub does: checked first, then followed."""
+        given = [SimpleNamespace(name=name, value=value) for name, value in changed.items()]
+        part.check_parameters(given)
+        self.values |= changed
+        part.apply_parameters(given)
+
+    def hardware_id(self):
+        return self.frame
+
+    def do(self, _part, verb, *arguments):
+        return verb(*arguments)
+
+    def guarded(self, _part, callback):
+        return callback
+
+    def broadcast(self, *verb_and_arguments):
+        self.sent.append(verb_and_arguments)
+
+    def listen(self, _part, *, wanted):
+        self.listening = wanted
+
+    def advertise(self, _kind, topic, **_):
+        self.topics[topic] = []
+        return SimpleNamespace(publish=self.topics[topic].append)
+
+    def subscribe(self, _kind, topic, callback, _qos):
+        self.topics[topic] = callback
+
+    def subscribe_unserved(self, _kind, topic, qos):
+        return self.topics.setdefault(topic, KeptMessages(qos))
+
+    def count_publishers(self, _topic):
+        return 1
+
+
+class KeptMessages:
+    """A subscription that only keeps messages."""
+
+    def __init__(self, qos):
+        self.handle, self.msg_type, self.qos_profile = self, None, qos
+        self.messages = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def take_message(self, *_):
+        return (self.messages.pop(0), None) if self.messages else None
+
+
+@pytest.fixture
+def fake_hub():
+    """Give the class, which test modules cannot import."""
+    return FakeHub
 
 
 class Bench:

@@ -1,7 +1,9 @@
 import queue
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.ros.services import DeferredService, Service
@@ -58,6 +60,25 @@ def test_answers_reach_their_askers_in_any_order(bench, executor):
     got = [answers.get(timeout=TIMEOUT_S).message for answers in asked]
     assert got == ['True', 'False', 'True']
     assert all(answers.empty() for answers in asked)
+
+
+def test_each_of_twenty_callers_at_once_is_answered(bench):
+    """The usual queue of a service holds ten."""
+    node = bench.make(Example)
+    deep = QoSProfile(depth=1000)  # every client hears the answers to all of them
+    clients = [
+        bench.helper.create_client(Trigger, '/example/at_once', qos_profile=deep)
+        for _ in range(20)
+    ]
+    assert all(client.wait_for_service(timeout_sec=TIMEOUT_S) for client in clients)
+    answers = [client.call_async(Trigger.Request()) for client in clients]
+    executor = SingleThreadedExecutor(context=bench.context)
+    executor.add_node(node)
+    bench.wait_until(
+        lambda: executor.spin_once(timeout_sec=0.0) or all(one.done() for one in answers),
+        'all answers',
+    )
+    executor.shutdown()
 
 
 @executors

@@ -298,54 +298,29 @@ class Peer:
     def __init__(self, bench, namespace, name):
         self._bench, self._own = bench, f'{namespace}/{name}'
         self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
-        self._drifts = bench.listen(WrenchStamped, f'{self._own}/drift', QoSProfile(depth=1000))
         self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
         self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
         self._second = 0
 
-    def send(self, second, celsius):
-        """Send a temperature, stamped some seconds after the start."""
-        message = Temperature(temperature=float(celsius))
-        message.header.stamp.sec = START // SECOND + second
-        self._heat.publish(message)
-
-    def force_z(self, second, newton):
-        """Send a raw wrench until its output comes."""
-        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
-        return self._hear(self._outputs, sent.header.stamp, lambda: self._raw.publish(sent), 100)
-
-    def drift(self, second, celsius):
-        """Send a temperature until the drift of that second comes; None when it was lost."""
-        stamp = wrench_message(START + second * SECOND, '', [0.0] * 6).header.stamp
-        with suppress(queue.Empty):
-            return self._hear(self._drifts, stamp, lambda: self.send(second, celsius), 10)
-        return None
-
-    def _hear(self, messages, stamp, send, times):
-        """Send until a message of a stamp comes; its force z."""
-        for _ in range(times):
-            send()
+    def cell(self):
+        """Send a thermal cell, with a wrench of one newton that passes."""
+        self._second += 1
+        warm = Temperature(temperature=25.0)
+        warm.header.stamp.sec = START // SECOND + self._second
+        self._heat.publish(warm)
+        sent = wrench_message(START + self._second * SECOND, 'tool0', [1.0] * 6)
+        for _ in range(100):
+            self._raw.publish(sent)
             with suppress(queue.Empty):
-                while (message := messages.get(timeout=0.2)).header.stamp != stamp:
+                while self._outputs.get(timeout=0.2).header.stamp != sent.header.stamp:
                     pass
-                return float(message.wrench.force.z)
+                return
         raise queue.Empty
-
-    def cells(self, count=1):
-        """Send thermal cells, each with a wrench of one newton that passes."""
-        for _ in range(count):
-            self._second += 1
-            self.send(self._second, 25.0)
-            self.force_z(self._second, 1.0)
 
     def ask(self, service, data=None):
         """Call a service; its answer comes in the queue."""
         kind, request = _request(data)
         return self._bench.ask(kind, f'{self._own}/{service}', request)
-
-    def call(self, service, data=None):
-        """Call a service and return its answer."""
-        return self.ask(service, data).get(timeout=TIMEOUT_S)
 
 
 @pytest.fixture

@@ -41,16 +41,6 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     assert status.level == STALE, 'none has come since'
 
 
-def test_the_progress_of_a_calibration_and_a_recording_is_published(rig):
-    node = rig()
-    assert (node.diagnosis('calibration').level, node.diagnosis('model').level) == (OK, WARN)
-    assert node.call('record', data=True).success
-    status = node.diagnosis('calibration', 'recording')
-    assert status.values['recording'].endswith('.csv')
-    node.refusal('calibrate')
-    assert node.diagnosis('calibration', 'refused').level == WARN
-
-
 def test_input_is_stale_or_well_or_unusable(rig):
     node = rig()
     status = node.diagnosis('input')
@@ -64,14 +54,6 @@ def test_input_is_stale_or_well_or_unusable(rig):
     status = node.diagnosis('input')
     assert (status.level, status.values['received']) == (OK, '1')
     assert 'wrenches per second' in status.message
-
-
-def test_a_thermometer_that_never_reported_is_named(rig):
-    node = rig(thermometers=2)
-    node.put_temperature(START, 25.0)
-    status = node.diagnosis('temperature', 'thermometer 2 has not reported; drift waits for it')
-    assert status.level == WARN
-    assert status.values['thermometer_2_age_s'] == 'never'
 
 
 def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):

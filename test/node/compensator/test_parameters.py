@@ -1,11 +1,14 @@
 """The parameters of the node: described, dumped, loaded, and handed to jobs."""
 
+from pathlib import Path
+
 import pytest
 from rclpy.parameter import parameter_value_to_python
 import yaml
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode, PARAMETERS, PARTS
 
+CONFIG = Path(__file__).parents[3] / 'config/compensator.yaml'
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 
@@ -56,6 +59,15 @@ def test_all_parameters_are_dumped_and_loaded_again(bench, tmp_path):
     loaded = [one.value for one in again.get_parameters(names)]
     assert loaded == [one.value for one in values]
     assert again.chosen()['temperature_topics'] == ('a', 'b:data[1]')
+
+
+def test_the_file_of_parameters_that_is_installed_is_taken(bench, tmp_path):
+    words = ['--params-file', str(CONFIG), '-p', f'data_directory:={tmp_path}']
+    chosen = bench.make(CompensatorNode, cli_args=['--ros-args', *words]).chosen()
+    wanted = yaml.safe_load(CONFIG.read_text('utf-8'))['/**']['ros__parameters']
+    assert {name: chosen[name] for name in wanted} == {
+        name: tuple(value) if isinstance(value, list) else value for name, value in wanted.items()
+    }
 
 
 def test_recordings_elsewhere_are_refused(rig):
