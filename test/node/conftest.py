@@ -101,7 +101,7 @@ class FakeHub:
     def __init__(self, part, **chosen):
         self.values = {row.name: row.default for row in part.parameters} | chosen
         self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
-        self.frame, self.listening = 'tool0', False
+        self.frame, self.listening, self.publishers = 'tool0', False, 1
         note = self.logged.append
         self.log = SimpleNamespace(info=note, warning=note, error=note)
         part.hub = self
@@ -139,17 +139,20 @@ class FakeHub:
         self.topics[topic] = callback
 
     def subscribe_unserved(self, _kind, topic, qos):
-        return self.topics.setdefault(topic, KeptMessages(qos))
+        return self.topics.setdefault(topic, KeptMessages(topic, qos))
 
     def count_publishers(self, _topic):
-        return 1
+        return self.publishers
+
+    def get_publishers_info_by_topic(self, _topic):
+        return []
 
 
 class KeptMessages:
     """A subscription that only keeps messages."""
 
-    def __init__(self, qos):
-        self.handle, self.msg_type, self.qos_profile = self, None, qos
+    def __init__(self, topic, qos):
+        self.handle, self.msg_type, self.topic_name, self.qos_profile = self, None, topic, qos
         self.messages = []
 
     def __enter__(self):

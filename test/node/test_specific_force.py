@@ -172,6 +172,23 @@ def test_without_tf2_msgs_or_a_frame_tf_is_refused(start):
         start(upper='')
 
 
+@pytest.mark.usefixtures('without_tf2')
+def test_what_is_wrong_with_an_imu_is_said(start):
+    part, hub = start('imu')
+    assert part.doubt() == ''
+    hub.publishers = 2
+    assert part.doubt() == 'imu has 2 publishers; their readings are mixed'
+    hub.publishers, hub.incompatible = 1, {'imu': 'reliability'}
+    assert part.doubt().startswith('imu is not heard: a publisher offers less reliability')
+    hub.incompatible = {}
+    part.on_imu(b'nonsense')
+    assert (
+        part.doubt() == '1 messages of the IMU or transforms could not be read, or hold no numbers'
+    )
+    assert part.doubt() == ''
+    assert list(start('none')[1].topics) == []
+
+
 @pytest.fixture
 def forces():
     return RecentForces(0.2)

@@ -73,23 +73,6 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     assert (topics.imu, topics.gravity_frame) == ('', 'base')
 
 
-def test_by_default_no_imu_is_subscribed_to_and_no_column_is_added(rig):
-    node = rig()
-    assert node.node.count_subscribers(node.topic('imu')) == 0
-    assert node.node.count_subscribers('/tf') == 0
-    answer = node.call('record', True)
-    assert answer.success
-    (path,) = (node.directory / 'recordings').glob('*.csv')
-    assert 'linear_acceleration' not in path.read_text()
-
-
-def test_two_publishers_of_an_imu_are_a_warning(rig):
-    node = rig(parameters={'gravity.source': 'imu'})
-    topic = node.topic('imu')
-    both = [node.bench.helper.create_publisher(Imu, topic, 1) for _ in 'ab']
-    node.diagnosis('payload', f'{topic} has {len(both)} publishers; their readings are mixed')
-
-
 @pytest.mark.usefixtures('tf_messages')
 @pytest.mark.parametrize(
     ('source', 'kind', 'topic', 'said'),

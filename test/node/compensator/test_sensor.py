@@ -31,30 +31,25 @@ def learnt(make_model):
     return make
 
 
-class TestSwappedThermometers:
-    def test_swapped_thermometers_are_refused_at_the_start(self, rig, learnt):
-        parameters = {'model_file': learnt(temperature_topics=TOPICS)}
-        rig(thermometers=2, topics=TOPICS, parameters=parameters)
-        with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
-            rig(thermometers=2, topics=TOPICS[::-1], parameters=parameters)
+def test_swapped_thermometers_are_refused_at_the_start_and_while_running(rig, learnt, capfd):
+    path = learnt(temperature_topics=TOPICS)
+    node = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path})
+    with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
+        rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
+    other = learnt('other.yaml', temperature_topics=TOPICS[::-1])
+    assert 'temperature_topics' in node.refused_value('model_file', other)
+    assert node.node.live.stored.path.name == 'known.yaml'
+    status = rig(thermometers=2, topics=TOPICS[::-1]).diagnosis('model')
+    assert 'The last model cannot be used: ' in status.message
+    assert 'expected /a/temperature, /b/state:motors[0]' in capfd.readouterr().err
 
-    def test_swapped_thermometers_are_refused_at_run_time_too(self, rig, learnt, capfd):
-        path = learnt(temperature_topics=TOPICS[::-1])
-        node = rig(thermometers=2, topics=TOPICS)
-        assert 'temperature_topics' in node.refused_value('model_file', path)
-        assert node.node.live.stored is None
-        assert rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
-        status = rig(thermometers=2, topics=TOPICS).diagnosis('model')
-        assert 'The last model cannot be used: ' in status.message
-        assert 'expected /b/state:motors[0], /a/temperature' in capfd.readouterr().err
 
-    def test_recordings_of_two_arms_are_a_warning_only(self, rig, learnt):
-        path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
-        status = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path}).diagnosis(
-            'model'
-        )
-        assert status.level == WARN
-        assert 'wrench_topic /left/wrench in known.yaml' in status.message
+def test_recordings_of_two_arms_are_a_warning_only(rig, learnt):
+    path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
+    node = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path})
+    status = node.diagnosis('model')
+    assert status.level == WARN
+    assert 'wrench_topic /left/wrench in known.yaml' in status.message
 
 
 def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
