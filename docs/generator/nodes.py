@@ -35,8 +35,8 @@ _LEARNING = {
 }  # fmt: skip
 #: What the topics and services are for.
 PURPOSE = {
-    **{topic.name: topic.purpose for topic in TOPICS},
-    **{service.name: service.purpose for service in SERVICES},
+    **TOPICS,
+    **SERVICES,
     'temperature_2': 'second thermometer, at the motor',
 }
 

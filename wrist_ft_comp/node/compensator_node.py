@@ -27,7 +27,7 @@ from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
-from wrist_ft_comp.ros.part import Part, Topic
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.signals import LARGEST, SensorNames, Topics
@@ -85,17 +85,14 @@ PARAMETERS = (
         '(passthrough), or nothing (silent).', choices=('passthrough', 'silent')),
     *(row for part in PARTS for row in part.parameters),
 )  # fmt: skip
-TOPICS = (
-    Topic(
-        'wrench_raw',
-        'in',
-        'raw wrench of the driver (WrenchStamped); wrench_topic may name a field of any message',
-    ),
-    Topic('wrench', 'out', "compensated and tared wrench, with the input's header"),
-    *(topic for part in PARTS for topic in part.topics),
-    Topic('/diagnostics', 'out', 'state of the node, once a second'),
-)
-SERVICES = tuple(service for part in PARTS for service in part.services())
+#: What topics and services are for, by name.
+TOPICS = {
+    'wrench_raw': 'raw wrench of the driver; wrench_topic may name a field of any message',
+    'wrench': "compensated and tared wrench, with the input's header",
+    **dict(topic for part in PARTS for topic in part.topics),
+    '/diagnostics': 'state of the node, once a second',
+}
+SERVICES = {service.name: service.purpose for part in PARTS for service in part.services()}
 
 
 class CompensatorNode(Hub):
@@ -113,8 +110,7 @@ class CompensatorNode(Hub):
         self._sources = self._thermometers(chosen['temperature_topics'])
         self._topics = tuple(self.resolve_topic_name(source.topic) for source in self._sources)
         self._wrench = parse_wrench(chosen['wrench_topic'])
-        with opening(self._wrench.topic):
-            self._raw_topic = self.resolve_topic_name(self._wrench.topic)
+        self._raw_topic = self._full_name(self._wrench.topic)
         self._check_topics()
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
@@ -191,11 +187,11 @@ class CompensatorNode(Hub):
                 'thermometer inside the sensor.'
             )
 
-        def resolve(topic: str) -> str:
-            with opening(topic):
-                return self.resolve_topic_name(topic)
+        return parse_sources(entries, self._full_name)
 
-        return parse_sources(entries, resolve)
+    def _full_name(self, topic: str) -> str:
+        with opening(topic):
+            return self.resolve_topic_name(topic)
 
     def _check_topics(self) -> None:
         """Refuse remaps that make the node hear itself."""
@@ -301,7 +297,8 @@ wrist_ft_comp --help shows what works on files.
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
-    explained = usage('compensator', _ABOUT, PARAMETERS, TOPICS, SERVICES)
+    ends = ('topics (-r FROM:=TO):', TOPICS), ('services:', SERVICES)
+    explained = usage('compensator', _ABOUT, PARAMETERS, *ends)
     return run_node(CompensatorNode, argv, explained)
 
 

@@ -11,7 +11,7 @@ from rclpy.clock_type import ClockType
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.part import Part, Topic
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.stream.compensator import Compensator
 
 #: How often ~/correction is published, Hz: for at most one period, a controller that was just
@@ -28,14 +28,7 @@ class CorrectionTopic(Part):
     """
 
     title = 'correction'
-    topics = (
-        Topic(
-            '~/correction',
-            'out',
-            'compensated minus raw wrench of the newest one, ten times a second; for controllers '
-            'that add it to what they measure',
-        ),
-    )
+    topics = (('~/correction', 'compensated minus raw, ten times a second: what controllers add'),)
     hub: Hub
 
     def __init__(self, compensator: Compensator, newest: Callable[[], Newest | None]) -> None:

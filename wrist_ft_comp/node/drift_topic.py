@@ -9,7 +9,7 @@ from wrist_ft_comp.node.inputs import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, Growth, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.part import Part, Topic
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
@@ -19,7 +19,7 @@ class DriftTopic(Part):
     """Publishes the zero drift once per thermal cell, and judges what is subtracted."""
 
     title, logged = 'output', True
-    topics = (Topic('~/drift', 'out', 'zero drift being subtracted, once per thermal cell'),)
+    topics = (('~/drift', 'zero drift being subtracted, once per thermal cell'),)
     hub: Hub
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:

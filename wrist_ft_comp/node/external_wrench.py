@@ -20,7 +20,7 @@ from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import Part, Topic
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
@@ -114,11 +114,8 @@ class ExternalWrench(Part):
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
-    #: Averages the minute in which a payload is being identified; and how many wrenches it took.
+    #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    collected: int = 0
-    #: How much of that minute has passed, 0 to 1; None when no payload is being identified.
-    identified_share: float | None = None
     #: The answer of ~/identify_payload to the last request.
     last_identification: str = ''
     #: Why the payload that parameters name is not taken off any more; empty while it is.
@@ -149,14 +146,7 @@ class ExternalWrench(Part):
             'With payload.active manual: its x, y and z in the frame of the wrench.',
             'm', -FARTHEST_M, FARTHEST_M),
     )  # fmt: skip
-    topics = (
-        Topic(
-            'wrench_external',
-            'out',
-            'the same without the payload, with a tare of its own: what the world does to the '
-            'tool; only while a payload is active and specific force is fresh',
-        ),
-    )
+    topics = (('wrench_external', 'what the world does to the tool, while a payload is active'),)
 
     def start(self) -> None:
         """Offer the topic wrench_external."""
@@ -194,7 +184,6 @@ class ExternalWrench(Part):
             self.published += 1
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
-            self.collected += 1
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
@@ -347,8 +336,8 @@ class ExternalWrench(Part):
 
     def _well(self) -> str:
         """Say what the part does, where nothing is wrong."""
-        if self.identified_share is not None:
-            return f'identifying a payload: {self.identified_share:.0%} of a minute'
+        if self.collector is not None:
+            return f'identifying a payload: {self.collector.share:.0%} of a minute'
         if self.payload is None:
             return 'no payload is active'
         other = self.disagreement(self.payload.frame)

@@ -37,7 +37,7 @@ class IdentifyService(LongService):
     done = 'identified: '
 
     def _busy(self) -> str:
-        passed_s = DURATION_S * (self.external.identified_share or 0.0)
+        passed_s = DURATION_S * (self.external.collector.share if self.external.collector else 0.0)
         return f'A payload is being identified for {passed_s:.0f} of {DURATION_S:g} s'
 
     def _work(self) -> Work:
@@ -56,12 +56,12 @@ class IdentifyService(LongService):
         self.external.collect(collector)
         try:
             yield from self._wait(collector)
+            sensor = self.files.sensor(self.external.specific_force.frames())
+            calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+            minute = Minute(collector.cells, CELL_S, tuple(self.files.payloads()), calibrated)
+            outcome = yield from run_job(self.jobs.identification(minute))
         finally:
             self.external.collect(None)
-        sensor = self.files.sensor(self.external.specific_force.frames())
-        calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
-        minute = Minute(collector.cells, CELL_S, tuple(self.files.payloads()), calibrated)
-        outcome = yield from run_job(self.jobs.identification(minute))
         frame = ForceFrame(np.array(outcome['rotation']))
         other = self.external.disagreement(frame)
         use = (
@@ -72,24 +72,21 @@ class IdentifyService(LongService):
 
     def _wait(self, collector: MotionCollector) -> Iterator[None]:
         """Wait until the minute is over; refuse where that cannot happen any more."""
-        external, tare = self.external, self.compensator.external_tare
-        count, heard_s = external.collected, time.monotonic()
+        tare, share, heard_s = self.compensator.external_tare, 0.0, time.monotonic()
         while collector.share < 1 and self.compensator.external_tare is tare:
-            external.identified_share = collector.share
-            if external.collected != count:
-                count, heard_s = external.collected, time.monotonic()
+            if collector.share != share:
+                share, heard_s = collector.share, time.monotonic()
             if time.monotonic() - heard_s > _PATIENCE_S:
                 raise CalibrationRefusedError(
                     f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look '
                     'at the diagnostics, input and payload, then call again.'
                 )
             yield
-        external.identified_share = 1.0
         if self.compensator.external_tare is not tare:  # the wrenches made a step
             raise CalibrationRefusedError('The tare or the model changed meanwhile. Call again.')
 
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
         """Answer; every refusal begins with the same words."""
         answer = message if success else f'No payload was identified: {message}'
-        self.external.last_identification, self.external.identified_share = answer, None
+        self.external.last_identification = answer
         super()._answer(reply, answer, success=success)

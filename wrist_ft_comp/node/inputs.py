@@ -15,7 +15,7 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.part import Part, Topic
+from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import no_wrench
 from wrist_ft_comp.signals import (
     AXES,
@@ -230,14 +230,7 @@ class TemperatureInput(Part):
     """
 
     title, logged = 'temperature', True
-    topics = (
-        Topic(
-            'temperature',
-            'in',
-            'one per entry of temperature_topics (Temperature); topic:field hears messages of any '
-            'type, best effort, the newest ten times a second',
-        ),
-    )
+    topics = (('temperature', 'one per entry of temperature_topics, which hears any type, too'),)
     hub: Hub
 
     def __init__(  # noqa: PLR0913 -- parts that it needs, by name

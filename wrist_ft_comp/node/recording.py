@@ -15,7 +15,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.inputs import Counts
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.part import Part, Topic, Vector
+from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import (
@@ -201,7 +201,7 @@ class RecordService(Part):
     _heard: bool = False
 
     title = 'recording'
-    topics = (Topic('wrench_reference', 'in', 'true wrench; subscribed to while recording only'),)
+    topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
     @classmethod
     def services(cls) -> Sequence[Service]:

@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import at_start, Parameter
-from wrist_ft_comp.ros.part import Part, Topic, Vector
+from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR, LATCHED
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
@@ -92,14 +92,7 @@ class SpecificForceInput(Part):
             'Age above which a specific force is not used, so that no weight is subtracted.',
             's', 0.01, 10.0),
     )  # fmt: skip
-    topics = (
-        Topic(
-            'imu',
-            'in',
-            'with gravity.source imu only: specific force at the sensor; with tf it hears /tf and '
-            '/tf_static (tf2_msgs/TFMessage) instead',
-        ),
-    )
+    topics = (('imu', 'specific force at the sensor; by gravity.source tf, /tf and /tf_static'),)
     hub: Hub
 
     def __init__(self, chosen: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ import time
 from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
@@ -99,11 +100,7 @@ class StateKeeper(Part):
                 self.outcome = self._logged_origin
                 if not tracker.awaiting_gap:
                     self._loaded = None
-            # One call site each: rclpy insists that a call site keeps its severity.
-            if tracker.forgot:
-                self.hub.log.warning(self._logged_origin)
-            else:
-                self.hub.log.info(self._logged_origin)
+            self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         if self.writer.problem != self._complained:
             self._complained = self.writer.problem
             if self.writer.problem:

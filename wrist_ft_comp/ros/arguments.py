@@ -1,6 +1,6 @@
 """The ``--help`` of a node, and parameters that it does not have."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 import json
 from textwrap import fill
@@ -9,9 +9,7 @@ from typing import Any
 from rclpy.node import Node
 
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import Topic
 from wrist_ft_comp.ros.rclpy_internals import given_parameters
-from wrist_ft_comp.ros.services import Service
 
 _WIDTH = 79
 _INDENT = ' ' * 6
@@ -27,21 +25,13 @@ _POLICIES = ('history', 'depth', 'reliability')
 
 
 def usage(
-    name: str,
-    what: str,
-    table: Sequence[Parameter],
-    topics: Sequence[Topic] = (),
-    services: Sequence[Service] = (),
+    name: str, what: str, table: Sequence[Parameter], *ends: tuple[str, Mapping[str, str]]
 ) -> str:
-    """Explain a node: its name, what it does, its topics, services and parameters."""
+    """Explain a node: its name, what it does, its ends (title, name to purpose), parameters."""
     lines = [f'usage: {name} --ros-args [-p NAME:=VALUE ...] [-r FROM:=TO ...]\n', what]
-    if topics:
-        lines.append('topics (-r FROM:=TO):')
-        lines += [_entry(f'{one.name} ({one.direction})', f'{one.purpose}.') for one in topics]
-    if services:
-        lines.append('\nservices:')
-        lines += [_entry(service.name, f'{service.purpose}.') for service in services]
-    lines.append('\nparameters (-p, or --params-file FILE); * may change while the node runs:')
+    for title, purposes in ends:
+        lines += [title, *(_entry(end, f'{purpose}.') for end, purpose in purposes.items()), '']
+    lines.append('parameters (-p, or --params-file FILE); * may change while the node runs:')
     for row in table:
         default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
         text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'

@@ -22,7 +22,6 @@ class NodeLog:
     """A node's log; it is given refusals, and once a second the statuses that it shall log."""
 
     def __init__(self, logger: Any) -> None:
-        # rclpy throttles per call site, so no method of ours may stand between.
         self.info, self.warning, self.error = logger.info, logger.warning, logger.error
         #: What was refused last, and why; empty before the first refusal.
         self.last_refusal = ''
@@ -31,6 +30,16 @@ class NodeLog:
         self._logged: dict[str, set[str]] = defaultdict(set)
         #: For how many reports a status has been well, by its name.
         self._well: dict[str, int] = defaultdict(int)
+
+    def write(self, level: bytes, line: str) -> None:
+        """Log a line at the level of a status."""
+        # One call site each: rclpy insists that a call site keeps its severity.
+        if level == OK:
+            self.info(line)
+        elif level == ERROR:
+            self.error(line)
+        else:
+            self.warning(line)
 
     def note_refusal(self, what: str, why: str) -> None:
         """Remember, for the diagnostics, what was refused and why."""
@@ -54,9 +63,4 @@ class NodeLog:
             if starting or not news:
                 continue
             logged.update(_NUMBERS.sub('#', doubt) for doubt in news)
-            line = f'{status.name}: {"; ".join(news)}'
-            # One call site each: rclpy insists that a call site keeps its severity.
-            if status.level == ERROR:
-                self.error(line)
-            else:
-                self.warning(line)
+            self.write(status.level, f'{status.name}: {"; ".join(news)}')

@@ -1,28 +1,17 @@
 """A part of a node, which is one feature: what it brings, and what the hub asks of it."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.diagnostics import Status
+from wrist_ft_comp.ros.diagnostics import ERROR, Status, WARN
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import Reply, Service
 
 #: Three numbers of the axes x, y and z.
 Vector: TypeAlias = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic that a part hears or publishes, for ``--help`` and the documentation."""
-
-    #: As the code opens it, relative or with ~.
-    name: str
-    direction: Literal['in', 'out']
-    purpose: str
 
 
 class Part:
@@ -37,8 +26,8 @@ class Part:
     title: ClassVar[str] = ''
     #: Its parameters, which the hub's ``chosen`` reads.
     parameters: ClassVar[Sequence[Parameter]] = ()
-    #: Its topics, which it opens in ``start`` or when they are needed.
-    topics: ClassVar[Sequence[Topic]] = ()
+    #: Its topics and what each is for, for ``--help`` and the documentation.
+    topics: ClassVar[Sequence[tuple[str, str]]] = ()
     #: Whether troubles in its statuses are logged; False where it logs them itself.
     logged: ClassVar[bool] = False
     #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
@@ -149,13 +138,9 @@ class LongService(Part):
         """Answer, and note that in log and diagnostics."""
         self._running, self.last_outcome, self.refused = None, message, not success
         log = self.hub.log
-        # One call site each: rclpy insists that a call site keeps its severity.
         if success:
             log.info(f'{self.done}{message}')
-        elif self.severe:
-            log.error(f'{self.not_done}{message}')
         else:
-            log.warning(f'{self.not_done}{message}')
-        if not success:
+            log.write(ERROR if self.severe else WARN, f'{self.not_done}{message}')
             log.note_refusal(self.name, message)
         reply(success=success, message=message)

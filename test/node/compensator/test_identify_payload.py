@@ -97,7 +97,7 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare.node.broadcast('on_specific_force', START, (0.0, 0.0, 9.8), None)
     assert 'No drift model runs, and drift would be taken for weight' in refusal(bare)
     assert 'identify_payload: No payload' in bare.diagnosis('calibration').values['last_refusal']
-    assert working.node.external.identified_share is None
+    assert working.node.external.collector is None
 
 
 def refusal(node):
