@@ -134,22 +134,6 @@ def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memo
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_a_joint_that_stops_ends_the_samples_and_a_clock_set_back_begins_anew(
-    start, messages, moving
-):
-    _, hub = start()
-    hub.topics['/tf_static'](messages.transforms(0, [('tool', 'unused', NO_TURN)]))
-    for milliseconds in range(0, 5000, 20):
-        moving(hub, milliseconds, *([TO_TOOL] if milliseconds <= 1000 else []))
-    assert samples(hub)[-1][0] == START + SECOND
-    hub.sent.clear()
-    for milliseconds in range(-60_000, -59_000, 20):
-        moving(hub, milliseconds, TO_TOOL)
-    assert len(samples(hub)) == 50
-    np.testing.assert_allclose(samples(hub)[-1][1], true_force(-59.02), atol=1e-9)
-
-
-@pytest.mark.usefixtures('with_tf2')
 def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start, messages, moving):
     part, hub = start()
     for k in range(3000):

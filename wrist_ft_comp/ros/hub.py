@@ -73,8 +73,6 @@ class Hub(Node):
         self.parts: tuple[Part, ...] = ()
         #: Parts that get every wrench; usually there are none.
         self._listeners: tuple[Part, ...] = ()
-        #: Whether all parts have started.
-        self.running = False
         self._hearing: dict[str, list[Part]] = {}
         self._offered: list[DeferredService] = []
         #: The last refusal of a part, which is logged once.
@@ -99,7 +97,6 @@ class Hub(Node):
         try:
             for part in parts:
                 self.call(part, part.start)
-            self.running = True
             for part in self._hearing['on_model']:
                 self.call(part, part.on_model)
         except WristFtCompError:

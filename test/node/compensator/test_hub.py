@@ -109,12 +109,6 @@ def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
     assert node.diagnosis('model', 'compensating 1 axis').values['file'].endswith('m.yaml')
 
 
-def test_every_part_has_a_title_of_its_own(rig):
-    titles = [part.title for part in rig().node.parts]
-    assert all(titles)
-    assert len({*titles}) == len(titles)
-
-
 def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):
     (code,) = re.findall(r'```python\n(.+?)```', ARCHITECTURE.read_text('utf-8'), re.DOTALL)
     names = {}
