@@ -38,7 +38,7 @@ PROGRAM = f"""
 import runpy, sys
 names = runpy.run_path({__file__!r})
 make = lambda **options: names['Example'](names['say'], **options)
-sys.exit(names['run_node'](make, sys.argv, 'usage'))
+sys.exit(names['run_node'](make, sys.argv, str))
 """
 
 
@@ -57,7 +57,7 @@ def run(ros_domain, capfd):  # noqa: ARG001
 
     def start(line, *arguments):
         words = ['example', *(['--ros-args', *arguments] if arguments else [])]
-        code = run_node(partial(Example, line), words, 'usage')
+        code = run_node(partial(Example, line), words, str)
         return code, capfd.readouterr().err
 
     return start

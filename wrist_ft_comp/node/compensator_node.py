@@ -298,8 +298,8 @@ wrist_ft_comp --help shows what works on files.
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
     ends = ('topics (-r FROM:=TO):', TOPICS), ('services:', SERVICES)
-    explained = usage('compensator', _ABOUT, PARAMETERS, *ends)
-    return run_node(CompensatorNode, argv, explained)
+    explain = partial(usage, 'compensator', _ABOUT, PARAMETERS, *ends)
+    return run_node(CompensatorNode, argv, explain)
 
 
 if __name__ == '__main__':

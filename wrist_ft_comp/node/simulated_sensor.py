@@ -9,6 +9,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 
 from collections.abc import Sequence
 from copy import copy
+from functools import partial
 import sys
 import time
 from typing import Any, cast
@@ -277,8 +278,8 @@ publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
-    explained = usage('simulated_sensor', _USAGE, PARAMETERS)
-    return run_node(SimulatedSensor, argv, explained)
+    explain = partial(usage, 'simulated_sensor', _USAGE, PARAMETERS)
+    return run_node(SimulatedSensor, argv, explain)
 
 
 if __name__ == '__main__':

@@ -28,7 +28,9 @@ USER_ERRORS = (
 )
 
 
-def run_node(factory: Callable[..., Node], argv: Sequence[str] | None, usage: str) -> int:
+def run_node(
+    factory: Callable[..., Node], argv: Sequence[str] | None, usage: Callable[[], str]
+) -> int:
     """
     Run the node ``factory(context=…)`` until a signal or an error.
 
@@ -37,7 +39,7 @@ def run_node(factory: Callable[..., Node], argv: Sequence[str] | None, usage: st
     """
     words = list(sys.argv if argv is None else argv)
     if not {'-h', '--help'}.isdisjoint(words[1:]):
-        sys.stdout.write(usage)
+        sys.stdout.write(usage())
         return 0
     context = Context()
     try:
