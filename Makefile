@@ -66,7 +66,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 bench: $(READY)
-	$(BIN)/python bench/accuracy/residuals.py
+	$(BIN)/python bench/accuracy/contacts.py
 	$(BIN)/python bench/accuracy/worlds.py
 	$(BIN)/python bench/cost/calibration.py
 	$(BIN)/python bench/cost/stream.py
@@ -81,9 +81,8 @@ reliability: $(READY)
 	$(BIN)/python bench/faults fuzz
 	$(BIN)/python bench/faults kills
 	$(BIN)/python bench/faults learning_kills 200
-	$(BIN)/python bench/faults thermometer_kills
 	$(BIN)/python bench/faults restart
-	$(BIN)/python bench/faults comes_back
+	$(BIN)/python bench/faults endurance --fault 'node killed'
 	$(BIN)/python bench/faults endurance
 	$(BIN)/python bench/faults/thermometers.py
 	$(BIN)/python bench/faults/hostile.py

@@ -15,7 +15,7 @@ from hypothesis import settings
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel

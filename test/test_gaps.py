@@ -156,7 +156,7 @@ def test_stream_restarted_stream_and_file_give_the_same_drift(
     lived.feed(killed.seen)
     tracker = lived.compensator.tracker
     # A lone sample behind a leap is not believed, live; a file cannot know.
-    assume(not tracker.grid.rejected and not tracker.timestamp_filter.strays)
+    assume(not tracker.grid.rejected and not tracker.clocks.strays)
     read = compensated(hasty, killed.seen, tmp_path)
     last = rows[-1][0] - 1
     assert last in lived.drift
@@ -186,20 +186,6 @@ def test_after_a_night_without_samples_the_evening_has_no_effect(write_model, tm
     for drift in (lived.drift, killed.drift, read):
         assert drift[100 + silent] == pytest.approx(2.0 * heat, abs=1e-9)
         assert drift[700 + silent] == pytest.approx(read[700 + silent], abs=1e-9)
-
-
-@pytest.mark.parametrize('adopted', ['before', 'after'])
-def test_a_model_adopted_in_the_morning_starts_at_its_temperature(write_model, tmp_path, adopted):
-    """The history that it starts from holds no evening that was held over the night."""
-    one, other = (load_model(write_model(tau)).model for tau in (900.0, 600.0))
-    lived = Life(one, tmp_path)
-    lived.feed([(cell, [40.0, 40.0]) for cell in range(100)])
-    if adopted == 'before':
-        lived.compensator.go_live(other)
-    lived.feed([(20_000 + cell, [22.0, 22.0]) for cell in range(20)])
-    if adopted == 'after':
-        lived.compensator.go_live(other)
-    assert lived.compensator.compensation.zero[Z] == pytest.approx(4.0, abs=1e-9)
 
 
 @pytest.mark.parametrize('back', [30, 100, 10_000])

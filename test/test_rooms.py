@@ -32,7 +32,7 @@ ROS_PACKAGES = re.compile(
 
 
 def read_modules():
-    """Read every module: by its name, such as ``drift.arx_filter``, its syntax tree."""
+    """Read every module: by its name, such as ``drift.arx``, its syntax tree."""
     trees = {}
     for path in sorted(PACKAGE.rglob('*.py')):
         name = '.'.join(path.relative_to(PACKAGE).with_suffix('').parts)

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from wrist_ft_comp.errors import WristFtCompError
-    from wrist_ft_comp.fit.calibrate import calibrate, summarise
+    from wrist_ft_comp.fit.calibrate import calibrate
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
     from wrist_ft_comp.recordings.columns import compensate, recording_from_columns
     from wrist_ft_comp.recordings.recordings import read_recording
     from wrist_ft_comp.report.evaluation import evaluate
     from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
+    from wrist_ft_comp.report.summary import summarise
     from wrist_ft_comp.signals import Recording, Topics
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -35,7 +36,7 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 _HOMES = {
     'accuracy': 'report.performance_index',
     'thermal_sensitivity_drift': 'report.performance_index',
-    'calibrate': 'fit.calibrate', 'summarise': 'fit.calibrate',
+    'calibrate': 'fit.calibrate', 'summarise': 'report.summary',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.columns', 'recording_from_columns': 'recordings.columns',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',

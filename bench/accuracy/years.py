@@ -39,12 +39,13 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.learning.day import Day, describe, look_at
-from wrist_ft_comp.learning.diary import DayEntry, Decision, Diary
+from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.model_choice import Champion, take
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.report.days_picture import days_png
 from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.stored.model_store import HistoryEntry
 from wrist_ft_comp.stream.offline import simulate_drift
 
 NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
@@ -282,7 +283,10 @@ def draw(year: Lived, target: Path) -> None:
     """Draw a year as ``wrist_ft_comp show --picture`` does."""
     days = [replace(day, first_ns=day.first_ns + FIRST_MONDAY_NS) for day in year.entries]
     adopted = {day_name(number) for number in year.adopted}
-    changes = [Decision(day.name, day.verdict, 'learnt') for day in days if day.name in adopted]
+    changes = (
+        HistoryEntry(None, why=day.verdict, how='learnt', day=day.name)
+        for day in days if day.name in adopted
+    )  # fmt: skip
     target.write_bytes(days_png(Diary(tuple(days), tuple(changes))))
 
 

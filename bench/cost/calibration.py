@@ -21,7 +21,8 @@ os.environ.update(ONE_THREAD)  # as the command and the node's calibration do, b
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
-from scenarios import lag, warm_up
+from thermal_networks import lag
+from wrist import warm_up
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
@@ -43,9 +44,9 @@ def with_thermometers(count: int) -> Recording:
     """Warm up for 8 h; thermometers beyond those of the wrist follow the last one more slowly."""
     rng = np.random.default_rng(0)
     run = warm_up(rng, 1, 8.0)
-    beside = run.temperature_c[:, -1]
+    last = run.temperature_c[:, -1:]
     more = [
-        lag(beside - beside[0], 60.0 * number) + beside[0] + rng.normal(0, 0.02, len(beside))
+        lag(last, 60.0 * number, last[0]) + rng.normal(0, 0.02, last.shape)
         for number in range(1, count - run.temperature_c.shape[1] + 1)
     ]
     temperature_c = np.column_stack((run.temperature_c, *more))

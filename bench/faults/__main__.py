@@ -20,11 +20,7 @@ BENCHES: dict[str, tuple[str, str, int, str, float]] = {
     'fuzz': ('fuzz', 'fuzz', 91, 'inputs', 10_000),
     'kills': ('kills', 'kill_recording', 94, 'kills', 200),
     'learning_kills': ('kills', 'kill_learning', 93, 'kills', 20),
-    'thermometer_kills': (
-        'resuming', 'kill_with_a_thermometer_out', 90, 'kills', 200,
-    ),
-    'restart': ('resuming', 'compare_drift', 93, 'kills', 20),
-    'comes_back': ('resuming', 'count_deaf', 92, 'kills', 50),
+    'restart': ('restart', 'compare_drift', 93, 'kills', 20),
     'endurance': ('endurance', 'endure', 95, 'minutes', 10.0),
 }  # fmt: skip
 
@@ -39,12 +35,12 @@ def main() -> int:
         command = commands.add_parser(name)
         command.add_argument(unit, nargs='?', type=type(default), default=default)
         command.add_argument('--seed', type=int, default=0)
-        if name == 'comes_back':
-            command.add_argument('--shared-memory', action='store_true', help="Fast DDS's default")
         if name == 'fuzz':
             command.add_argument('--target', help='one of the readers')
         if name == 'endurance':
             command.add_argument('--rate', type=float, default=1000.0, help='wrenches, Hz')
+            command.add_argument('--fault', help='the only one that is injected')
+            command.add_argument('--shared-memory', action='store_true', help="Fast DDS's default")
     arguments = parser.parse_args()
     module, function, domain, *_ = BENCHES[arguments.bench]
     own_domain(domain, shared_memory=getattr(arguments, 'shared_memory', False))

@@ -3,14 +3,17 @@
 
 The sensor is not loaded and drifts by the lagged law that the model has learnt, so an output is
 wrong by more than LIMIT_N, not a number, with another header than was sent, or twice. Nothing may
-be wrong, no traceback may be in the log, and the stream has to come back within BACK_S.
+be wrong, no traceback may be in the log, and the stream has to come back within BACK_S. With
+``--fault 'node killed'`` it shows how soon a node is back, and whether one is ever deaf.
 """
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 import struct
+import sys
 import threading
 import time
 from typing import Any
@@ -52,13 +55,18 @@ class Endurance:
         With a node that was not started.
     rate_hz : float
         Of wrenches.
+    faults : sequence of str
+        Some of FAULTS.
     rng : numpy Generator
-        Chooses the faults.
+        Chooses one of them every second.
 
     """
 
-    def __init__(self, stand: Stand, rate_hz: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self, stand: Stand, rate_hz: float, faults: Sequence[str], rng: np.random.Generator
+    ) -> None:
         self._stand, self._rng, self._rate_hz = stand, rng, rate_hz
+        self._possible = faults
         self._sensor = Sensor(1)
         self.counts: Counter[str] = Counter()
         self._faults: Counter[str] = Counter()
@@ -156,7 +164,7 @@ class Endurance:
                     self.counts['not sent: sensor dead'] += 1
             if int(now) > last_fault_s and now < seconds - min(BACK_S, seconds / 4):
                 last_fault_s = int(now)
-                self._inject(self._choose(), now)
+                self._inject(now)
             with self._lock:
                 away_s = time.monotonic() - self._last_output_s
                 longest_s = self.silence_s.get(self._last_fault, 0.0)
@@ -181,17 +189,15 @@ class Endurance:
         if self._stand.process is None or self._stand.process.poll() is not None:
             self._stand.start_node()
 
-    def _choose(self) -> str:
-        """Choose a fault; a node that is starting is not killed again."""
+    def _inject(self, now: float) -> None:
+        """Do one wrong thing; a node that is starting is not killed again."""
         with self._lock:
             away = self._is_away()
-            fault = str(self._rng.choice(FAULTS[1:] if away else FAULTS))
+            fault = str(self._rng.choice(self._possible))
+            if away and fault == 'node killed':
+                return
             if not away:
                 self._last_fault = fault
-        return fault
-
-    def _inject(self, fault: str, now: float) -> None:
-        """Do one wrong thing."""
         self._faults[fault] += 1
         services = {'calibration': 'calibrate', 'tare': 'tare', 'rollback': 'rollback'}
         if fault.startswith(('temperature', 'thermometer')):
@@ -268,13 +274,16 @@ class Endurance:
 def endure(arguments: argparse.Namespace, folder: Path) -> bool:
     """Run, print, judge."""
     seconds = 60.0 * arguments.minutes
+    faults = [fault for fault in FAULTS if arguments.fault in {None, fault}]
+    if not faults:
+        sys.exit(f'--fault is one of {", ".join(FAULTS)}; got {arguments.fault}.')
     recording = write_warm_up(folder / 'warm_up.csv')
     model = make_model(recording, folder / 'models/first.yaml')
     given = (
         f'model_file:={model}', f'calibration.recordings:=[{recording}]', 'tare.duration:=0.2',
     )  # fmt: skip
     with closing(Stand(folder, *given)) as stand:
-        run = Endurance(stand, arguments.rate, np.random.default_rng(arguments.seed))
+        run = Endurance(stand, arguments.rate, faults, np.random.default_rng(arguments.seed))
         run.settle()
         run.run(seconds)
     log = stand.log.read_text('utf-8', 'replace')

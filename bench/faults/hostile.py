@@ -138,7 +138,7 @@ class HostileRobot(RuleBasedStateMachine):
         HostileRobot.lives += 1
         self.stack = ExitStack()
         self.data = self.folder / 'data'
-        for module in ('calibrate', 'learner'):
+        for module in ('jobs', 'learner'):
             patched = f'wrist_ft_comp.node.{module}.start_job'
             self.stack.enter_context(mock.patch(patched, FakeProcess))
         self.stack.enter_context(mock.patch('os.fsync', self._fsync))

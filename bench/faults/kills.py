@@ -66,7 +66,7 @@ from wrist_ft_comp.node import compensator_node
 compensator_node.StreamSettings = partial(
     compensator_node.StreamSettings, thermal_period_s={CELL_S:.1f}
 )
-calibrate.Learning = partial(calibrate.Learning, keep_days=3)
+
 """
 MASS_KG, CENTRE_M = 1.2, np.array([0.01, -0.02, 0.08])
 #: What is loaded: its name, its pattern in the data directory, and what loads a path.

@@ -23,7 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.jobs.calibration import run_job
+from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
@@ -111,10 +111,10 @@ def message(stamp_ns: int, doubles: Sequence[float], frame: bytes = b'tool0\0\0\
 HASTE = """
 from functools import partial
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.node import calibrate, state_keeper
+from wrist_ft_comp.node import jobs, state_keeper
 state_keeper.SAVE_PERIOD_S = 0.1
 quickest = IdentificationSettings(method='pls')
-calibrate.CalibrationSettings = partial(calibrate.CalibrationSettings, identification=quickest)
+jobs.CalibrationSettings = partial(jobs.CalibrationSettings, identification=quickest)
 """
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from worlds import Answer, left_of
 from worlds_drawn import FAMILIES, Family, family, World
 
-from wrist_ft_comp.drift.arx_filter import static_gain
+from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.arx_pls import from_gains
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel

@@ -26,7 +26,7 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp as wfc
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, relaxation
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.drift_model import correct
 from wrist_ft_comp.fit.settings import IdentificationSettings, Method, METHODS

@@ -119,7 +119,7 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
         (['--reference', 'recorded'], 'no reference wrench'),
         (['--temperature-topic', '/a:b:Kelvin'], "unit 'Kelvin'; expected C, K or F"),
         (['--thermal-period', '600'], 'spans 0.0 K'),
-        (['--thermal-period', '20'], 'at least 30 in'),
+        (['--thermal-period', '20'], 'at least 24 in'),
     ],
 )
 def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, tmp_path):

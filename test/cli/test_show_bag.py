@@ -1,7 +1,6 @@
 """A bag of a driver: what could be used of it, how good it is, and the commands that use it."""
 
 import json
-from pathlib import Path
 import re
 import shlex
 
@@ -44,8 +43,6 @@ MSG: control_like_msgs/InterfaceValue
 string[] interface_names
 float64[] values
 """
-#: A driver's message with everything in it, which is also built and live in test/node.
-FLANGE = Path(__file__).parents[1] / 'support/messages/flange_msgs/State.msg'
 IMU, TF = 'sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage'
 
 
@@ -58,7 +55,6 @@ class Drivers:
         self.tool = messages.learn('ur_like_msgs/msg/ToolData', TOOL)
         self.joints = messages.learn('ur_like_msgs/msg/JointTemperatures', JOINTS)
         self.dynamic = messages.learn('control_like_msgs/msg/DynamicState', DYNAMIC)
-        self.flange = messages.learn('flange_msgs/msg/State', FLANGE.read_text('utf-8'))
 
     def times(self, seed):
         """Number, stamp, temperature inside and a wrench that drifts with it."""
@@ -84,13 +80,6 @@ class Drivers:
                 yield '/bota/imu', IMU, at + 9000, imu
                 warm = self.messages.temperature(at, 24.0 + 3 * k / 12_000, 'cabinet')
                 yield '/cabinet/temperature', self.messages.temperature_type, at + 9000, warm
-
-    def flange_like(self, seed=0):
-        pack, make = self.messages.pack, self.messages.make
-        for _, at, inside, wrench in self.times(seed):
-            halves = (make('geometry_msgs/msg/Vector3', *wrench[i : i + 3]) for i in (0, 3))
-            whole = make('geometry_msgs/msg/Wrench', *halves)
-            yield '/flange/state', self.flange, at + 9000, pack(self.flange, at, 0, whole, inside)
 
     def ur_like(self, seed=0):
         pack, make = self.messages.pack, self.messages.make
@@ -165,32 +154,6 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'model.yaml'))
 
 
-def test_a_wrench_and_a_temperature_in_one_message_are_learnt_from_and_compensated(  # noqa: PLR0913, PLR0917
-    run, done, drivers, messages, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    for seed, name in enumerate(('day', 'another_day')):
-        messages.write(tmp_path / name, drivers.flange_like(seed), 'mcap')
-    out = done('show', 'day')
-    calibrate, evaluate, node = commands(out)
-    words = ['--wrench-topic', '/flange/state:wrench']
-    words += ['--temperature-topic', '/flange/state:temperature']
-    assert calibrate[-4:] == words
-    assert node[7:9] == ['-p', f'wrench_topic:={words[1]}']
-    done(*calibrate[1:])
-    assert 'force_z: good' in run(*evaluate[1:]).out
-    assert f'wrench_topic: {words[1]}' in done('show', 'model.yaml')
-    done('compensate', 'model.yaml', 'another_day', '-o', 'out', '--tare', '60', *words)
-    shown = json.loads(done('show', 'out', '--wrench-topic', '/wrench', '--json'))
-    count = {c['name']: (c['kind'], c['samples']) for c in shown['channels']}
-    assert count['/wrench'] == (messages.wrench_type, count['/flange/state'][1])
-    assert [c['role'] for c in shown['channels']] == ['temperature', 'raw wrench']
-    assert commands(done('show', 'out'))[0][-4:] == words, 'the raw wrench, not the output'
-    words[1] = '/wrench'
-    left = json.loads(done('evaluate', 'model.yaml', 'out', '--json', *words))
-    assert left['axes']['force_z']['rms_before'] < 0.3, 'of 20 N: it is compensated already'
-
-
 def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     out = done('show', messages.write(tmp_path / 'day', drivers.ur_like(), 'mcap'))
     cells = {
@@ -210,7 +173,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     bag = messages.write(tmp_path / 'day', drivers.bota_like())
     shown = json.loads(done('show', bag, '--json'))
     assert {candidate['entry']: candidate['role'] for candidate in shown['candidates']} == {
-        '/bota/wrench': 'raw wrench', '/bota/bota_frame:.': 'raw wrench',
+        '/bota/wrench': 'raw wrench',
         '/bota/bota_frame:temperature': 'temperature',
         '/cabinet/temperature': 'temperature', '/bota/imu': 'IMU',
     }  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, relaxation, static_gain
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls, from_gains
 from wrist_ft_comp.errors import ModelFileError
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, relaxation, static_gain
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features

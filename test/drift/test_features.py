@@ -99,12 +99,6 @@ class TestTangents:
         np.testing.assert_allclose((above - at) / step, (at - below) / step, rtol=1e-5)
 
 
-def test_hats_stay_constant_beyond_their_last_knots():
-    features = hats([10.0, 25.0, 40.0], lower=10.0, upper=40.0)
-    for outside, knot in ((5.0, 0), (45.0, 2)):
-        np.testing.assert_array_equal(features.expand(np.array([outside])), np.eye(3)[knot])
-
-
 def test_every_thermometer_has_its_own_limits():
     features = Features('powers', np.zeros(2), np.array([10.0, 0.0]), np.array([40.0, 5.0]))
     np.testing.assert_allclose(features.clamp(np.array([99.0, -99.0])), [46.0, -1.0])

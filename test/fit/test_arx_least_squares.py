@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.errors import SettingsError, TooShortError
 from wrist_ft_comp.fit.arx_least_squares import (
     fit_one_step,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.fit.arx_least_squares import Orders, regressors
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.xy_block import XyBlock

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.auto import _weigh, COMBINATION, identify_auto, LeftOfFold
-from wrist_ft_comp.fit.folds import FOLDS
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
@@ -116,25 +115,6 @@ class TestEvidence:
         said = whole.held_out.after[whole.held_out.fold == 3]
         assert np.sqrt(np.mean(said**2)) == pytest.approx(np.sqrt(np.mean(tared**2)), rel=0.5)
         assert np.sqrt(np.mean(tared**2)) < 0.02 * np.std(days.residual[3])
-
-    def test_what_is_stated_is_what_the_average_leaves(self, pose):
-        for data in (pose(0.5, days=3), pose(0.1, noise=0.3, days=3)):
-            fit = identify_auto(data, LINE)
-            before, after = rms_by_fold(fit.held_out)
-            assert fit.rms_after == pytest.approx(after.mean())
-            assert fit.rms_before == pytest.approx(before.mean())
-
-    def test_of_a_single_recording_more_is_stated_than_is_left_of_its_blocks(self, pose):
-        """A block moves less than the whole: what is left grows as a walk, with the root."""
-        problem = pose(0.5, days=1)
-        fit = identify_auto(problem, LINE)
-        before, after = rms_by_fold(fit.held_out)
-        values = problem.residual[0]
-        whole = np.sqrt(np.mean((values - values[:TARED].mean()) ** 2))
-        assert fit.rms_before == pytest.approx(before.mean())
-        assert len(after) == FOLDS
-        assert fit.rms_after == pytest.approx(after.mean() * np.sqrt(whole / before.mean()))
-        assert whole > before.mean()
 
 
 def test_the_model_is_anchored_at_rest_and_goes_on_as_tangents(pose):

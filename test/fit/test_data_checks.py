@@ -47,7 +47,7 @@ def test_a_stuck_stretch_is_left_out_and_named(record, value, verb):
 
 def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
-    recording = record(slice(200, 229), 9.0, force_y=coarse)
+    recording = record(slice(200, 209), 9.0, force_y=coarse)
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
 
 

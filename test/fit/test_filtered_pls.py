@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
-from wrist_ft_comp.drift.arx_filter import relaxation
+from wrist_ft_comp.drift.arx import relaxation
 from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.fit.filtered_pls import choose_filters, fit_filtered_pls
 from wrist_ft_comp.fit.pls import fit_pls

@@ -7,6 +7,7 @@ import pytest
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
@@ -15,6 +16,7 @@ from wrist_ft_comp.signals import AXES
 
 Z = AXES.index('force_z')
 CELLS = 480
+OF_CALIBRATION = {'reference', 'min_temperature_span_k', 'max_gap_s'}
 
 
 def evaluate(calibration, recording, reference='unloaded'):
@@ -195,14 +197,21 @@ class TestFeatures:
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
+        ({'reference': 'none'}, "Unknown reference 'none'; .* unloaded, constant"),
+        *(({'min_temperature_span_k': k}, 'at least 0; got') for k in (-0.1, np.nan, np.inf)),
+        ({'max_gap_s': -0.1}, 'max_gap_s must be a number of at least 0; got'),
         ({'method': 'magic'}, "Unknown method 'magic'; expected one of pcr"),
         ({'features': 'hat'}, "Unknown features 'hat'"),
         *(({'degree': n}, f'between 1 and 4; got {n}') for n in (0, 5, 2.5, np.nan)),
         *(({'latents': n}, f'At least 1 latent is needed; got {n}') for n in (0, np.nan, np.inf)),
         ({'hat_temperatures_c': (20.0,)}, r'at least 2 temperatures that ascend; got \[20.0\]'),
         *(({'hat_temperatures_c': (20.0, t)}, 'that ascend; got') for t in (10.0, np.nan, np.inf)),
+        (
+            {'latents': 3, 'orders': (Orders(1, 1), Orders(1, 1))},
+            'Orders of 2 latents do not fit 3 latents',
+        ),
     ],
 )
 def test_settings_outside_their_range_are_refused(change, sentence):
     with pytest.raises(SettingsError, match=sentence):
-        IdentificationSettings(**change)
+        (CalibrationSettings if OF_CALIBRATION & set(change) else IdentificationSettings)(**change)

@@ -1,13 +1,8 @@
 """A learning job: it judges the newest day, learns from all, and leaves files that load."""
 
-import fcntl
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 import tempfile
-import time
 from unittest.mock import ANY
 
 import numpy as np
@@ -17,18 +12,14 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs import learning_job
-from wrist_ft_comp.jobs.calibration import _answer
+from wrist_ft_comp.jobs import entry, learning_job
 from wrist_ft_comp.jobs.learning_job import alone
-from wrist_ft_comp.jobs.request import CalibrationJob, encode_job, Learning
+from wrist_ft_comp.jobs.request import CalibrationJob, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
-    DayEntry,
-    Diary,
     diary_path,
     load_diary,
-    save_diary,
 )
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
@@ -77,9 +68,17 @@ def write_day(  # noqa: PLR0913
     rows = np.column_stack((86_400.0 * number + seconds, raw, warm, force))
     path = directory / 'days' / f'day_{number:05d}.csv'
     path.parent.mkdir(exist_ok=True)
+    write_rows(path, rows)
+    return path
+
+
+def write_rows(path, rows):
     lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
     path.write_text('\n'.join(lines) + '\n')
-    return path
+
+
+def rows_of(path):
+    return np.loadtxt(path, delimiter=',', skiprows=1)
 
 
 @pytest.fixture(scope='module')
@@ -104,7 +103,7 @@ def answers(sensor, tmp_path_factory):
     """What the first two days give; as ``own_lock``, which begins later."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(tempfile, 'tempdir', str(tmp_path_factory.mktemp('lock')))
-        return [_answer(job_of(sensor, count, report=True)) for count in (1, 2)]
+        return [entry.answer(job_of(sensor, count, report=True)) for count in (1, 2)]
 
 
 def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
@@ -123,8 +122,8 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert 'What happened before it was learnt' in report
     assert '2 days, ' in report
     diary = load_diary(sensor)
-    assert [entry.name for entry in diary.days] == sources
-    assert [entry.better for entry in diary.days] == ['', stored.path.name]
+    assert [day.name for day in diary.days] == sources
+    assert [day.better for day in diary.days] == ['', stored.path.name]
 
 
 def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
@@ -132,29 +131,29 @@ def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
     broken = diary_path(sensor).read_text()[:-300]
     diary_path(sensor).write_text(broken)
     chosen = HistoryEntry(champion, why='a person chose m.yaml', day='day_00001.csv')
-    again = _answer(job_of(sensor, 3, HistoryEntry(None), chosen))
+    again = entry.answer(job_of(sensor, 3, HistoryEntry(None), chosen))
     assert again['success']
     assert 'diary.json is not a diary: expected JSON' in again['incident']
     assert (sensor / 'days/diary.json.kept').read_text() == broken
     diary = load_diary(sensor)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]
-    assert [entry.live for entry in diary.days] == ['', live, live]
-    assert all(np.isfinite(entry.left[live]).all() for entry in diary.days[1:])
+    assert [day.live for day in diary.days] == ['', live, live]
+    assert all(np.isfinite(day.left[live]).all() for day in diary.days[1:])
     assert 'the live model left 0.0' in again['message']
 
 
 def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
     assert answers[0]['success']
     before = diary_path(sensor).read_bytes()
-    broken = _answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
-    assert (broken['success'], broken['learnt']) == (False, False)
+    broken = entry.answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
+    assert not broken['success']
     assert 'gone.yaml cannot be read' in broken['message']
-    none = _answer(CalibrationJob((), tmp_path, learning=Learning()))
+    none = entry.answer(CalibrationJob((), tmp_path, learning=Learning()))
     assert 'No day has ended' in none['message']
     with alone() as mine:
         assert mine
-        busy = _answer(job_of(sensor, 3))
+        busy = entry.answer(job_of(sensor, 3))
         assert (busy['success'], busy['later']) == (False, True)
     assert diary_path(sensor).read_bytes() == before
 
@@ -177,43 +176,39 @@ def test_foreign_files_among_days_are_one_sentence_per_file(own_days):
     with (folder / 'day_00006.csv').open('wb') as file:
         file.truncate(50 * LARGEST_BYTES)
     write_day(own_days, 7)
-    job = job_of(own_days, 9, keep_days=2)
+    job = job_of(own_days, 9)
     assert [path.name[:9] for path in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
-    answer = _answer(job)
+    answer = entry.answer(job)
     assert (answer['success'], answer['learnt']) == (True, True), answer['message']
     entries = load_diary(own_days).days
-    assert [entry.kind for entry in entries] == ['', '', *4 * ['unreadable'], '']
-    assert all('Move it away' in entry.incident for entry in entries[2:6])
-    assert 'Old days stay' in answer['incident'], 'a folder is not removed'
+    assert [day.kind for day in entries] == ['', '', *4 * ['unreadable'], '']
+    assert all('Move it away' in day.incident for day in entries[2:6])
     assert (folder / 'day_1.csv').exists()
 
 
-def test_a_better_model_outlives_broken_payloads_and_the_diary_is_kept(own_days):
+def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_days):
     (own_days / 'models').mkdir()
     (own_days / 'models/payloads.json').write_text('{')
-    answer = _answer(job_of(own_days, 2))
+    (own_days / 'days/diary.json').mkdir()
+    answer = entry.answer(job_of(own_days, 2))
     assert (answer['success'], answer['learnt']) == (True, True)
     assert 'payloads.json' in answer['incident']
+    assert 'diary.json' in answer['incident']
     assert load_model(answer['path']).sha256 == answer['sha256']
-    assert len(load_diary(own_days).days) == 2
 
 
 def test_a_damaged_day_does_not_harm_the_one_that_goes_on_from_it(own_days, monkeypatch):
     monkeypatch.setattr(learning_job, 'goes_on', lambda *_: True)
     first = own_days / 'days/day_00001.csv'
     first.write_text(first.read_text().replace('\n', '\n1,2\n', 5))
-    _answer(job_of(own_days, 2))
+    entry.answer(job_of(own_days, 2))
     assert [day.kind for day in load_diary(own_days).days] == ['unreadable', '']
 
 
 def test_an_error_of_the_system_is_an_answer(own_days, monkeypatch):
-    (own_days / 'days/diary.json').mkdir()
-    kept = _answer(job_of(own_days, 2))
-    assert (kept['success'], kept['learnt']) == (True, True)
-    assert 'diary.json' in kept['incident']
     monkeypatch.setattr(tempfile, 'tempdir', str(own_days / 'nowhere'))
-    lost = _answer(job_of(own_days, 2))
-    assert (lost['success'], lost['later'], 'nowhere' in lost['message']) == (False, False, True)
+    lost = entry.answer(job_of(own_days, 2))
+    assert (lost['success'], 'later' in lost, 'nowhere' in lost['message']) == (False, False, True)
 
 
 @pytest.mark.parametrize(('pause_s', 'rests'), [(0, False), (3 * 3600, True)])
@@ -227,26 +222,14 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
     drift = run_from_rest(model, warm[:, np.newaxis])[1].zero[:, 2]
     for number, part in ((1, slice(CELLS)), (2, slice(CELLS, None))):
         path = write_day(tmp_path, number)
-        header, *lines = path.read_text().splitlines()
-        rows = np.array([[float(value) for value in line.split(',')] for line in lines])
+        rows = rows_of(path)
         rows[:, 3] += drift[part] - 0.5 * 0.4 * rows[:, 7]
         rows[:, 7], rows[:, 0] = warm[part], PERIOD_S * (np.arange(2 * CELLS)[part] + 0.5)
         rows[:, 0] += pause_s * (number - 1)
-        lines = [','.join(f'{value:.9g}' for value in row) for row in rows]
-        path.write_text('\n'.join((header, *lines)) + '\n')
-    assert _answer(job_of(tmp_path, 2, HistoryEntry(live.path)))['success']
+        write_rows(path, rows)
+    assert entry.answer(job_of(tmp_path, 2, HistoryEntry(live.path)))['success']
     left = load_diary(tmp_path).days[1].left[live.sha256[:12]][2]
     assert (left > 0.2) == rests, left
-
-
-def test_presses_of_minutes_are_no_drift(tmp_path):
-    drifts = []
-    for pressed_s in (0, 120, 280):
-        write_day(tmp_path, 1, 2700, pressed_s)
-        diary_path(tmp_path).unlink(missing_ok=True)
-        assert _answer(job_of(tmp_path, 1))['incident'] == ''
-        drifts.append(load_diary(tmp_path).days[0].left['none'])
-    np.testing.assert_allclose(drifts[1:], [drifts[0]] * 2, rtol=0.1)
 
 
 @pytest.mark.parametrize(
@@ -256,7 +239,7 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
     tmp_path, parked_s, kind, said
 ):
     write_day(tmp_path, 1, 2700, parked_s=parked_s)
-    answer = _answer(job_of(tmp_path, 1))
+    answer = entry.answer(job_of(tmp_path, 1))
     assert said in answer['incident']
     assert answer['paused'] == ''
     assert load_diary(tmp_path).days[0].kind == kind
@@ -265,16 +248,16 @@ def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
 def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
     for number in range(1, 7):
         write_day(tmp_path, number)
-    answer = _answer(job_of(tmp_path, 2))
+    answer = entry.answer(job_of(tmp_path, 2))
     offered = Path(answer['path'])
     other = offered.with_name('other.yaml')
     other.write_bytes(offered.read_bytes() + b'# another one')
     first, second = (load_model(path).sha256[:12] for path in (offered, other))
     adopted, back, gone = 'day_00003.csv', 'day_00005.csv', offered.with_name('gone.yaml')
     history = [HistoryEntry(None), HistoryEntry(offered, why='adopted', day=adopted)]
-    assert _answer(job_of(tmp_path, 4, *history))['success']
+    assert entry.answer(job_of(tmp_path, 4, *history))['success']
     history.append(HistoryEntry(other, why='other chosen', how='back', day=back))
-    assert _answer(job_of(tmp_path, 6, *history))['success']
+    assert entry.answer(job_of(tmp_path, 6, *history))['success']
     ModelStore(tmp_path).activate(history)
     assert main(['show', str(tmp_path), '--json']) == 0
     (said,) = json.loads(capsys.readouterr().out).values()
@@ -285,86 +268,29 @@ def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_pat
     ]  # fmt: skip
     diary_path(tmp_path).unlink()
     lost = [HistoryEntry(gone), HistoryEntry(other, day=back)]
-    assert _answer(job_of(tmp_path, 6, *lost))['success']
+    assert entry.answer(job_of(tmp_path, 6, *lost))['success']
     day = load_diary(tmp_path).days[4]
     assert (day.live, 'cannot be judged' in day.verdict) == ('gone.yaml', True)
-
-
-@pytest.mark.parametrize(
-    ('automatic', 'name'), [(True, 'new model learnt'), (False, 'better model offered')]
-)
-def test_only_a_model_that_goes_live_is_said_to_be_learnt(own_days, capsys, automatic, name):
-    answer = _answer(job_of(own_days, 2))
-    went_live = HistoryEntry(Path(answer['path']), why='better', how='learnt', day='day_00002.csv')
-    ModelStore(own_days).activate([HistoryEntry(None), went_live] if automatic else [])
-    assert main(['show', str(own_days)]) == 0
-    said = capsys.readouterr().out
-    assert f'  {name}: ' in said
-    assert said.count('model_2.yaml was learnt') == (not automatic)
 
 
 def test_a_robot_that_stands_still_and_takes_parts_is_not_noisy_and_learning_goes_on(tmp_path):
     for number in (1, 2, 3):
         write_day(tmp_path, number, parked_s=0)
-    assert _answer(job_of(tmp_path, 3))['learnt']
+    assert entry.answer(job_of(tmp_path, 3))['learnt']
     write_day(tmp_path, 4, 900, parked_s=0, still=True)
-    answer = _answer(job_of(tmp_path, 4))
+    answer = entry.answer(job_of(tmp_path, 4))
     assert load_diary(tmp_path).days[3].kind == CONTACTS
     assert 'The robot stood still, and the scatter of ' in answer['incident']
     assert answer['paused'] == ''
 
 
 def test_a_press_of_half_an_hour_ends_as_it_begins_and_is_no_jump_of_the_zero(tmp_path):
-    write_day(tmp_path, 1, 2700)
-    path = days(tmp_path)[0]
-    header, *lines = path.read_text().splitlines()
-    rows = np.array([[float(value) for value in line.split(',')] for line in lines])
+    path = write_day(tmp_path, 1, 2700)
+    rows = rows_of(path)
     for end, kind in ((1350, ''), (2700, 'zero')):
         pressed = rows.copy()
         pressed[900:end, 1:7] += [20.0, -10.0, -50.0, 1.0, 2.0, 0.0]
-        lines = [','.join(f'{value:.9g}' for value in row) for row in pressed]
-        path.write_text('\n'.join((header, *lines)) + '\n')
+        write_rows(path, pressed)
         diary_path(tmp_path).unlink(missing_ok=True)
-        assert _answer(job_of(tmp_path, 1))['success']
+        assert entry.answer(job_of(tmp_path, 1))['success']
         assert load_diary(tmp_path).days[0].kind == kind
-
-
-def test_a_diary_that_breaks_python_s_own_limits_is_begun_anew(own_days):
-    save_diary(own_days, Diary((DayEntry('day_00001.csv', hours=12345.0),)))
-    sound = diary_path(own_days).read_text()
-    for hours, said in (
-        ('[' * 986 + ']' * 986, 'nested too deep'), ('9' * 400, '400 digits'), ('1e999', '1e999'),
-    ):  # fmt: skip
-        diary_path(own_days).write_text(sound.replace('12345.0', hours))
-        assert load_diary(own_days).days == ()
-        answer = _answer(job_of(own_days, 1))
-        assert answer['success']
-        assert said in answer['incident']
-
-
-def test_the_lock_goes_with_its_process(tmp_path):
-    with alone() as mine:
-        assert mine
-        with (tmp_path / f'wrist_ft_comp_learning_{os.getuid()}.lock').open() as file, \
-                pytest.raises(BlockingIOError):  # fmt: skip
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    with alone() as again:
-        assert again
-
-
-def test_a_job_that_is_killed_leaves_files_that_load(sensor, answers, tmp_path):
-    assert answers[0]['success']
-    rng = np.random.default_rng(7)
-    for _ in range(2):
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'wrist_ft_comp.jobs.calibration'],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env={**os.environ, 'TMPDIR': str(tmp_path)}, text=True)  # fmt: skip
-        process.stdin.write(f'{encode_job(job_of(sensor, 3))}\n')
-        process.stdin.flush()
-        time.sleep(rng.uniform(0.2, 2.5))
-        process.kill()
-        process.communicate()
-        assert json.loads(diary_path(sensor).read_text())['version'] == 2
-        for path in sensor.glob('models/*.yaml'):
-            load_model(path)

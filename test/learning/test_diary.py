@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.learning import old_days
 from wrist_ft_comp.learning.day_files import days
 from wrist_ft_comp.learning.diary import (
     DayEntry,
@@ -16,53 +17,38 @@ from wrist_ft_comp.learning.diary import (
 from wrist_ft_comp.learning.old_days import prune
 
 DAY = DayEntry(
-    name='day_00001.csv',
-    first_ns=1_767_247_200_000_000_000,
-    hours=2.5,
-    temperature_c=((20.0, 31.5), (18.0, 25.0)),
-    known=frozenset({(4, -1), (5, 0)}),
+    name='day_00001.csv', first_ns=1_767_247_200_000_000_000, hours=2.5,
+    temperature_c=((20.0, 31.5), (18.0, 25.0)), known=frozenset({(4, -1), (5, 0)}),
     left={NONE: (3.0, 2.0, 1.0, 0.1, 0.2, np.nan), 'abcdef012345': (0.5,) * 6},
-    live='abcdef012345',
-    verdict='The live model left 0.17 of the drift.',
-    incident='The zero jumped by 5 N.',
-    kind='zero',
-    challenged=True,
-    better='model_2.yaml',
-    seconds=5.5,
-    payloads=((1.5, 0.0, 0.001, 0.1),),
-    rotation=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-    noise=(0.1,) * 6,
-)
+    live='abcdef012345', verdict='The live model left 0.17 of the drift.',
+    incident='The zero jumped by 5 N.', kind='zero', challenged=True, better='model_2.yaml',
+    seconds=5.5, payloads=((1.5, 0.0, 0.001, 0.1),),
+    rotation=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), noise=(0.1,) * 6,
+)  # fmt: skip
 
 
-def test_a_diary_comes_back_as_it_was_written(tmp_path):
-    diary = Diary((DAY, DayEntry('day_00002.csv')), paused='It was hit.')
-    save_diary(tmp_path, diary)
+def test_a_diary_comes_back_as_it_was_written_and_three_years_are_the_most(tmp_path):
+    many = [replace(DAY, name=f'day_{n:05d}.csv') for n in range(1, 1201)]
+    save_diary(tmp_path, Diary((*many, DayEntry('day_01201.csv')), paused='It was hit.'))
     again = load_diary(tmp_path)
-    assert repr(again.days[0]) == repr(replace(DAY, left=dict(DAY.left)))
-    assert replace(again, days=again.days[1:]) == replace(diary, days=diary.days[1:])
+    assert repr(again.days[0]) == repr(replace(DAY, name='day_00202.csv', left=dict(DAY.left)))
+    assert again.days[-1] == DayEntry('day_01201.csv')
+    assert again.paused == 'It was hit.'
+    assert diary_path(tmp_path).stat().st_size < 5e6
 
 
 def test_no_day_is_forgotten_because_the_sensor_changed_later():
     kinds = ('', 'tool', 'sensor', 'zero', 'contacts', '')
-    days = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
-    assert [int(day.name[8]) for day in good_days(days)] == [0, 1, 5]
+    entries = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
+    assert [int(day.name[8]) for day in good_days(entries)] == [0, 1, 5]
 
 
-@pytest.mark.parametrize('content', ['', '{', '[]', '{"format": "other"}', '\x00', '[' * 10**5])
+@pytest.mark.parametrize('content', [None, '', '{', '[]', '{"format": "other"}', '\x00'])
 def test_a_missing_or_broken_diary_is_begun_anew(tmp_path, content):
+    if content is not None:
+        save_diary(tmp_path, Diary((DAY,)))
+        diary_path(tmp_path).write_text(content)
     assert load_diary(tmp_path) == Diary()
-    save_diary(tmp_path, Diary((DAY,)))
-    diary_path(tmp_path).write_text(content)
-    assert load_diary(tmp_path) == Diary()
-
-
-def test_a_year_is_small_and_three_are_the_most(tmp_path):
-    many = [replace(DAY, name=f'day_{n:05d}.csv') for n in range(1, 1201)]
-    save_diary(tmp_path, Diary(tuple(many)))
-    again = load_diary(tmp_path)
-    assert [again.days[0].name, again.days[-1].name] == ['day_00201.csv', 'day_01200.csv']
-    assert diary_path(tmp_path).stat().st_size < 5e6
 
 
 def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
@@ -73,32 +59,29 @@ def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
     assert [path.name for path in days(tmp_path)] == ['day_00009.csv', 'day_00010.csv']
 
 
-def recorded(folder, sizes):
-    """Make recordings of some sizes, bytes, and a diary in which they share their temperatures."""
-    (folder / 'days').mkdir()
-    for name, size in sizes.items():
-        (folder / 'days' / name).write_bytes(b'x' * size)
-    return Diary(tuple(replace(DAY, name=name, kind='') for name in sizes))
+@pytest.fixture
+def recorded(tmp_path):
+    """Six recordings of 1 MB, and their diary: only the first had its temperatures alone."""
+    (tmp_path / 'days').mkdir()
+    entries = []
+    for n in range(1, 7):
+        (tmp_path / f'days/day_0000{n}.csv').write_bytes(b'x' * 1_000_000)
+        known = frozenset({(99, 0)}) if n == 1 else DAY.known
+        entries.append(replace(DAY, name=f'day_0000{n}.csv', kind='', known=known))
+    return Diary(tuple(entries))
 
 
-def test_no_more_days_are_kept_than_are_asked_for_and_the_newest_always(tmp_path):
-    diary = recorded(tmp_path, {f'day_0000{n}.csv': 10 for n in range(1, 7)})
-    unique = replace(diary.days[0], known=frozenset({(99, 0)}))
-    diary = replace(diary, days=(unique, *diary.days[1:]))
-    assert prune(tmp_path, diary, 3, 500.0) == ['day_00001.csv', 'day_00005.csv', 'day_00006.csv']
-    assert len(days(tmp_path)) == 3
-    assert prune(tmp_path, diary, 1, 500.0) == ['day_00006.csv']
+def test_days_and_bytes_are_bounded_with_room_for_another_day(recorded, tmp_path, monkeypatch):
+    for most, max_mb, kept in (
+        (30, 16.1, [1, 2, 3, 4, 5, 6]), (5, 500.0, [1, 3, 4, 5, 6]), (30, 13.5, [1, 5, 6]),
+        (1, 500.0, [6]), (30, 10.5, []),
+    ):  # fmt: skip
+        monkeypatch.setattr(old_days, '_KEPT_DAYS', most)
+        names = prune(tmp_path, recorded, max_mb)
+        assert names == [path.name for path in days(tmp_path)]
+        assert [int(name[8]) for name in names] == kept
 
 
-def test_bytes_are_bounded_with_room_for_another_day(tmp_path):
-    diary = recorded(tmp_path, {f'day_0000{n}.csv': 1_000_000 for n in range(1, 7)})
-    assert len(prune(tmp_path, diary, 30, 16.1)) == 6
-    assert len(prune(tmp_path, diary, 30, 13.5)) == 3
-    assert prune(tmp_path, diary, 30, 11.5) == ['day_00006.csv']
-    assert prune(tmp_path, diary, 30, 10.5) == [], 'a day larger than its room stops nothing'
-
-
-def test_a_recording_that_nobody_judged_stays(tmp_path):
-    diary = recorded(tmp_path, {'day_00001.csv': 10, 'day_00002.csv': 10})
-    assert prune(tmp_path, replace(diary, days=diary.days[:1]), 1, 500.0) == [
-        'day_00001.csv', 'day_00002.csv']  # fmt: skip
+def test_a_recording_that_nobody_judged_stays(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr(old_days, '_KEPT_DAYS', 1)
+    assert len(prune(tmp_path, replace(recorded, days=recorded.days[:1]), 500.0)) == 6

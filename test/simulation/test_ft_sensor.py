@@ -23,7 +23,6 @@ from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,
-    duty_cycle,
     room_temperature,
     RunSettings,
     true_wrench,
@@ -76,14 +75,6 @@ def test_a_steady_state_does_not_change_and_without_heat_it_is_the_room(sensor, 
     later = trajectory(sensor, steady, np.tile([duty_cycle, 19.0], (5000, 1)))
     np.testing.assert_allclose(later, np.tile(steady, (5001, 1)), rtol=1e-9)
     np.testing.assert_allclose(start(sensor, 19.0), 19.0, rtol=1e-9)
-
-
-def test_steady_heat_of_the_motor_leaves_into_the_room(sensor):
-    s, n = SETTINGS, SETTINGS.cells
-    excess = steady_state(sensor, 1.0, 20.0) - 20.0
-    convection = np.full(n + 2, s.body_convection_w_per_k / n)
-    convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
-    assert convection @ excess == pytest.approx(s.max_motor_power_w)
 
 
 def test_stored_energy_is_the_heat_that_came_in_without_convection():
@@ -180,23 +171,6 @@ def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
 # Readings
 
 
-def test_batch_equals_the_fold_of_single_steps():
-    sensor = build_sensor(CLEAN, 3)
-    noisy = replace(CLEAN, force_noise_n=0.1, torque_noise_nm=0.01, thermometer_noise_k=0.1)
-    sensor = replace(sensor, settings=noisy)
-    course, wrench = random_drive(300), np.random.default_rng(1).normal(0, 10, (300, 6))
-    readings, celsius = simulate(sensor, start(sensor, 22.0), course, wrench, noise())
-    nodes_c, generators = start(sensor, 22.0), noise()
-    for k in range(300):
-        now = course[k : k + 1]
-        reading, one_celsius = simulate(sensor, nodes_c, now, wrench[k : k + 1], generators)
-        np.testing.assert_allclose(readings[k], reading[0], atol=1e-9)
-        np.testing.assert_allclose(celsius[k], one_celsius[0], atol=1e-9)
-        nodes_c = trajectory(sensor, nodes_c, now)[-1]
-    whole = trajectory(sensor, start(sensor, 22.0), course)
-    np.testing.assert_allclose(whole[-1], nodes_c, atol=1e-9)
-
-
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
     wrench, celsius = simulate(
         sensor, start(sensor, 22.0), random_drive(500), np.zeros((500, 6)), noise()
@@ -235,7 +209,7 @@ def test_seed_makes_the_specimen():
 
 def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
     run = draw_run(RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9)), noise()[0])
-    levels = duty_cycle(run, [0.0, 9.99, 10.0, 19.99, 20.0, 1e6])
+    levels = drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
     np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
 
 

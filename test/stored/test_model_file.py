@@ -11,25 +11,20 @@ import pytest
 import yaml
 
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.arx_filter import Arx, relaxation
+from wrist_ft_comp.drift.arx import Arx, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate, Term
+from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import KIND, load_model, save_model
 
 #: Written in C where PyYAML has it.
 FAST = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-#: The second one behind a regularised regression, which knows no errors.
-TERMS = (
-    Term('zero', 777.0, 'θ1²', 1 / 3, 1e-17),
-    Term('sensitivity', 0.1, 'T2 near -15 °C', -1e7, float('nan')),
-)
 
 
 def make_axis(kind, outputs, seed, filters=()):
@@ -83,7 +78,6 @@ def calibration():
             rms_after=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
-            terms=TERMS if axis == 'force_z' else (),
             reason='it leaves 1e-17 N – the best',
             notes=('zero drift only: “constant”',),
         )
@@ -218,20 +212,10 @@ def test_the_deviation_of_every_axis_comes_back(calibration, saved):
     np.testing.assert_array_equal(loaded.uncertainty(at), calibration.model.uncertainty(at))
 
 
-def test_terms_are_written_with_their_errors_and_unknown_ones_as_null(saved):
+def test_errors_that_nobody_knows_are_null(saved):
     axes = load_model(saved).document['axes']
-    assert axes['force_z']['terms'] == [
-        {
-            'output': 'zero', 'time_constant_s': 777.0, 'feature': 'θ1²', 'gain': 1 / 3,
-            'error': 1e-17,
-        },
-        {
-            'output': 'sensitivity', 'time_constant_s': 0.1, 'feature': 'T2 near -15 °C',
-            'gain': -1e7, 'error': None,
-        },
-    ]  # fmt: skip
     assert axes['force_z']['time_constant_errors_s'] == [1 / 3, None]
-    assert axes['force_y']['terms'] == axes['force_y']['time_constant_errors_s'] == []
+    assert axes['force_y']['time_constant_errors_s'] == []
     assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
     assert '.nan' not in saved.read_text(encoding='utf-8').lower()
 

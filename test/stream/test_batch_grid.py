@@ -102,32 +102,6 @@ def test_the_grid_is_the_textbook_loop_in_pieces_of_any_size(blocks, period_s, s
     assert recording.warnings == ()
 
 
-@pytest.mark.parametrize('origin', [0, EPOCH, -EPOCH])
-def test_cells_are_half_open(origin):
-    recording = grid_samples(
-        [
-            samples('temperature_c', (0.0, 1.0), (0.999999999, 3.0), (1.0, 4.0), origin=origin),
-            wrenches(0.0, origin=origin),
-        ]
-    )
-    assert recording.first_cell == origin // SECOND
-    np.testing.assert_array_equal(recording.temperature_c[:, 0], [2.0, 4.0])
-
-
-def test_several_channels_of_one_block_share_their_stamps():
-    stamps = np.array([0, SECOND // 2, SECOND])
-    block = Samples(
-        ('temperature_c', 'force_x', 'reference_force_x'),
-        stamps,
-        np.array([[20.0, 1.0, 5.0], [22.0, 3.0, 6.0], [30.0, 7.0, 8.0]]),
-    )
-    recording = grid_samples([block])
-    np.testing.assert_array_equal(recording.temperature_c[:, 0], [21, 30])
-    np.testing.assert_array_equal(recording.wrench[:, 0], [2, 7])
-    np.testing.assert_array_equal(recording.reference[:, 0], [5.5, 8])
-    assert recording.axes_present == ('force_x',)
-
-
 @pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin'])
 def test_unusable_samples_are_dropped_and_counted(fault):
     good = [(float(k), 20.0 + k / 10) for k in range(200)]
@@ -229,42 +203,7 @@ def test_a_period_out_of_range_is_refused(period_s):
         grid_samples([], period_s=period_s)
 
 
-def gridded(force, seconds=None):
-    """A recording with a specific force, one sample per row and second."""
-    stamps = np.arange(len(force)) if seconds is None else seconds
-    block = Samples(FORCE_CHANNELS, np.asarray(stamps) * SECOND, np.asarray(force, dtype=float))
-    temperature = samples('temperature_c', *((s, 20.0) for s in range(len(force))))
-    return grid_samples([wrenches(*range(len(force))), temperature, block])
-
-
 POSES = np.repeat([[0, 0, 9.5], [9.5, 0, 0], [0, -9.5, 0]], 10, axis=0)
-
-
-def test_specific_force_stays_as_it_was_measured():
-    moving = np.array([[30.0, 0.0, 0.0], [0.0, 0.0, 30.0]])
-    measured = np.concatenate((POSES, moving))
-    recording = gridded(measured)
-    assert recording.warnings == ()
-    np.testing.assert_array_equal(recording.specific_force, measured)
-
-
-def test_specific_force_in_g_is_doubted():
-    recording = gridded(POSES / 9.5)
-    np.testing.assert_array_equal(recording.specific_force, POSES / 9.5)
-    (doubt,) = recording.warnings
-    assert 'norm of 1 at rest, -90% off 9.807' in doubt
-
-
-def test_an_acceleration_without_gravity_counts_as_absent():
-    recording = gridded(POSES * 0.001)
-    assert recording.specific_force is None
-    assert 'norm of 0.0095 at rest' in recording.warnings[0]
-
-
-def test_specific_force_is_absent_where_it_was_not_sampled():
-    recording = gridded(POSES, seconds=[*range(15), *range(16, 31)])
-    assert np.isnan(recording.specific_force[15]).all()
-    assert np.isfinite(np.delete(recording.specific_force, 15, axis=0)).all()
 
 
 def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
@@ -275,9 +214,25 @@ def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
     np.testing.assert_allclose(recording.rotation_speed, [math.sqrt(12.5), 0.5, np.nan])
 
 
-def test_two_of_three_accelerations_are_none():
-    block = Samples(FORCE_CHANNELS[:2], np.arange(3) * SECOND, np.ones((3, 2)))
-    temperature = samples('temperature_c', *((s, 20.0) for s in range(3)))
-    recording = grid_samples([wrenches(0, 1, 2), temperature, block])
-    assert recording.specific_force is None
-    assert 'no cell with linear_acceleration_x, _y and _z' in recording.warnings[0]
+@pytest.mark.parametrize(
+    ('force', 'seconds', 'doubt'),
+    [
+        (np.concatenate((POSES, [[30.0, 0, 0], [0, 0, 30.0]])), range(32), ''),
+        (POSES, [*range(15), *range(16, 31)], ''),
+        (POSES / 9.5, range(30), 'norm of 1 at rest, -90% off 9.807'),
+        (POSES * 0.001, range(30), 'norm of 0.0095 at rest'),
+        (POSES[:, :2], range(30), 'no cell with linear_acceleration_x, _y and _z'),
+    ],
+    ids=['moving', 'one missing', 'in g', 'without gravity', 'two of three'],
+)
+def test_specific_force_stays_as_measured_or_is_doubted_or_absent(force, seconds, doubt):
+    block = Samples(FORCE_CHANNELS[: force.shape[1]], np.array(seconds) * SECOND, force)
+    temperature = samples('temperature_c', *((s, 20.0) for s in range(32)))
+    recording = grid_samples([wrenches(*range(32)), temperature, block])
+    assert all(doubt in warning for warning in recording.warnings)
+    assert len(recording.warnings) == bool(doubt)
+    if doubt and '-90%' not in doubt:
+        assert recording.specific_force is None
+        return
+    np.testing.assert_array_equal(recording.specific_force[list(seconds)], force)
+    assert np.isfinite(recording.specific_force).all(axis=1).sum() == len(force)

@@ -6,23 +6,25 @@ import pytest
 from wrist_ft_comp.signals import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
-from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.clock import Sample
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 
 SECOND = 1_000_000_000
 NAN = math.nan
 
 
 class Node:
-    """Feeds a grid and an averager as the node does."""
+    """Feeds a tracker and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
-        self.grid = ThermalGrid(SECOND, thermometers, patience_s)
+        self.tracker = DriftTracker(thermometers, SECOND, patience_s, 10.0)
         self.averager = CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):
         for j, value in enumerate(celsius):
             if value is not None:
-                self.averager.add_cells(self.grid.add(j, round(at_s * SECOND), value))
+                self.averager.add_cells(self.tracker.add(Sample(j, round(at_s * SECOND), value)))
 
     def raw(self, at_s, value):
         self.averager.add_raw(round(at_s * SECOND), [value] * 6)
@@ -34,21 +36,6 @@ class Node:
 def cells(rows):
     """Cell, force_x, reference_force_x and temperatures of each row."""
     return [(stamp // SECOND, row[0], row[6], *row[12:]) for stamp, row in rows]
-
-
-def test_a_row_holds_the_means_of_its_cell_and_the_stamp_of_its_middle():
-    averager, rows = CellAverager(SECOND, 1), []
-    raw, reference = np.random.default_rng(1).normal(size=(2, 30, 6))
-    for k in range(30):
-        averager.add_reference(5 * SECOND + k * SECOND // 10, reference[k])
-        averager.add_raw(5 * SECOND + k * SECOND // 10, raw[k])
-    for cell in (5, 6):
-        averager.add_cells([ThermalCell(cell, np.array([20.0 + cell]), (0,))])
-        rows += averager.rows()
-    assert [stamp for stamp, _ in rows] == [5_500_000_000, 6_500_000_000]
-    for (_, row), part, celsius in zip(rows, (slice(10), slice(10, 20)), (25, 26), strict=True):
-        expected = [*raw[part].mean(axis=0), *reference[part].mean(axis=0), celsius]
-        np.testing.assert_allclose(row, expected, rtol=1e-12)
 
 
 def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_is_one():
@@ -69,19 +56,10 @@ def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_
     np.testing.assert_equal(cells(node.averager.rows()), [(1, 9.0, 6.0, 21.0)])
 
 
-def test_rows_without_wrenches_come_50_cells_late():
-    node = Node()
-    for second in range(60):
-        node.heat(second + 0.5, 20.0)
-    rows = [cells(node.averager.rows(final=final)) for final in (False, True)]
-    expected = [(second, NAN, NAN, 20.0) for second in range(59)]
-    np.testing.assert_equal(rows, [expected[:8], expected[8:]])
-
-
 @pytest.mark.parametrize('other', [25.0, None])
 def test_a_held_temperature_is_not_written_as_measured(other):
     node = Node(thermometers=2)
-    node.heat(0.5, 20.0, 30.0)
+    node.heat(0.5, 20.0, 26.0)
     for second in range(1, 12):
         node.raw(second, 1.0)
         node.heat(second + 0.5, 20.0, other)
@@ -97,16 +75,6 @@ def test_a_gap_in_everything_leaves_no_empty_rows():
         node.heat(second + 0.2, 20.0)
     rows = cells(node.averager.rows(final=True))
     assert [row[0] for row in rows] == [0, 1, 100_000]
-
-
-def test_late_wrenches_are_dropped_and_do_not_pile_up():
-    node = Node()
-    for second in range(200):
-        node.heat(second + 0.5, 20.0)
-        node.raw(second + 0.1, 1.0)
-        node.raw(max(second - 30, 0), 99.0)
-        node.averager.rows()
-    assert len(node.averager._cells) < 55
 
 
 def as_read(rows):
@@ -143,32 +111,6 @@ def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(sile
     assert seen.warnings == ()
 
 
-@pytest.mark.parametrize('sent', [('raw',), ('raw', 'reference')])
-def test_wrenches_without_any_temperature_do_not_pile_up(sent):
-    node, rows = Node(), []
-    for second in range(2000):
-        for kind in sent:
-            getattr(node, kind)(second + 0.1, float(second))
-        rows += node.averager.rows()
-        assert len(node.averager._cells) <= 600
-    written = cells(rows)
-    assert [row[0] for row in written] == list(range(2000 - 600))
-    for column, name in ((1, 'raw'), (2, 'reference')):
-        values = [row[column] for row in written]
-        expected = range(1400) if name in sent else [NAN] * 1400
-        np.testing.assert_equal(values, list(expected))
-    assert [row[0] for row in cells(node.averager.rows(final=True))] == list(range(1400, 2000))
-
-
-def test_references_alone_make_no_rows_and_do_not_pile_up():
-    node = Node()
-    for second in range(2000):
-        node.reference(second + 0.1, 1.0)
-        assert node.averager.rows() == []
-    assert len(node.averager._cells) <= 50
-    assert node.averager.rows(final=True) == []
-
-
 @pytest.mark.parametrize('behind_s', [-100_000, 100_000])
 def test_a_reference_of_another_clock_does_not_pile_up_without_temperatures(behind_s):
     node, rows = Node(), []
@@ -199,15 +141,6 @@ def test_wrenches_before_the_first_temperature_are_left_out():
     for second in (10, 11):
         node.heat(second + 0.2, 20.0)
     assert [row[0] for row in cells(node.averager.rows(final=True))] == [10]
-
-
-def test_one_stray_stamp_of_a_wrench_holds_no_later_one_back():
-    node, rows = Node(), []
-    for second in range(2000):
-        node.raw(second + 0.1 if second != 50 else 1e6, 1.0)
-        rows += node.averager.rows()
-    assert len(rows) == 2000 - 600
-    assert max(row[0] for row in cells(rows)) < 2000
 
 
 def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():

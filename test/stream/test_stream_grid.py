@@ -10,6 +10,7 @@ import pytest
 
 from wrist_ft_comp.signals import Samples, temperature_channel
 from wrist_ft_comp.stream.batch_grid import grid_samples
+from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.gap import OUTAGE_S, reporting_cells
 from wrist_ft_comp.stream.stream_grid import ThermalGrid
@@ -19,6 +20,10 @@ SECOND = 1_000_000_000
 
 def feed(grid, stream):
     return [cells for sample in stream for cells in grid.add(*sample)]
+
+
+def feed_tracker(tracker, stream):
+    return [cells for sample in stream for cells in tracker.add(Sample(*sample))]
 
 
 def seconds(thermometer, *pairs):
@@ -57,12 +62,12 @@ def streams(draw):
 def test_the_stream_gives_what_the_batch_gives(drawn):
     thermometers, stream = drawn
     tracker = DriftTracker(thermometers, SECOND, OUTAGE_S, 1000.0)
-    grid, completed = tracker.grid, feed(tracker, stream)
+    completed = feed_tracker(tracker, stream)
     usable = [
         [s for s in stream if s[0] == j and math.isfinite(s[2]) and s[2] != 1e6]
         for j in range(thermometers)
     ]
-    assert grid.rejected == len(stream) - sum(map(len, usable))
+    assert tracker.clocks.rejected == len(stream) - sum(map(len, usable))
     if not all(usable):
         assert not completed
         return
@@ -97,38 +102,11 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
 @given(drawn=streams(), patience_s=st.floats(0.1, 5.0))
 def test_an_impatient_stream_still_gives_every_cell_once(drawn, patience_s):
     thermometers, stream = drawn
-    grid = ThermalGrid(SECOND, thermometers, patience_s)
-    completed = feed(grid, stream)
-    assert len(grid._open) <= math.ceil(patience_s) + 1
+    tracker = DriftTracker(thermometers, SECOND, patience_s, 1000.0)
+    completed = feed_tracker(tracker, stream)
+    assert len(tracker.grid._open) <= math.ceil(patience_s) + 1
     if completed:
         assert np.isfinite(table(completed)[1]).all()
-
-
-def test_a_cell_is_complete_with_the_first_sample_of_the_next():
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    assert not feed(grid, seconds(0, (0.2, 20.0), (0.999999999, 22.0)))
-    (cells,) = grid.add(0, SECOND, 24.0)
-    assert feed(grid, seconds(0, (2.2, 26.0), (3.2, 28.0))), 'which change nothing behind'
-    assert (cells.number, cells.measured) == (0, (True,))
-    assert cells.temperature_c == pytest.approx([21.0])
-
-
-def test_a_silent_thermometer_is_waited_for_and_then_held():
-    grid = ThermalGrid(SECOND, 2, patience_s=3.0)
-    assert not feed(grid, seconds(0, (0.5, 20.0)))
-    assert not feed(grid, seconds(1, (0.5, 50.0)))
-    assert not feed(grid, seconds(0, (1.5, 21.0), (2.5, 22.0), (3.5, 23.0)))
-    (first,) = feed(grid, seconds(0, (4.5, 24.0)))
-    assert first.temperature_c == pytest.approx([20.0, 50.0])
-    (second,) = feed(grid, seconds(0, (5.5, 25.0)))
-    assert second.temperature_c == pytest.approx([21.0, 50.0])
-    assert second.measured == (True, False)
-    back = feed(grid, seconds(1, (5.6, 50.8)))
-    _, temperature_c, measured = table([first, second, *back])
-    np.testing.assert_allclose(temperature_c[2:], [[22, 50], [23, 50], [24, 50]])
-    np.testing.assert_array_equal(measured[2:, 1], False)
-    (last,) = feed(grid, seconds(0, (6.5, 26.0)) + seconds(1, (6.5, 52.0)))
-    assert last.temperature_c == pytest.approx([25.0, 50.8])
 
 
 @pytest.mark.parametrize(
@@ -173,39 +151,24 @@ def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number,
     assert first.temperature_c == pytest.approx([number, last_c])
 
 
-@pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.0])
+@pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.6])
 def test_a_stamp_that_does_not_increase_is_counted(stamp_s):
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    feed(grid, seconds(0, *((k + 0.5, 20.0) for k in range(6))))
-    assert not feed(grid, seconds(0, (stamp_s, 99.0)))
-    assert (grid.rejected, grid.restarts) == (1, 0)
-    (cells,) = feed(grid, seconds(0, (6.5, 20.0)))
+    tracker = DriftTracker(1, SECOND, 5.0, 1000.0)
+    feed_tracker(tracker, seconds(0, *((k + 0.5, 20.0) for k in range(6))))
+    assert not feed_tracker(tracker, seconds(0, (stamp_s, 21.0)))
+    assert (tracker.clocks.rejected, tracker.clocks.restarts) == (1, 0)
+    (cells,) = feed_tracker(tracker, seconds(0, (6.5, 20.0)))
     assert cells.temperature_c == pytest.approx([20.0])
 
 
-def test_time_that_ran_back_restarts_the_grid_there():
-    grid = ThermalGrid(SECOND, 2, patience_s=5.0)
-    both = [s for k in range(100, 120) for j in (0, 1) for s in seconds(j, (k + 0.5, 20.0 + j))]
+@pytest.mark.parametrize('before', [1, 20])
+def test_time_that_ran_back_restarts_the_grid_there(before):
+    """Also where it ran back in the first cell."""
+    tracker = DriftTracker(2, SECOND, 5.0, 1000.0)
+    both = [s for k in range(before) for j in (0, 1) for s in seconds(j, (k + 100.1, 20.0 + j))]
     again = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
-    feed(grid, [*both, *again, *both])
-    completed = feed(grid, again)
-    assert grid.restarts == 2
-    numbers, temperature_c, _ = table(completed)
+    feed_tracker(tracker, both)
+    numbers, temperature_c, _ = table(feed_tracker(tracker, again))
+    assert tracker.clocks.restarts == 1
     assert numbers[0] == 0
     np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
-
-
-def test_time_that_runs_back_in_the_first_cell_leaves_no_gap_in_temperatures():
-    grid = ThermalGrid(SECOND, 2, patience_s=5.0)
-    both = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
-    completed = feed(grid, [*seconds(0, (100.1, 20.0)), *seconds(1, (100.2, 21.0)), *both])
-    _, temperature_c, _ = table(completed)
-    np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
-
-
-def test_a_huge_gap_gives_no_cells():
-    grid = ThermalGrid(SECOND, 1, 5.0)
-    completed = feed(grid, seconds(0, (0.5, 20.0), (1e9, 30.0), (1e9 + 1, 31.0)))
-    assert [cell.number for cell in completed] == [0, 10**9]
-    assert [float(cell.temperature_c[0]) for cell in completed] == [20.0, 30.0]
-    assert len(grid._open) == 1

@@ -126,8 +126,10 @@ class TestGap:
         memory, again = memory_of(killed), restarted(hasty, killed, by_clock_s)
         first, before_c = memory.end_ns + gap_s * SECOND, memory.temperature_c[0]
         for second in range(2):
-            again.add_temperature(0, first + second * SECOND, before_c + max(gap_s, 0) + 1.0)
-        line = before_c + np.arange(1.0, max(gap_s, 0) + 2.0)[:, np.newaxis]
+            again.add_temperature(
+                0, first + second * SECOND, before_c + (max(gap_s, 0) + 1.0) / 10
+            )
+        line = before_c + np.arange(1.0, max(gap_s, 0) + 2.0)[:, np.newaxis] / 10
         _, drift = drift_model.run(hasty, memory.filters, line)
         np.testing.assert_allclose(again.tracker.drift.zero, drift.zero[-1])
         assert again.tracker.origin == (
@@ -188,22 +190,6 @@ def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
         assert not belongs_to(two, replace(memory, thermometers=known))
 
 
-def test_a_model_that_goes_live_before_the_first_temperature_is_remembered(model, make_model):
-    """A rollback, then a second kill: the tare belongs to a drift that must not be lost."""
-    killed = ran(model, 700)
-    again = restarted(model, killed)
-    other = make_model({'force_z': (-1.0, 0.0, 900.0)})
-    assert again.tracker.awaiting_gap
-    again.go_live(other)
-    assert again.compensating
-    assert not again.tracker.awaiting_gap
-    once_more = restarted(other, again)
-    assert once_more.compensation.zero[2] == again.compensation.zero[2] != 0.0
-    before, after = memory_of(killed), memory_of(once_more)
-    assert after.end_ns == before.end_ns
-    assert len(after.history) == len(before.history)
-
-
 def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):
     """A calibration or a rollback behind a restart: the coarse history does as well."""
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
@@ -219,55 +205,6 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
 
 
-def test_a_gap_that_was_crossed_is_a_part_of_the_history(model):
-    """Or a second restart would leave it out, and what was before it would seem too recent."""
-    killed = ran(model, 300)
-    again = restarted(model, killed)
-    feed(again, 900, 910)
-    memory = memory_of(again)
-    assert sum(count for _, count in memory.history) == len(again.tracker.history) == 909
-    between = np.repeat([value for value, _ in memory.history], [n for _, n in memory.history])
-    np.testing.assert_allclose(
-        between[400:800], again.tracker.history.temperature_c[400:800, 0], atol=0.5
-    )
-
-
-def test_a_refused_memory_leaves_no_history_and_no_mark_on_the_next_model(make_model, model):
-    killed = ran(model, 700)
-    for following in (None, make_model({'force_z': (1.0, 0.0, 60.0)})):
-        again = restarted(model, killed)
-        feed(again, -5000, -4990)
-        assert again.tracker.forgot
-        assert len(again.tracker.history) < 12
-        again.go_live(following)
-        assert not again.tracker.forgot
-
-
-@pytest.mark.parametrize('seconds', [1, 61, 121, 150])
-def test_the_saved_history_holds_means_of_cells(model, seconds):
-    with_model, without = Compensator(1, SETTINGS, model), Compensator(1, SETTINGS)
-    for compensator in (with_model, without):
-        assert compensator.memory() is None
-        feed(compensator, 0, seconds + 1, 1.0)
-    assert without.memory() is None
-    history = memory_of(with_model).history
-    spans = np.split([warming(second) for second in range(seconds)], [1, 61, 121])
-    np.testing.assert_allclose(
-        [(value[0], cells) for value, cells in history],
-        [(span.mean(), len(span)) for span in spans if len(span)],
-    )
-
-
-@pytest.mark.parametrize('leap_s', [-18_000, 18_000])
-def test_a_stray_stamp_right_after_the_restart_does_not_cost_the_memory(model, leap_s):
-    killed = ran(model, 700)
-    again = restarted(model, killed)
-    again.add_temperature(0, START + (705 + leap_s) * SECOND, 25.0)
-    feed(again, 706, 710)
-    assert not again.tracker.forgot
-    assert again.compensation.zero[2] == pytest.approx(killed.compensation.zero[2], rel=0.02)
-
-
 def test_a_first_reading_of_nothing_after_a_restart_does_not_heat_the_gap(model):
     """Of a thermometer that was off, too: on a line to 85 °C a minute's gap would be hot."""
     killed = ran(model, 700)
@@ -278,4 +215,4 @@ def test_a_first_reading_of_nothing_after_a_restart_does_not_heat_the_gap(model)
     feed(expected, 760, 764)
     difference = again.compensation.zero - expected.compensation.zero
     np.testing.assert_allclose(difference, 0.0, atol=0.05)
-    assert again.tracker.grid.spikes[0].dropped == 1
+    assert again.tracker.spikes[0].dropped == 1

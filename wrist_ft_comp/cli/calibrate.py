@@ -10,13 +10,13 @@ from wrist_ft_comp.cli.tables import payloads_json, verdict_text
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
-from wrist_ft_comp.fit.calibrate import summarise
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
-from wrist_ft_comp.jobs.calibration import JobOutcome, run_job
+from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.report.verdict import Verdict
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS

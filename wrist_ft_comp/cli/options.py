@@ -23,7 +23,6 @@ from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.wire.temperature_source import parse_sources
-from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 #: Options that only bags have a use for.
 _OF_BAGS = (
@@ -84,15 +83,14 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     defaults = Topics()
     group = parser.add_argument_group('topics in bags')
     group.add_argument(
-        '--wrench-topic', default=defaults.wrench, metavar='TOPIC[:FIELD]',
-        help='a geometry_msgs/WrenchStamped; or a Wrench or six numbers in other messages, such '
-        "as '/driver/state:wrench' or '/driver/state:data[0..5]' (default: %(default)s)",
-    )  # fmt: skip
+        '--wrench-topic', default=defaults.wrench, metavar='TOPIC',
+        help='a geometry_msgs/WrenchStamped (default: %(default)s)')  # fmt: skip
     group.add_argument(
-        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[:UNIT]]',
+        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[*FACTOR][:UNIT]]',
         help='once per thermometer, the one inside the sensor first: a topic of '
-        'sensor_msgs/Temperature, or a number in other messages and its unit, C (default), K or '
-        f"F: '/driver/state:joints[2].temp:K' (default: {', '.join(defaults.temperatures)})",
+        'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
+        "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
+        f'(default: {", ".join(defaults.temperatures)})',
     )  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
@@ -137,7 +135,6 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     """Build the topics that were given; SettingsError when they can't be meant so."""
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
-    parse_wrench(arguments.wrench_topic)
     force = arguments.imu_topic, arguments.gravity_frame
     if all(force):
         raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')

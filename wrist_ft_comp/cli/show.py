@@ -316,9 +316,7 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     run += ['-p', 'model_file:=model.yaml']
     if topics.wrench.strip('/') != Topics().wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
-        inside = ':' in topics.wrench
-        run += ['-p', 'wrench_topic'] if inside else ['-r', 'wrench_raw']
-        run[-1] += f':={topics.wrench}'
+        run += ['-r', f'wrench_raw:={topics.wrench}']
     if topics.temperatures != Topics().temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]

@@ -13,7 +13,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import Diary, TORQUES
-from wrist_ft_comp.learning.memory import Memory
+from wrist_ft_comp.learning.memory import last_change, Memory
 from wrist_ft_comp.payload.set_payload_commands import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
@@ -88,7 +88,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
         f'What happened{newest}:' if happened else '',
         *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
         *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
-        f'last change: {memory.change or "none yet"}',
+        f'last change: {last_change(diary.history) or "none yet"}',
         f'known temperatures: {"; ".join(seen) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
@@ -116,11 +116,12 @@ def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
     ]
     force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
     medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
-    decisions = [(decision.day, decision.sentence) for decision in diary.decisions]
+    decisions = [(entry.day, entry.why) for entry in diary.history if entry.day]
+    node = {**vars(memory), 'change': last_change(diary.history)}
     sentence, counted = summary(diary)
     figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
     said = {'summary': figures, 'events': happened}
-    return {**vars(diary), 'days': days, 'decisions': decisions, 'node': memory, **said}
+    return {'days': days, 'decisions': decisions, 'paused': diary.paused, 'node': node, **said}
 
 
 def _shares(drift: DriftLeft) -> dict[str, float]:

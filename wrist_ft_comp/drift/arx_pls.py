@@ -13,14 +13,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray, IntArray
 
 #: Up to this many cells, stepping all latents at once is faster than filtering each of them: with
-#: 28 latents one cell takes a sixth of the time, and 40 cells take as long.
-_STEPPED_CELLS = 30
-#: Cells that a relaxation runs through in one matrix product.
+#: 28 latents one cell takes a sixth of the time, and 40 cells take as long. Of more, a relaxation
+#: runs through this many in one matrix product.
 _BLOCK = 32
 
 
@@ -98,7 +97,7 @@ class ArxPls:
         t = self._scores(x)
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
-        if len(x) <= _STEPPED_CELLS:
+        if len(x) <= _BLOCK:
             u = np.empty_like(t)
             for k in range(len(t)):
                 u[k] = numerators[:, 0] * t[k] + state[:, 0]

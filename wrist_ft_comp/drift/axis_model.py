@@ -11,12 +11,13 @@ from functools import cached_property
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray
 
+#: A static gain is 1 as far as files round it.
 _UNIT_GAIN_TOLERANCE = 1e-6
 #: Smallest calibrated range of a thermometer that counts: one that hardly moved during the
 #: calibration is not outside its range for a hundredth of a degree, K.
@@ -133,11 +134,15 @@ class AxisModel:
     def run(
         self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M) or (1, M)."""
-        before, behind = self._split(state)
+        """Advance by N cells, temperatures (N, J), drift (N, M), or (1, M) of the last."""
+        bank = self._filter_bank
+        before: FloatArray = state[:0]
         filtered = self._thermometer_features.clamp(temperature_c)
-        if self._filter_bank is not None:
-            before, filtered = self._filter_bank.run(before, filtered)
+        if bank is not None:
+            size = int(np.prod(bank.state_shape))
+            before, filtered = bank.run(state[:size].reshape(bank.state_shape), filtered)
+            state = state[size:]
+        behind: FloatArray = state.reshape(self.dynamics.state_shape)
         if last_only and not behind.size:  # what has no memory need not see the cells before
             filtered = filtered[-1:]
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
@@ -151,10 +156,3 @@ class AxisModel:
         return np.asarray(
             (excess / np.maximum(self.upper_c - self.lower_c, _LEAST_RANGE_K)).max(axis=-1)
         )
-
-    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Divide the state into that of the filters and that of the latents, shapes (R, L)."""
-        bank = self._filter_bank
-        rows, lags = (0, 0) if bank is None else bank.state_shape
-        before, behind = state[: rows * lags], state[rows * lags :]
-        return before.reshape(rows, lags), behind.reshape(self.dynamics.state_shape)

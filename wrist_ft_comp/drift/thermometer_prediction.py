@@ -13,9 +13,6 @@ import numpy as np
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.signals import FloatArray
 
-#: A relaxation with a shorter time constant has forgotten everything within a cell, s.
-_NO_MEMORY_S = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class ThermometerPrediction:
@@ -50,7 +47,8 @@ class ThermometerPrediction:
 
     def relax(self, relaxed_c: FloatArray, temperature_c: FloatArray, time_s: float) -> FloatArray:
         """Let relaxed temperatures, (K, J), follow constant ones, °C, (J,), for some time, s."""
-        slowness = np.maximum(self.time_constants_s, _NO_MEMORY_S)[:, np.newaxis]
+        # One of 0 s has forgotten everything.
+        slowness = np.maximum(self.time_constants_s, np.finfo(float).eps)[:, np.newaxis]
         return np.asarray(temperature_c + np.exp(-time_s / slowness) * (relaxed_c - temperature_c))
 
     def predict(self, relaxed_c: FloatArray) -> FloatArray:

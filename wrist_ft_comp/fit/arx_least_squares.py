@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import FloatArray

@@ -13,7 +13,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_least_squares import (
@@ -38,16 +38,6 @@ _DELAYS_S = (0.0, 10.0, 30.0)
 _ROUNDING = 1e-6
 
 
-def orders_to_try(period_s: float) -> list[Orders]:
-    """List the orders that compete for a latent on cells of a length, s, the simplest first."""
-    delays = sorted({round(delay_s / period_s) for delay_s in _DELAYS_S})
-    return [
-        orders
-        for n, m in _ORDERS
-        for orders in (Orders(n, m, 0, direct=True), *(Orders(n, m, d) for d in delays))
-    ]
-
-
 def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
     Fit a latent for each of the orders, n_r, m_r and d_r, or fewer where a block is exhausted.
@@ -56,8 +46,6 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     latent, in words. TooShortError is raised where an ARX finds too few consecutive samples.
     """
     outer = fit_pls(block.x, block.y, len(orders))
-    if not outer.latents:
-        return None, ()
     latents: list[Arx] = []
     notes: list[str] = []
     inner = zip(latent_segments(block, outer, block.scaled_outputs), orders, strict=False)
@@ -71,12 +59,7 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
             note += f'; a pole of radius {radius:.6f} was moved inside the unit circle'
         latents.append(latent)
         notes.append(note)
-    model = ArxPls(
-        input_mean=block.input_mean, input_weight=block.input_weight, rotations=outer.rotations,
-        latents=tuple(latents), output_loadings=outer.output_loadings,
-        output_weight=block.output_weight,
-        output_mean=np.zeros(len(block.output_weight)))  # fmt: skip
-    return model, tuple(notes)
+    return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
 
 
 def latent_segments(
@@ -111,10 +94,16 @@ def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders,
             by_fold[fold] = latent_segments(seen, outer, everywhere)
     if not by_fold:
         return (STATIC,) * latents
+    delays = sorted({round(delay_s / data.period_s) for delay_s in _DELAYS_S})
+    competing = [
+        orders
+        for n, m in _ORDERS
+        for orders in (Orders(n, m, 0, direct=True), *(Orders(n, m, d) for d in delays))
+    ]
     chosen: list[Orders] = []
     for r in range(min(map(len, by_fold.values()))):
         scored = []
-        for orders in orders_to_try(data.period_s):
+        for orders in competing:
             with suppress(TooShortError):  # what is too long for the recordings does not compete
                 left = [_left_held_out(data, fold, by_fold[fold][r], orders) for fold in by_fold]
                 scored.append((orders, np.concatenate(left)))

@@ -11,20 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import free_run
-from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import bin_means, keep_errors, tare
+from wrist_ft_comp.fit.cross_validation import bin_means, hold_out, tare
 from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
-from wrist_ft_comp.fit.model_building import (
-    anchored,
-    build_axis_model,
-    build_features,
-    by_relaxation,
-)
-from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
-from wrist_ft_comp.fit.ridge_bank import candidates, Pool, POOL_S, RidgeFit
+from wrist_ft_comp.fit.folds import BINS_PER_FOLD
+from wrist_ft_comp.fit.model_building import build_axis_model, build_features
+from wrist_ft_comp.fit.result import AxisFit, Candidate
+from wrist_ft_comp.fit.ridge_bank import candidates, LONG_BANK_S, Pool, POOL_S, RidgeFit
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData, sum_by_fold
 from wrist_ft_comp.signals import FloatArray
@@ -34,18 +29,16 @@ COMBINATION = 'combination'
 _WORTH_RUNNING = 0.02
 #: A fit's weight is what it leaves of the folds to the power of minus this.
 _SHARPNESS = 8.0
-#: Below every square, so that logarithms exist.
-_TINY = 1e-300
 #: Errors of an axis that never changes are rounding, up to this share of its readings.
 _ROUNDING = 1e-14
-#: Fits are compared by means over this time, or all look alike where a robot moves, s ...
+#: Fits are compared by means over this time, or all look alike where a robot moves, s.
 _COMPARED_S = 120.0
-#: ... but a fold has at least this many means.
-_FEWEST_COMPARED = 8
-#: What a body forgets that did not start at rest, s: it is set aside before fits are compared ...
-_TRANSIENTS_S = (300.0, 1000.0, 3000.0)
+#: What a body forgets that did not start at rest is set aside before fits are compared, s ...
+_TRANSIENTS_S = LONG_BANK_S[-3:]
 #: ... as far as its variance is below this many times that of the mean of all errors.
 _TRANSIENT_VARIANCE = 30.0
+#: Below every square, so that logarithms exist.
+_TINY = np.finfo(float).tiny
 
 
 class LeftOfFold(NamedTuple):
@@ -84,7 +77,8 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if weights[0] == 1:
         return fit
     gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
-    return replace(fit, model=_model(data, features, pool, inputs, gains))
+    model = build_axis_model(features, POOL_S, gains[:-1], inputs, data.period_s)
+    return replace(fit, model=model)
 
 
 def _columns(features: Features, relaxed_c: FloatArray) -> FloatArray:
@@ -136,7 +130,7 @@ def _compared(left: FloatArray, period_s: float) -> FloatArray:
     precision[0] = 0.0
     level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ left)
     rest = left - phi @ level
-    width = max(1, min(round(_COMPARED_S / period_s), len(rest) // _FEWEST_COMPARED))
+    width = max(1, min(round(_COMPARED_S / period_s), len(rest) // BINS_PER_FOLD))
     means = bin_means(rest, np.arange(len(rest)), width)
     return np.asarray((means**2).mean(axis=0) + precision @ level**2 / len(left))
 
@@ -187,54 +181,26 @@ def _axis_fit(
         average = np.where(members, weights if total > 0 else 1.0, 0.0)
         rows.append(Candidate(name, stated(average / average.sum()), total))
     used, after = weights[0] < 1, stated(weights)
-    heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
     reason = (
-        f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, no '
-        f'compensation {rows[0].rms:.3g} {data.unit}; most weight have '
-        + ' and '.join(f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest)
-        + '.'
-        if used
-        else f'Nothing that was tried holds on held-out data: no compensation leaves '
+        f'Nothing that was tried holds on held-out data: no compensation leaves '
         f'{rows[0].rms:.3g} {data.unit} RMS.'
     )
+    if used:
+        heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
+        names_of_two = [f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest]
+        reason = (
+            f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, '
+            f'no compensation {rows[0].rms:.3g} {data.unit}; most weight have '
+            f'{" and ".join(names_of_two)}.'
+        )
+    errors = []
+    for i, fold, cells, tared, _ in left:
+        inside = np.minimum(cells, len(data.residual[i]) - 1)
+        errors.append((i, fold, inside, -tared[:, 0], -tared @ weights))
     expected = expected_rms(data, _mean_squares(weights, left), single @ weights, single[:, 0])
     return AxisFit(
         model=None, chosen=COMBINATION if used else 'none', candidates=tuple(rows),
         rms_before=rows[0].rms, rms_after=after,
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
-        reason=reason, unit=data.unit, held_out=_held_out(data, left, weights, period_s),
+        reason=reason, unit=data.unit, held_out=hold_out(errors, period_s, tared=True),
         expected_rms=expected if after else 0.0)  # fmt: skip
-
-
-def _held_out(
-    data: AxisData, left: Sequence[LeftOfFold], weights: FloatArray, period_s: float
-) -> HeldOut:
-    """Keep an axis' errors on every fold, without compensation and of the average."""
-    parts = [
-        np.stack(
-            (
-                np.full(len(of_fold.cells), of_fold.recording),
-                np.full(len(of_fold.cells), of_fold.fold),
-                np.minimum(of_fold.cells, len(data.residual[of_fold.recording]) - 1),
-                -of_fold.tared[:, 0],
-                -of_fold.tared @ weights,
-            )
-        )
-        for of_fold in left
-    ]
-    return keep_errors(np.concatenate(parts, axis=1), period_s, tared=True)
-
-
-def _model(
-    data: AxisData,
-    features: Features,
-    pool: Pool,
-    inputs: Sequence[FloatArray],
-    gains: FloatArray,
-) -> AxisModel | None:
-    """Write gains of the pool, (P + 1,), as a model whose zero drift is none at rest at T_ref."""
-    by_tau = by_relaxation(gains[:-1], len(POOL_S), pool.inputs, loaded=pool.loaded)
-    model = build_axis_model(features, POOL_S, by_tau, inputs, data.period_s)
-    if model is None:
-        return None
-    return anchored(model, [0.0, float(gains[-2])] if pool.loaded else [0.0])

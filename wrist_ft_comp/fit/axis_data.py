@@ -127,21 +127,19 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
     loads = np.concatenate([w[np.isfinite(w)] for w in load])
     if not len(loads):
         return 'no reference wrench was recorded for this axis'
-    deviation = float(np.std(loads))
-    noise = noise_level([_without_gain_error(r, w) for r, w in zip(residual, load, strict=True)])
+    # A constant gain error is taken out, so that a moving load is not mistaken for noise.
+    remainders = []
+    for values, of_recording in zip(residual, load, strict=True):
+        both = np.isfinite(values) & np.isfinite(of_recording)
+        r, w = values[both], of_recording[both]
+        centred = w - w.mean() if len(w) else w
+        power = float(centred @ centred)
+        remainders.append(r - (float(centred @ r) / power) * w if power > 0 else r)
+    deviation, noise = float(np.std(loads)), noise_level(remainders)
     rounding = 1e-9 * float(np.abs(loads).max())
-    if deviation <= rounding or deviation < MIN_LOAD_TO_NOISE * noise:
-        return (
-            f'its load varied by {deviation:.3g} (standard deviation), less than '
-            f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
-        )
-    return ''
-
-
-def _without_gain_error(residual: FloatArray, load: FloatArray) -> FloatArray:
-    """Take a constant gain error out of r - w, so that a moving load is not mistaken for noise."""
-    both = np.isfinite(residual) & np.isfinite(load)
-    r, w = residual[both], load[both]
-    centred = w - w.mean() if len(w) else w
-    power = float(centred @ centred)
-    return np.asarray(r - (float(centred @ r) / power) * w if power > 0 else r, dtype=float)
+    if rounding < deviation >= MIN_LOAD_TO_NOISE * noise:
+        return ''
+    return (
+        f'its load varied by {deviation:.3g} (standard deviation), less than '
+        f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
+    )

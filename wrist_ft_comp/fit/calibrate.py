@@ -1,4 +1,8 @@
-"""A calibration from recordings to a model and its evidence, and its summary in a few lines."""
+"""
+A calibration: recordings are checked and cut into segments, and every axis is learnt and judged.
+
+This is the story; what each step decides is in the file that it is named after.
+"""
 
 from collections import ChainMap
 from collections.abc import Sequence
@@ -8,24 +12,29 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.arx_pls_oe import identify_lags
 from wrist_ft_comp.fit.auto import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
+from wrist_ft_comp.fit.data_checks import (
+    check_recordings,
+    drop_stuck_cells,
+    drop_unknown_temperatures,
+    idle_thermometers,
+    jumping_thermometers,
+    missing_wrenches,
+    small_spans,
+)
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
-from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.paper_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.fit.folds import assign_folds, FITTED_BIN_S, MIN_SAMPLES
+from wrist_ft_comp.fit.named_methods import identify_hats, identify_paper_method
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
-
-#: A start takes the mean temperatures of this time: long enough for the noise of a thermometer,
-#: short for a thermal body, s.
-_START_S = 10.0
 
 
 def calibrate(
@@ -59,41 +68,34 @@ def calibrate(
 
     """
     settings = settings or CalibrationSettings()
-    data_checks.check_alike(recordings)
-    ranges = data_checks.check_temperatures(recordings, settings.min_temperature_span_k)
-    axes = [
-        axis for axis in AXES if any(axis in recording.axes_present for recording in recordings)
-    ]
-    if not axes:
-        names = ', '.join(recording.name for recording in recordings)
-        raise CalibrationRefusedError(
-            f'{names} holds no wrench on the thermal cells that have a temperature. '
-            'Record wrench and temperature at the same time.'
-        )
-    silent = data_checks.missing_wrenches(recordings, settings.max_gap_s)
-    recordings, unknown = data_checks.drop_unknown_temperatures(recordings, settings.max_gap_s)
-    data_checks.check_reference(recordings, settings.reference)
-    recordings, dropped = data_checks.drop_stuck_cells(recordings, axes)
-    recordings, stepped = segment(recordings, settings.reference)
-    folds = assign_folds(recordings)
     progress = progress or (lambda _: None)
-    if settings.reference == 'payload':
+    reference, max_gap_s = settings.reference, settings.max_gap_s
+    # Check.
+    ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
+    axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
+    silent = missing_wrenches(recordings, max_gap_s)
+    recordings, unknown = drop_unknown_temperatures(recordings, max_gap_s)
+    recordings, dropped = drop_stuck_cells(recordings, axes)
+    # Begin a segment at each step of a still load.
+    recordings, stepped = segment(recordings, reference)
+    folds = assign_folds(recordings)
+    # Learn every axis; at work twice: with a model, drift is separated from payloads better.
+    work = None
+    if reference == 'payload':
         work = learn_at_work(recordings)
         _, model, _ = _learn(work.drift, axes, folds, settings, lambda _: None)
-        # With a model, drift is separated from payloads better: so once more.
         work = learn_at_work(recordings, (work, model))
-        fits, model, skipped = _learn(work.drift, axes, folds, settings, progress)
-    else:
-        work = None
-        fits, model, skipped = _learn(recordings, axes, folds, settings, progress)
+    learnt_from = work.drift if work else recordings
+    fits, model, skipped = _learn(learnt_from, axes, folds, settings, progress)
+    # Say what to doubt.
     sensors = {
         f'in recording {number}, {recording.name}': recording.sensor
         for number, recording in enumerate(recordings, 1)
     }
-    apart = differences(sensors)
-    warnings = [
-        *(warning for recording in recordings for warning in recording.warnings),
-        *([f'Recordings of several sensors: {apart}. Calibrate every one alone.'] * bool(apart)),
+    warnings = [warning for recording in recordings for warning in recording.warnings]
+    if apart := differences(sensors):
+        warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
+    warnings += [
         *dropped,
         *stepped,
         *skipped,
@@ -102,16 +104,16 @@ def calibrate(
         *(
             f'{jump} Its readings there count for the range and the model; record again, or leave '
             'that part out.'
-            for jump in data_checks.jumping_thermometers(recordings)
+            for jump in jumping_thermometers(recordings)
         ),
-        *data_checks.idle_thermometers(recordings),
-        *data_checks.small_spans(recordings, settings.min_temperature_span_k),
-        *(follows_gravity(recordings, settings.reference) if not settings.moves else ()),
+        *idle_thermometers(recordings),
+        *small_spans(recordings, settings.min_temperature_span_k),
+        *(follows_gravity(recordings, reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
-        *_doubts(recordings, fits),
+        *_doubts(recordings, fits, settings),
     ]
     return Calibration(
-        model=model, fits=fits, temperature_range_c=ranges,
+        model=model, fits=fits, temperature_range_c=ranges_c,
         duration_s=sum(recording.duration_s for recording in recordings),
         warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
         settings=settings, payloads=work.payloads if work else None,
@@ -130,10 +132,10 @@ def _learn(
     fits, skipped = dict[str, AxisFit](), list[str]()
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
-        if data.samples < data_checks.MIN_SAMPLES or len(data.fold_numbers) < 2:
+        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             skipped.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
-                f'least {data_checks.MIN_SAMPLES} in 2 blocks are needed. Record longer.'
+                f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
         if data.recordings == 1 < len(recordings):
@@ -159,7 +161,8 @@ def _learn(
         day_limits={
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
-        start_s=_START_S, prediction=predicted)  # fmt: skip
+        # A start takes means over this time: long for a thermometer's noise, short for a body.
+        start_s=FITTED_BIN_S, prediction=predicted)  # fmt: skip
     return fits, model, skipped
 
 
@@ -174,7 +177,9 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     return identify_paper_method(data, settings, settings.method)
 
 
-def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[str]:
+def _doubts(
+    recordings: Sequence[Recording], fits: dict[str, AxisFit], settings: CalibrationSettings
+) -> list[str]:
     """Say what a person should doubt in the fits, in sentences."""
     doubts = []
     longest_s = max(recording.duration_s for recording in recordings)
@@ -191,32 +196,21 @@ def _doubts(recordings: Sequence[Recording], fits: dict[str, AxisFit]) -> list[s
             f'longest recording ({longest_s:.0f} s); record at least '
             f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
         )
+    unexplained = [
+        f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
+        for axis, fit in fits.items()
+        if fit.rms_after > max(fit.rms_before / 2, moving_limit(axis))
+    ]
+    if unexplained and not settings.moves:
+        doubts.append(
+            'Most of what these readings do is not explained by temperature, RMS: '
+            f'{", ".join(unexplained)}. The load was declared {settings.reference}: did the robot '
+            'move, or did something touch it? Or does no thermometer see the heat? Record again '
+            'standing still, or with the specific force (--reference payload).'
+        )
     doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
     return doubts + [
         f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
         for axis, fit in fits.items()
         if fit.harmful
     ]
-
-
-def summarise(calibration: Calibration) -> str:
-    """Say what was learnt: a line per axis and payload, one on the recordings, the warnings."""
-    lines = [_axis_line(axis, fit) for axis, fit in calibration.fits.items()]
-    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
-    lines += calibration.payloads.lines() if calibration.payloads else []
-    lines += calibration.acceptance
-    lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')
-    lines += [f'warning: {warning}' for warning in calibration.warnings]
-    return '\n'.join(lines)
-
-
-def _axis_line(axis: str, fit: AxisFit) -> str:
-    if fit.model is None:
-        return f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
-    drifts = 'zero and sensitivity' if fit.model.outputs == 2 else 'zero'
-    # A method that a person named is kept although it may do harm; it must not do so silently.
-    harm = ': WORSE THAN NONE' if fit.harmful else ''
-    return (
-        f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
-        f'({drifts}; {fit.chosen}){harm}'
-    )

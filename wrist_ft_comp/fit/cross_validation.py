@@ -106,15 +106,6 @@ def part_errors(bins: Sequence[FoldBins]) -> FloatArray:
     )
 
 
-def squares_left(data: AxisData, remainders: Sequence[FloatArray], fold: int) -> FloatArray:
-    """Score what several outputs, (N_i, M), have left of a fold: summed, as ``part_errors``."""
-    by_output = [
-        part_errors(fold_bins(data, [values[:, m] for values in remainders], fold))
-        for m in range(remainders[0].shape[1])
-    ]
-    return np.asarray(np.sum(by_output, axis=0))
-
-
 def simplest_good(errors: Sequence[FloatArray]) -> int:
     """
     Find the simplest candidate within one standard error of the best, or within 15 % of it.
@@ -125,31 +116,24 @@ def simplest_good(errors: Sequence[FloatArray]) -> int:
     means = [float(error.mean()) for error in errors]
     best = int(np.argmin(means))
     for position, error in enumerate(errors):
-        margin = max(standard_error(error - errors[best]), WORTHWHILE * means[position])
+        differences, standard_error = error - errors[best], 0.0
+        if len(error) > 1:
+            standard_error = float(differences.std(ddof=1)) / np.sqrt(len(error))
+        margin = max(standard_error, WORTHWHILE * means[position])
         if means[position] - means[best] <= margin:
             return position
     return best
 
 
-def standard_error(differences: FloatArray) -> float:
-    """Estimate the standard error of a mean; 0 for a single value."""
-    count = len(differences)
-    return float(differences.std(ddof=1)) / np.sqrt(count) if count > 1 else 0.0
-
-
-def hold_out(data: AxisData, before: Sequence[FoldBins], after: Sequence[FoldBins]) -> HeldOut:
-    """Keep the errors on every held-out fold, without compensation and of the winner."""
-    rows = [
-        np.stack(np.broadcast_arrays(*raw[:4], compensated.errors))
-        for raw, compensated in zip(before, after, strict=True)
-    ]
-    table = np.concatenate(rows, axis=1)
-    in_time_order = table[:, np.lexsort((table[2], table[0]))]
-    return keep_errors(in_time_order, data.bin_cells[0] * data.period_s, tared=data.tared)
-
-
-def keep_errors(table: FloatArray, bin_s: float, *, tared: bool) -> HeldOut:
-    """Name the rows of a table, (5, n): recording, fold, cell, and errors before and after."""
-    recording, fold = table[:2].astype(np.int64)
-    cell, before, after = table[2:]
-    return HeldOut(recording, fold, cell, before, after, bin_s, tared)
+def hold_out(
+    rows: Sequence[tuple[int, int, FloatArray, FloatArray, FloatArray]],
+    bin_s: float,
+    *,
+    tared: bool,
+) -> HeldOut:
+    """Keep in time order: recording, fold, cells, and errors without compensation and with it."""
+    table = np.concatenate([np.stack(np.broadcast_arrays(*row)) for row in rows], axis=1)
+    numbers, fold, cell, before, after = table[:, np.lexsort((table[2], table[0]))]
+    return HeldOut(
+        numbers.astype(np.int64), fold.astype(np.int64), cell, before, after, bin_s, tared
+    )

@@ -17,8 +17,6 @@ _LIMIT_OF_SEVERAL = 6.0
 #: What n recordings leave, by what n - 1 of them leave, is taken as 1 - 1/n to this power. So the
 #: median of 1270 axes that were learnt from two to six drawn days kept 0.86 of what was expected.
 _LEARNING_EXPONENT = 1 / 3
-#: Below every mean square of a drift, so that weights do not sum to 0.
-_TINY = 1e-300
 
 
 def expected_rms(
@@ -36,7 +34,9 @@ def expected_rms(
     left = (average + members) / 2
     if data.recordings > 1:
         learnt_more = (1 - 1 / len(left)) ** _LEARNING_EXPONENT
-        return float(learnt_more * np.sqrt(np.average(left, weights=uncompensated + _TINY)))
+        return float(
+            learnt_more * np.sqrt(np.average(left, weights=uncompensated + np.finfo(float).tiny))
+        )
     before = float(np.sqrt(uncompensated).mean())
     return day_over_blocks(data, before, DAY_S) * float(np.sqrt(np.mean(left)))
 

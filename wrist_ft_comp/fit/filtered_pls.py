@@ -18,13 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, relaxation
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_least_squares import fit_one_step, Orders, stabilise
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import simplest_good, squares_left
+from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, simplest_good
 from wrist_ft_comp.fit.pls import dominant_weights, EXHAUSTED
+from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S
 from wrist_ft_comp.fit.xy_block import XyBlock
 from wrist_ft_comp.signals import FloatArray
 
@@ -32,8 +33,7 @@ from wrist_ft_comp.signals import FloatArray
 Filter = float | Orders
 #: The filters that compete for each latent, the simplest first.
 FILTERS: tuple[Filter, ...] = (
-    0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0,
-    Orders(n=1, m=2, direct=True), Orders(n=2, m=2, direct=True),
+    *LONG_BANK_S, Orders(n=1, m=2, direct=True), Orders(n=2, m=2, direct=True)
 )  # fmt: skip
 
 
@@ -71,13 +71,11 @@ def fit_filtered_pls(
         deflation, remaining = latent.deflation, latent.remaining
     if not latents:
         return None, ()
-    model = ArxPls(
-        input_mean=block.input_mean, input_weight=block.input_weight,
-        rotations=np.stack([latent.rotation for latent in latents], axis=1),
-        latents=tuple(latent.arx for latent in latents),
-        output_loadings=np.stack([latent.loading for latent in latents], axis=1),
-        output_weight=block.output_weight,
-        output_mean=np.zeros(len(block.output_weight)))  # fmt: skip
+    model = block.model(
+        np.stack([latent.rotation for latent in latents], axis=1),
+        [latent.arx for latent in latents],
+        np.stack([latent.loading for latent in latents], axis=1),
+    )
     return model, tuple(f'latent {r}: h is {latent.note}' for r, latent in enumerate(latents, 1))
 
 
@@ -92,43 +90,40 @@ def choose_filters(data: AxisData, block: XyBlock, latents: int) -> tuple[Filter
     if not seen:
         return (0.0,) * latents
     # Deflation and remainder by fold; the latter also where the fold was not seen.
-    state = {
-        fold: (
-            np.eye(len(part.input_weight)),
-            tuple(y * part.output_weight for y in block.outputs),
-        )
-        for fold, part in seen.items()
-    }
+    state = {}
+    for fold, part in seen.items():
+        outputs = tuple(y * part.output_weight for y in block.outputs)
+        state[fold] = np.eye(len(part.input_weight)), outputs
     chosen: list[Filter] = []
     while len(chosen) < latents:
-        found: dict[Filter, dict[int, _Latent | None]] = {}
+        found: dict[Filter, dict[int, _Latent]] = {}
+        left: dict[Filter, FloatArray] = {}
         for option in FILTERS:
             with suppress(TooShortError):  # an ARX that is too long does not compete
-                found[option] = {
+                by_fold = {
                     fold: _extract(part, option, *state[fold], data.period_s)
                     for fold, part in seen.items()
                 }
-        left = {
-            option: np.concatenate(
-                [
-                    squares_left(data, latent.remaining, fold)
-                    for fold, latent in by_fold.items()
-                    if latent
-                ]
-            )
-            for option, by_fold in found.items()
-            if all(by_fold.values())
-        }
+                found[option] = {fold: latent for fold, latent in by_fold.items() if latent}
+                if len(found[option]) == len(seen):
+                    left[option] = np.concatenate(
+                        [_left(data, latent.remaining, n) for n, latent in found[option].items()]
+                    )
         if not left:
             break
         option = list(left)[simplest_good(list(left.values()))]
         chosen.append(option)
         state = {
-            fold: (latent.deflation, latent.remaining)
-            for fold, latent in found[option].items()
-            if latent
+            fold: (latent.deflation, latent.remaining) for fold, latent in found[option].items()
         }
     return tuple(chosen)
+
+
+def _left(data: AxisData, remaining: Sequence[FloatArray], fold: int) -> FloatArray:
+    """Mean squares that all outputs, (N_i, M), leave of a fold in sum, by part."""
+    outputs = [[values[:, m] for values in remaining] for m in range(remaining[0].shape[1])]
+    by_output = [part_errors(fold_bins(data, output, fold)) for output in outputs]
+    return np.asarray(np.sum(by_output, axis=0))
 
 
 def _extract(
@@ -143,7 +138,20 @@ def _extract(
     f = block.stack(remaining)
     if np.sum(f**2) <= EXHAUSTED * np.sum(block.y**2):
         return None
-    h, note = _make_filter(block, chosen, e, remaining, period_s)
+    if isinstance(chosen, Orders):
+        # The ARX from E_{r-1} w to F_{r-1} q, by eq. 22; w and q are those of the unfiltered
+        # block, and b_r takes the scale.
+        w = dominant_weights(block.stack(e), f)
+        q = f.T @ (block.stack(e) @ w)
+        segments = [
+            (values @ w, np.where(rows, outputs @ q, np.nan))
+            for values, outputs, rows in zip(e, remaining, block.valid, strict=True)
+        ]
+        h, moved = stabilise(fit_one_step(segments, chosen))
+        note = f'an ARX, {chosen}{", its poles moved inside the unit circle" if moved else ""}'
+    else:
+        h = relaxation(chosen, period_s)
+        note = f'a relaxation of {chosen:g} s' if chosen else 'none'
     filtered = [free_run(h, values) for values in e]  # eq. 11
     stacked = block.stack(filtered)
     w = dominant_weights(stacked, f)  # eq. 12
@@ -161,28 +169,3 @@ def _extract(
         arx=Arx(h.a, b * h.b, h.first_lag), rotation=deflation @ w, loading=slopes / b,
         deflation=deflation @ (np.eye(len(w)) - np.outer(w, p)), remaining=tuple(left),
         note=note)  # fmt: skip
-
-
-def _make_filter(
-    block: XyBlock,
-    chosen: Filter,
-    e: Sequence[FloatArray],
-    remaining: Sequence[FloatArray],
-    period_s: float,
-) -> tuple[Arx, str]:
-    """
-    Make h_r and name it: a relaxation, or the ARX from E_{r-1} w to F_{r-1} q by eq. 22.
-
-    w and q are those of the unfiltered block; b_r takes the scale.
-    """
-    if not isinstance(chosen, Orders):
-        return relaxation(chosen, period_s), f'a relaxation of {chosen:g} s' if chosen else 'none'
-    x, y = block.stack(e), block.stack(remaining)
-    w = dominant_weights(x, y)
-    q = y.T @ (x @ w)
-    segments = [
-        (values @ w, np.where(rows, f @ q, np.nan))
-        for values, f, rows in zip(e, remaining, block.valid, strict=True)
-    ]
-    h, moved = stabilise(fit_one_step(segments, chosen))
-    return h, f'an ARX, {chosen}{", its poles moved inside the unit circle" if moved else ""}'

@@ -1,20 +1,17 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.signals import FloatArray, IntArray, SensorNames
 
-Output = Literal['zero', 'sensitivity']
-OUTPUTS: tuple[Output, ...] = ('zero', 'sensitivity')
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
 #: A time constant longer than this share of the longest recording is not sure.
@@ -28,21 +25,6 @@ class Candidate:
     name: str
     rms: float
     weight: float = 0.0
-
-
-@dataclass(frozen=True)
-class Term:
-    """A gain of a fitted model, from a feature behind a relaxation to an output."""
-
-    output: Output
-    #: Of the relaxation, s; 0 is static.
-    time_constant_s: float
-    #: Such as ``θ1`` or ``θ2²``, or the knot of a hat.
-    feature: str
-    #: Per unit of the feature: N or N m for zero drift, 1 for sensitivity drift.
-    gain: float
-    #: Its standard error.
-    error: float
 
 
 class FoldErrors(NamedTuple):
@@ -107,8 +89,6 @@ class AxisFit:
     reason: str = ''
     #: Standard errors of the time constants, s; NaN where these were not searched.
     time_constant_errors_s: tuple[float, ...] = ()
-    #: Gains with standard errors, where the method determines them one by one.
-    terms: tuple[Term, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''
     #: The errors behind rms_before and rms_after, for pictures.
@@ -155,26 +135,3 @@ class Calibration:
     separation: Separation | None = None
     #: What the recordings call the sensor, the first one where they differ.
     sensor: SensorNames = field(default_factory=dict)
-
-    @property
-    def acceptance(self) -> list[str]:
-        """Say by axis what another day is accepted by; nothing of a chamber test."""
-
-        def limit(fit: AxisFit) -> str:
-            if fit.model is None:
-                return 'not compensated'
-            if np.isnan(fit.day_limit):
-                return 'nothing can be promised; record another day, too'
-            return f'below {fit.day_limit:.2g} {fit.unit}'
-
-        lines = [
-            f'  {axis}: {limit(fit)}; uncompensated {fit.largest_drift:.2g} {fit.unit}'
-            for axis, fit in self.fits.items()
-            if np.isfinite(fit.largest_drift)
-        ]
-        if not lines:
-            return []
-        low_c, high_c = max(self.temperature_range_c.tolist(), key=lambda ends: ends[1] - ends[0])
-        tared = f'On another day, tared, between {low_c:.0f} and {high_c:.0f} °C'
-        means = f'means over {averaged_s(self.model):g} s'
-        return [f'{tared}, {means} (95 of 100 days):', *lines]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx_filter import Arx, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
 
@@ -57,32 +57,24 @@ class BinnedData:
 
 def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
     """Sum an axis over bins of some cells."""
-    sums, segments, first_segment = [], [], 0
+    sums, segments, means_c, first_segment = [], [], [], 0
     for i, residual in enumerate(data.residual):
         w = np.zeros_like(residual) if data.load is None else data.load[i]
         present = np.isfinite(residual) & np.isfinite(w)
         y, w = np.where(present, residual, 0.0), np.where(present, w, 0.0)
         rows = [present.astype(float), w, w * w, y, y * y, w * y]
-        sums.append(BinSums(*(_sum_bins(row, cells) for row in rows)))
+        starts = np.arange(0, len(y), cells)
+        sums.append(BinSums(*(np.add.reduceat(row, starts) for row in rows)))
+        temperature_sums = np.add.reduceat(data.temperature_c[i], starts, axis=0)
+        means_c.append(temperature_sums / np.diff(starts, append=len(y))[:, np.newaxis])
         middle = (np.arange(len(sums[-1].count)) + 0.5) * cells
         segments.append(first_segment + np.searchsorted(sorted(data.steps[i]), middle))
         first_segment += len(data.steps[i]) + 1
     return BinnedData(
         period_s=cells * data.period_s, cells=cells,
-        temperature_c=tuple(_mean_bins(values, cells) for values in data.temperature_c),
+        temperature_c=tuple(means_c),
         sums=tuple(sums), folds=tuple(folds[::cells] for folds in data.folds),
         segments=tuple(segments), loaded=data.load is not None)  # fmt: skip
-
-
-def _sum_bins(values: FloatArray, cells: int) -> FloatArray:
-    """Sum over bins, shapes (N, …) to (n, …)."""
-    return np.asarray(np.add.reduceat(values, np.arange(0, len(values), cells), axis=0))
-
-
-def _mean_bins(values: FloatArray, cells: int) -> FloatArray:
-    """Average over bins, shapes (N, J) to (n, J)."""
-    counts = np.diff(np.arange(0, len(values), cells), append=len(values))
-    return np.asarray(_sum_bins(values, cells) / counts[:, np.newaxis])
 
 
 @dataclass(frozen=True, eq=False)

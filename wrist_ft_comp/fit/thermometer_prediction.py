@@ -1,4 +1,9 @@
-"""How each thermometer is predicted from the others: ridge regressions and held-out errors."""
+"""
+How each thermometer is predicted from the others: ridge regressions and held-out errors.
+
+The others stand behind the longest bank of relaxations of ``auto``, with its strengths of the
+ridge; the strength that errs least is taken.
+"""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,43 +11,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrist_ft_comp.drift.arx_filter import free_run, relaxation
+from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
 
-#: Relaxations of the other thermometers, s: from none to what a robot's body remembers.
-TIME_CONSTANTS_S: FloatArray = np.array([0.0, 60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0])
-#: Strengths of the ridge, as shares of a column's variance; the one that errs least is taken.
-_STRENGTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
-#: Fewer means than this cannot tell one thermometer by another.
-_FEWEST_MEANS = 60
+#: Less than this, s, cannot tell one thermometer by another.
+_SHORTEST_S = 3600.0
 #: Errors are averaged over this time before they say what is usual, s.
 _ERROR_MEAN_S = 300.0
-#: An averaged error changes within this time; the largest change in the recordings is usual, s.
-_ERROR_CHANGE_S = 600.0
-#: The prediction moves by at least this before one that stands still is taken for frozen, K ...
-_LEAST_STILL_K = 0.5
-#: ... by this many times what it moved by while a healthy one stood still, and by more than the
-#: largest change of its error. Without the latter, 4 of 1200 healthy ones of drawn worlds were
-#: replaced.
-_STILL_MARGIN = 3.0
-#: A thermometer is silent for at least this time before it is taken for dead, s ...
-_LEAST_SILENCE_S = 600.0
-#: ... and for this many times its longest silence in the recordings.
-_SILENCE_MARGIN = 3.0
-#: One that was replaced agrees again within this many times the largest averaged error ...
-_AGREE_MARGIN = 2.5
-#: ... and within this, K.
-_LEAST_AGREE_K = 0.5
-#: Fewer recordings have not shown how thermometers differ from day to day ...
-_FEWEST_RECORDINGS = 3
-#: ... then it agrees within this, K: learnt from one day of drawn worlds, predictions of healthy
-#: thermometers were off by up to as much on other days.
-_AGREE_UNSHOWN_K = 6.0
-#: Below every mean square, K², so that logarithms exist.
-_TINY_K2 = 1e-12
+#: An averaged error changes within this time, s; and no thermometer is dead that is silent for
+#: less.
+_USUAL_S = 600.0
+#: No healthy thermometer is called frozen that reads within this of its prediction, K, and none is
+#: believed again that does not.
+_NEAR_K = 0.5
+#: What is unusual is this many times what was usual in the recordings. Of 1200 healthy ones of
+#: drawn worlds, 4 were replaced where a change of the error did not count as usual, too.
+_UNUSUAL = 3.0
+#: From one or two recordings predictions of healthy thermometers of drawn worlds were off by up to
+#: this on other days, K.
+_NEAR_UNSHOWN_K = 6.0
 
 
 def predict_each_other(
@@ -52,18 +43,17 @@ def predict_each_other(
     Learn every thermometer from the others, on means over a minute.
 
     Errors are those of folds of cells, (N_i,), that were held out. None with one thermometer, or
-    where the recordings have fewer than 60 means.
+    where the recordings last less than an hour.
     """
     period_s, thermometers = recordings[0].period_s, recordings[0].thermometers
     cells = max(1, round(_MEAN_S / period_s))
+    mean_s = cells * period_s
     means_c = [_in_parts(r.temperature_c, cells).mean(axis=1) for r in recordings]
-    if thermometers < 2 or sum(map(len, means_c)) < _FEWEST_MEANS:
+    target_c = np.concatenate(means_c)
+    if thermometers < 2 or len(target_c) * mean_s < _SHORTEST_S:
         return None
-    heard: list[BoolArray] = [
-        np.asarray(_in_parts(r.measured, cells).any(axis=1)) for r in recordings
-    ]
-    filters = [relaxation(time_constant_s, period_s) for time_constant_s in TIME_CONSTANTS_S]
     # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
+    filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
     relaxed_c = np.concatenate(
         [
             np.stack(
@@ -74,26 +64,34 @@ def predict_each_other(
         ]
     )
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
-    target_c, ends = np.concatenate(means_c), np.cumsum(list(map(len, means_c)))[:-1]
-    mean_s = cells * period_s
+    averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_ERROR_MEAN_S, _USUAL_S))
     gains = np.zeros((thermometers, len(filters), thermometers))
     constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
     for j in range(thermometers):
         others = np.delete(relaxed_c, j, axis=2).reshape(len(relaxed_c), -1)
         error_k, of_others, constant_c[j] = _fit(others, target_c[:, j], fold)
         gains[j] = np.insert(of_others.reshape(len(filters), -1), j, 0.0, axis=1)
-        errors_k = np.split(error_k, ends)
-        moved_k = max(
-            _moved_while_still(means[:, j], error, any_heard[:, j])
-            for means, error, any_heard in zip(means_c, errors_k, heard, strict=True)
-        )
-        largest_k, changed_k = _largest_error(errors_k, mean_s)
-        still_k[j] = max(_LEAST_STILL_K, _STILL_MARGIN * moved_k, changed_k)
-        least_k = _LEAST_AGREE_K if len(recordings) >= _FEWEST_RECORDINGS else _AGREE_UNSHOWN_K
-        agree_k[j] = max(least_k, _AGREE_MARGIN * largest_k)
-        silent_s = max(longest_silence(r.measured[:, j]) * period_s for r in recordings)
-        silence_s[j] = max(_LEAST_SILENCE_S, _SILENCE_MARGIN * silent_s)
-    return ThermometerPrediction(TIME_CONSTANTS_S, gains, constant_c, still_k, silence_s, agree_k)
+        # What is usual: how far the prediction moves while the thermometer stands still or is
+        # silent, how large the averaged error gets, how much it changes, how long silence lasts.
+        moved_k = largest_k = changed_k = silent_s = 0.0
+        errors_k = np.split(error_k, np.cumsum(list(map(len, means_c)))[:-1])
+        for recording, mean_c, error in zip(recordings, means_c, errors_k, strict=True):
+            heard: BoolArray = np.asarray(_in_parts(recording.measured, cells).any(axis=1))[:, j]
+            predicted_c = mean_c[:, j] - error
+            for first, last in runs_of((np.diff(mean_c[:, j]) == 0) | ~heard[1:]):
+                moved_k = max(moved_k, float(np.ptp(predicted_c[first : last + 1])))
+            size = averaged if len(error) >= averaged else 1
+            mean_k = np.convolve(error, np.full(size, 1 / size), 'valid')
+            largest_k = max(largest_k, float(np.abs(mean_k).max(initial=0.0)))
+            change_k = mean_k[apart:] - mean_k[:-apart]
+            changed_k = max(changed_k, float(np.abs(change_k).max(initial=0.0)))
+            for first, last in runs_of(~recording.measured[:, j]):
+                silent_s = max(silent_s, (last - first) * period_s)
+        still_k[j] = max(_NEAR_K, _UNUSUAL * moved_k, changed_k)
+        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else _NEAR_UNSHOWN_K, _UNUSUAL * largest_k)
+        silence_s[j] = max(_USUAL_S, _UNUSUAL * silent_s)
+    time_constants_s = np.array(LONG_BANK_S)
+    return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)
 
 
 def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:
@@ -106,16 +104,14 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Regress by the strength that errs least, over folds: its errors, gains and constant."""
     best = (np.inf, 0.0, target_c)
-    for strength in _STRENGTHS:
-        error_k = np.empty_like(target_c)
+    for strength in STRENGTHS:
+        error_k, logs = np.empty_like(target_c), []
         for number in np.unique(fold):
             out = fold == number
             gains, constant_c = _ridge(columns[~out], target_c[~out], strength)
             error_k[out] = target_c[out] - constant_c - columns[out] @ gains
-        squares = [np.mean(error_k[fold == number] ** 2) for number in np.unique(fold)]
-        score = float(np.log(np.maximum(squares, _TINY_K2)).mean())
-        if score < best[0]:
-            best = score, strength, error_k
+            logs.append(np.log(max(np.mean(error_k[out] ** 2), 1e-12)))  # 1 µK is none
+        best = min(best, (float(np.mean(logs)), strength, error_k), key=lambda found: found[0])
     return best[2], *_ridge(columns, target_c, best[1])
 
 
@@ -127,34 +123,6 @@ def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[
     gram = scaled.T @ scaled + strength * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)
-
-
-def _largest_error(errors_k: Sequence[FloatArray], mean_s: float) -> tuple[float, float]:
-    """Find the largest averaged error, K, and its largest change; of means of some length, s."""
-    size = max(1, round(_ERROR_MEAN_S / mean_s))
-    apart = max(1, round(_ERROR_CHANGE_S / mean_s))
-    largest_k = changed_k = 0.0
-    for error_k in errors_k:
-        averaged_k = np.convolve(error_k, np.full(size, 1 / size), 'valid')
-        if len(error_k) < size:  # too short to be averaged
-            averaged_k = error_k
-        largest_k = max(largest_k, float(np.abs(averaged_k).max(initial=0.0)))
-        change_k = averaged_k[apart:] - averaged_k[:-apart]
-        changed_k = max(changed_k, float(np.abs(change_k).max(initial=0.0)))
-    return largest_k, changed_k
-
-
-def _moved_while_still(values_c: FloatArray, error_k: FloatArray, heard: BoolArray) -> float:
-    """Find how far the prediction moves, K, while a thermometer stands still or is silent."""
-    still = (np.diff(values_c) == 0) | ~heard[1:]
-    predicted_c = values_c - error_k
-    moved_k = [np.ptp(predicted_c[first : last + 1]) for first, last in runs_of(still)]
-    return float(max(moved_k, default=0.0))
-
-
-def longest_silence(measured: BoolArray) -> int:
-    """Count the cells of the longest silence."""
-    return max((last - first for first, last in runs_of(~measured)), default=0)
 
 
 def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:

@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, stretches
@@ -86,6 +88,18 @@ class XyBlock:
         parts = [values[rows] for values, rows in zip(series, self.valid, strict=True)]
         return np.concatenate([part - part.mean(axis=0) for part in parts if len(part)])
 
+    def model(
+        self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
+    ) -> ArxPls | None:
+        """Put an identified model together, in the block's units; None without any latent."""
+        if not len(latents):
+            return None
+        return ArxPls(
+            input_mean=self.input_mean, input_weight=self.input_weight, rotations=rotations,
+            latents=tuple(latents), output_loadings=output_loadings,
+            output_weight=self.output_weight,
+            output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
+
     @cached_property
     def _valid_inputs(self) -> FloatArray:
         return np.concatenate([x[rows] for x, rows in zip(self.inputs, self.valid, strict=True)])
@@ -107,30 +121,22 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
     """
     if data.load is None:
         return [residual[:, np.newaxis] for residual in data.residual]
-    deviation = np.std(np.concatenate([w[np.isfinite(w)] for w in data.load]))
-    return [
-        _observe_windows(residual, load, data.period_s, _LOADED_SHARE * float(deviation))
-        for residual, load in zip(data.residual, data.load, strict=True)
-    ]
-
-
-def _observe_windows(
-    residual: FloatArray, load: FloatArray, period_s: float, min_deviation: float
-) -> FloatArray:
-    """Slope and zero drift of one recording, shape (N, 2)."""
-    observed = np.full((len(residual), 2), np.nan)
-    present = np.isfinite(residual) & np.isfinite(load)
-    cells = max(round(OBSERVATION_WINDOW_S / period_s), 1)
-    at = np.flatnonzero(present)
-    parts = stretches(present, period_s)[at]
-    starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
-    # Windows count anew in each stretch, so none crosses a gap.
-    windows = np.stack((parts, (at - starts) // cells))
-    for window in np.unique(windows, axis=1).T:
-        rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
-        w = load[rows] - load[rows].mean()
-        if len(rows) > 2 and np.std(w) >= min_deviation:
-            slope = float(w @ residual[rows] / (w @ w))
-            observed[rows, 0] = residual[rows] - slope * load[rows]
-            observed[rows, 1] = slope
-    return observed
+    deviation = float(np.std(np.concatenate([w[np.isfinite(w)] for w in data.load])))
+    cells = max(round(OBSERVATION_WINDOW_S / data.period_s), 1)
+    drifts = list[FloatArray]()
+    for residual, load in zip(data.residual, data.load, strict=True):
+        observed = np.full((len(residual), 2), np.nan)
+        present = np.isfinite(residual) & np.isfinite(load)
+        at = np.flatnonzero(present)
+        parts = stretches(present, data.period_s)[at]
+        starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
+        # Windows count anew in each stretch, so none crosses a gap.
+        windows = np.stack((parts, (at - starts) // cells))
+        for window in np.unique(windows, axis=1).T:
+            rows = at[(windows == window[:, np.newaxis]).all(axis=0)]
+            w = load[rows] - load[rows].mean()
+            if len(rows) > 2 and np.std(w) >= _LOADED_SHARE * deviation:
+                slope = float(w @ residual[rows] / (w @ w))
+                observed[rows] = np.stack((residual[rows] - slope * load[rows], 0 * w + slope), 1)
+        drifts.append(observed)
+    return drifts

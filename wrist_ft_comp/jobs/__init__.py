@@ -1,1 +1,1 @@
-"""What takes long, in a process of its own; read ``request``, ``process``, ``calibration``."""
+"""Jobs that take minutes; ``entry`` is what runs in a process beside the node."""

@@ -1,4 +1,4 @@
-"""A calibration job, and its form as a line of JSON between two processes."""
+"""A job, and its form as a line of JSON between two processes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,10 +18,7 @@ class Learning:
     #: Models that were live, the live one last. Days before a person's last decision are no
     #: evidence for a change any more.
     history: tuple[HistoryEntry, ...] = ()
-    #: How many recordings of days are kept. The newer half of them stays; of the others, those
-    #: whose temperatures other days have seen as well are deleted first.
-    keep_days: int = 30
-    #: How large they may be together, MB.
+    #: How large recordings of days may be together, MB.
     max_mb: float = 500.0
 
 

@@ -1,6 +1,6 @@
 """A day at work, separated into payload, contacts and drift; what models leave of the drift."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from wrist_ft_comp.payload.at_work import payloads_of
 from wrist_ft_comp.payload.gains import contrast, COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.learnt import LearntPayloads
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.separation import separate, separate_again, Separation, Step
+from wrist_ft_comp.payload.separation import separate, separate_again, Step
 from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
 from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, Recording
 from wrist_ft_comp.stream.offline import simulate_drift
@@ -65,20 +65,22 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
     if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
         drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
         separation = separate_again(separation, [drift])
-    return replace(_day(separation), before=before)
-
-
-def _day(separation: Separation) -> Day:
-    """Collect what is needed of a separated day."""
-    (recording,), (drift,), (steps,) = separation.recordings, separation.drift, separation.steps
-    bodies, fit = separation.bodies(), separation.fit
+    cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
     doubts = bodies.doubts() if bodies else ['']
-    payloads = payloads_of(separation, bodies) if bodies and not doubts else None
-    doubt = doubts[-1] if doubts and bodies and bodies.contrast[1] >= CONTRAST else ''
-    moved = contrast(separation.cells, fit.weights) >= CONTRAST
-    unexplained = unexplained_contrast(separation.cells, fit) if moved else 0.0
-    contact = float(np.mean(fit.weights[separation.cells.usable] < COUNTS))
-    return Day(recording, drift, steps, moved, contact, unexplained, fit.noise, payloads, doubt)
+    # Gravity has to move enough in the sensor's frame to tell weight from drift.
+    moved = contrast(cells, fit.weights) >= CONTRAST
+    return Day(
+        recording=separation.recordings[0],
+        drift=separation.drift[0],
+        steps=separation.steps[0],
+        moved=moved,
+        contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
+        unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
+        noise=fit.noise,
+        payloads=payloads_of(separation, bodies) if bodies and not doubts else None,
+        doubt=doubts[-1] if doubts and bodies and bodies.contrast[1] >= CONTRAST else '',
+        before=before,
+    )
 
 
 def describe(day: Day) -> DayEntry:

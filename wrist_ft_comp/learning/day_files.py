@@ -18,7 +18,6 @@ from wrist_ft_comp.recordings.csv_file import (
 )
 from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.stored.documents import beginning, writing
-from wrist_ft_comp.stream.batch_grid import most_cells
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS
@@ -26,30 +25,29 @@ DAY_NS = 86_400 * NANOSECONDS
 SILENCE_NS = 7200 * NANOSECONDS
 #: A shorter day is not kept, ns.
 SHORTEST_NS = 600 * NANOSECONDS
-#: Rows between two measurements of how large the day and the folder are.
-_MEASURED_EVERY_ROWS = 600
-#: These rows take less than this, bytes.
+#: How large the folder is is measured once in this time of stamps, ns.
+_MEASURED_EVERY_NS = 60 * NANOSECONDS
+#: Rows of this time take less, bytes: a dozen thermometers.
 _MARGIN_BYTES = 200_000
-#: Largest share of the room of all days that one day may take.
-_MOST_SHARE = 0.2
-#: Largest day, bytes: 24 h of cells of 0.1 s and a dozen thermometers. A larger file is no day.
+#: Largest day, bytes: ten times what 24 h of cells of 1 s and a dozen thermometers take. A larger
+#: file is no day.
 LARGEST_BYTES = 200_000_000
 #: Every header and every row is shorter than this, bytes.
 _LONGEST_ROW_BYTES = 8192
 
 
-class DayWriter(CsvRecordingWriter):
-    """Writes the file of a day."""
+class _DayWriter(CsvRecordingWriter):
+    """Writes the file of a day: few digits, and no wrench waits for the disk."""
 
     stamp = 'stamp_s'
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
-        """Write the cells of a row with few digits."""
+        """Write the cells of a row."""
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
         return (f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.'), *map(_short, values))
 
     def sync(self) -> None:
-        """Do nothing: the operating system writes, and no wrench waits for a disk."""
+        """Do nothing: the operating system writes."""
 
 
 def _short(value: float) -> str:
@@ -107,8 +105,7 @@ def size_of(path: Path) -> int:
 
 def goes_on(path: Path, day: Path) -> bool:
     """Tell whether a day begins where the one at ``path`` was ended by its length alone."""
-    spans = [span_of(file) if size_of(file) else None for file in (path, day)]
-    first, last = spans
+    first, last = (span_of(file) if size_of(file) else None for file in (path, day))
     return bool(first and last and 0 < last.first_ns - first.last_ns <= SILENCE_NS)
 
 
@@ -118,23 +115,22 @@ class DayFiles:
 
     RecordingError when the disk refuses, or when all days together take ``max_bytes``. The name of
     the day ``newest_before``, the newest one that there ever was, and older names are not used
-    again.
+    again. ``sensor`` gives the names of the sensor.
     """
 
     def __init__(
-        self, directory: Path, channels: Sequence[str], max_bytes: float, newest_before: str = ''
+        self,
+        directory: Path,
+        channels: Sequence[str],
+        max_bytes: float,
+        newest_before: str = '',
+        sensor: Callable[[], SensorNames] = dict,
     ) -> None:
         self._directory, self._folder = directory, directory / 'days'
         self._columns = [j for j, name in enumerate(channels) if name not in REFERENCE_CHANNELS]
         self._channels = [channels[j] for j in self._columns]
         self._wrench = [j for j, name in enumerate(channels) if name in AXES]
-        self._max_bytes = max_bytes
-        #: Gives the names of the sensor.
-        self.sensor: Callable[[], SensorNames] = dict
-        #: Gives the length of a thermal cell, ns.
-        self.period_ns: Callable[[], int] = lambda: NANOSECONDS
-        # The first stamp may lie at the end of a cell, which adds one.
-        self._most_cells = most_cells(sum(name.startswith('temperature') for name in channels)) - 1
+        self._max_bytes, self._sensor = max_bytes, sensor
         names = [path.name for path in days(directory)]
         self._number = max(map(day_number, [newest_before, *names]))
         #: File of the day that goes on; None between days.
@@ -142,8 +138,9 @@ class DayFiles:
         self.path = newest if names and newest.name > newest_before and size_of(newest) else None
         #: Whether the newest row found no room.
         self.full = False
-        self._writer: DayWriter | None = None
-        self._first_ns = self._last_ns = self._rows = 0
+        self._writer: _DayWriter | None = None
+        #: First and last stamp of the day, and that of the last measurement, ns.
+        self._first_ns = self._last_ns = self._measured_ns = 0
         #: Whether the newest row was not later than the one before it.
         self._ran_back = False
 
@@ -157,53 +154,48 @@ class DayFiles:
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row into the day it belongs to."""
-        large = False
-        if self._rows % _MEASURED_EVERY_ROWS == 0:
+        if self.full or abs(stamp_ns - self._measured_ns) >= _MEASURED_EVERY_NS:
             self.full = self.used() > self._max_bytes - _MARGIN_BYTES
             if self.full:
                 raise RecordingError(
                     f'{self._folder} holds as much as learning.max_mb allows '
                     f'({self._max_bytes / 1e6:.0f} MB).'
                 )
-            largest = min(_MOST_SHARE * self._max_bytes, LARGEST_BYTES) - _MARGIN_BYTES
-            large = self.path is not None and size_of(self.path) > largest
-        writer, since = self._writer or self._resumed(), stamp_ns - self._last_ns
-        ran_back, self._ran_back = self._ran_back, bool(writer) and since <= 0
+            self._measured_ns = stamp_ns
+        writer, since_ns = self._writer or self._resumed(), stamp_ns - self._last_ns
+        ran_back, self._ran_back = self._ran_back, bool(writer) and since_ns <= 0
         late = all(isnan(values[j]) for j in self._wrench)  # temperatures from before a silence
         if self._ran_back and (late or not ran_back):
             return  # one stray row ends no day; time did run back where the next row says so, too
-        longest_ns = min(DAY_NS, self._most_cells * self.period_ns())
-        over = large or not 0 < since <= SILENCE_NS or stamp_ns - self._first_ns >= longest_ns
-        if not writer or over:
+        if not writer or not 0 < since_ns <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS:
             self.leave()
             writer = self._begin(stamp_ns)
         writer.append(stamp_ns, [values[j] for j in self._columns])
-        self._last_ns, self._rows = stamp_ns, self._rows + 1
+        self._last_ns = stamp_ns
 
-    def _begin(self, stamp_ns: int) -> DayWriter:
+    def _begin(self, stamp_ns: int) -> _DayWriter:
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         self._number += 1
         self.path = self._folder / f'day_{self._number:05d}.csv'
-        self._first_ns = self._last_ns = stamp_ns
-        columns = *self._channels, origin_column(self.sensor())
-        self._writer = DayWriter(self.path, columns)
+        self._first_ns = stamp_ns
+        self._writer = _DayWriter(self.path, (*self._channels, origin_column(self._sensor())))
         return self._writer
 
-    def _resumed(self) -> DayWriter | None:
+    def _resumed(self) -> _DayWriter | None:
         """Go on with the day of before a restart or a full disk, after its last whole row."""
         path = self.path
         with writing(self._folder):
             span = span_of(path) if path and path.is_file() else None
-            columns = span.header.split(',') if span else []
-            same = columns[:-1] == [DayWriter.stamp, *self._channels] and not differences(
-                {'before': sensor_in(columns), 'now': self.sensor()}
-            )
-            if not path or not span or not same:
+            if path is None or span is None:
+                return None
+            stamp, *columns = span.header.split(',')
+            other_sensor = differences({'before': sensor_in(columns), 'now': self._sensor()})
+            if other_sensor or [stamp, *columns[:-1]] != [_DayWriter.stamp, *self._channels]:
                 return None
             os.truncate(path, span.size)
             self._first_ns, self._last_ns = span.first_ns, span.last_ns
-            self._writer = DayWriter(path, columns[1:], go_on=True)
+            self._writer = _DayWriter(path, columns, go_on=True)
         return self._writer
 
     def leave(self) -> None:
@@ -213,7 +205,7 @@ class DayFiles:
         if path is None or not path.is_file():
             return
         with writing(path):
-            header = ','.join((DayWriter.stamp, *self._channels))
+            header = ','.join((_DayWriter.stamp, *self._channels))
             if not header.startswith(beginning(path)[: len(header)]):
                 return
             span, size = span_of(path), path.stat().st_size

@@ -9,15 +9,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
-from wrist_ft_comp.stored.documents import Document, Kind, plain, restored
-from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
+from wrist_ft_comp.stored.documents import Kind, plain, restored
+from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2, schema='diary.schema.json', keeps=True,
@@ -96,16 +95,17 @@ class DayEntry:
     #: empty where unknown.
     noise: tuple[float, ...] = ()
 
+    def share_left(self, model: str) -> FloatArray:
+        """Compute the share of the drift that a model left, (6,); NaN where it is unknown."""
+        unknown = (np.nan,) * len(AXES)
+        drift = np.maximum(self.left.get(NONE, unknown), 1e-12)
+        return np.asarray(np.array(self.left.get(model, unknown)) / drift)
 
-class Decision(NamedTuple):
-    """A change of the live model."""
-
-    #: Name of the newest day before it.
-    day: str
-    #: What was decided, and why.
-    sentence: str
-    #: Who decided, as in HistoryEntry.
-    how: How
+    def rms_left(self, model: str, axes: slice = FORCES) -> float:
+        """Compute the RMS that a model left of a force's drift, N, or of a torque's, or NaN."""
+        values = np.array(self.left.get(model, ())[axes])
+        present = values[np.abs(values) < LARGEST]
+        return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
 
 
 @dataclass(frozen=True)
@@ -113,33 +113,10 @@ class Diary:
     """All days, oldest first, also those whose recordings were deleted."""
 
     days: tuple[DayEntry, ...] = ()
-    #: Changes of the live model, from active.json; ``survey`` and the learning job add them.
-    decisions: tuple[Decision, ...] = ()
+    #: Models that were live, newest last: from active.json, and not in the diary's own file.
+    history: tuple[HistoryEntry, ...] = ()
     #: Why learning has stopped on its own; empty when it has not.
     paused: str = ''
-
-
-def forces_left(entry: DayEntry) -> FloatArray:
-    """
-    Compute the RMS of a force's drift, N, shape (3,): mean of three axes, NaN where unknown.
-
-    Without a model, with the live model, and with the new one that was learnt on that day.
-    """
-    return np.array([rms_left(entry, model) for model in (NONE, entry.live, CHALLENGER)])
-
-
-def rms_left(entry: DayEntry, model: str, axes: slice = FORCES) -> float:
-    """Compute the RMS that a model left of a force's drift, N, or of a torque's, N m, or NaN."""
-    values = np.array(entry.left.get(model, ())[axes])
-    present = values[np.abs(values) < LARGEST]
-    return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
-
-
-def share_left(entry: DayEntry, model: str) -> FloatArray:
-    """Compute the share of a day's drift that a model left, (6,); NaN where it is unknown."""
-    unknown = (np.nan,) * len(AXES)
-    drift = np.maximum(entry.left.get(NONE, unknown), 1e-12)
-    return np.asarray(np.array(entry.left.get(model, unknown)) / drift)
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
@@ -158,8 +135,7 @@ def load_diary(directory: Path) -> Diary:
     with suppress(RecordingError, OSError):
         if document := KIND.load_json(diary_path(directory)):
             diary: Diary = restored(Diary, document)
-            numbered = tuple(day for day in diary.days if day_number(day.name))
-            return replace(diary, days=numbered)
+            return replace(diary, days=tuple(day for day in diary.days if day_number(day.name)))
     return Diary()
 
 
@@ -174,12 +150,14 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
+    entries = []
+    for entry in diary.days[-_MOST_DAYS:]:
+        left = {
+            model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
+        }
+        entries.append(plain({**vars(entry), 'known': sorted(entry.known), 'left': left}))
     KIND.set_aside_unreadable(diary_path(directory))
-    document = {
-        'days': [_entry_values(entry) for entry in diary.days[-_MOST_DAYS:]],
-        'paused': diary.paused,
-    }
-    KIND.write_json(diary_path(directory), document)
+    KIND.write_json(diary_path(directory), {'days': entries, 'paused': diary.paused})
 
 
 def node_folders(path: Path) -> list[Path]:
@@ -191,11 +169,6 @@ def node_folders(path: Path) -> list[Path]:
     return sorted(folder.parent for folder in path.glob('*/days') if folder.is_dir())
 
 
-def decisions(history: Sequence[HistoryEntry]) -> tuple[Decision, ...]:
-    """List the changes of the live model that came after a day, oldest first."""
-    return tuple(Decision(entry.day, entry.why, entry.how) for entry in history if entry.day)
-
-
 def survey(directory: Path) -> Diary:
     """
     Read a folder's diary, and add the days that nobody judged, and changes of the live model.
@@ -203,9 +176,16 @@ def survey(directory: Path) -> Diary:
     RecordingError without days.
     """
     diary = load_diary(directory)
-    judged = {entry.name for entry in diary.days}
-    others = (_unjudged(path) for path in days(directory) if path.name not in judged)
-    entries = sorted((*diary.days, *others), key=lambda entry: entry.name)
+    entries = {day.name: day for day in diary.days}
+    for path in days(directory):
+        if path.name in entries:
+            continue
+        entries[path.name] = DayEntry(path.name, verdict='it is no file with rows of a day')
+        with suppress(OSError):
+            if size_of(path) and (span := span_of(path)):
+                hours = (span.last_ns - span.first_ns) / NANOSECONDS / 3600
+                verdict = 'not judged yet'
+                entries[path.name] = DayEntry(path.name, span.first_ns, hours, verdict=verdict)
     if not entries:
         raise RecordingError(
             f'{directory} holds no days. A node keeps them with the parameter learning set to '
@@ -214,24 +194,5 @@ def survey(directory: Path) -> Diary:
     history: list[HistoryEntry] = []
     with suppress(ModelFileError):  # the days can be shown without it
         history = ModelStore(directory).history()
-    return replace(diary, days=tuple(entries), decisions=decisions(history))
-
-
-def _unjudged(path: Path) -> DayEntry:
-    """Make the entry of a day that was not judged, by its file."""
-    span = None
-    with suppress(OSError):
-        span = span_of(path) if size_of(path) else None
-    if span is None:
-        return DayEntry(path.name, verdict='it is no file with rows of a day')
-    hours = (span.last_ns - span.first_ns) / NANOSECONDS / 3600
-    return DayEntry(path.name, span.first_ns, hours, verdict='not judged yet')
-
-
-def _entry_values(entry: DayEntry) -> Document:
-    """Convert an entry to plain values; NaN becomes null."""
-    rounded = {
-        model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
-    }
-    values: Document = plain({**vars(entry), 'known': sorted(entry.known), 'left': rounded})
-    return values
+    ordered = tuple(entries[name] for name in sorted(entries))
+    return replace(diary, days=ordered, history=tuple(history))

@@ -10,7 +10,7 @@ What changes the sensor stops learning until three more days have had no inciden
 decides. No day is forgotten.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -87,10 +87,16 @@ def incident(
     The days before come oldest first. ``drift``, N and N m, (N, 6), is what the live model
     explains of this day; that is no jump of the zero.
     """
+    if stopped := _stopped_thermometer(day, entry, before):
+        return stopped
+    if day.contact >= _MOST_CONTACT or day.unexplained >= _MOST_UNEXPLAINED:
+        return CONTACTS, (
+            f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
+            f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
+            'poses.'
+        )
     return (
-        _stopped_thermometer(day, entry, before)
-        or _mostly_contact(day)
-        or _other_gains(day, entry, before)
+        _other_gains(day, entry, before)
         or _jump_of_zero(day, entry, drift)
         or _noise(day, entry, before)
         or ('', '')
@@ -99,18 +105,17 @@ def incident(
 
 def pause(entries: Sequence[DayEntry], since: str) -> str:
     """Say why learning has stopped on its own; empty when it has not."""
-    changed = [
-        n for n, entry in enumerate(entries) if entry.kind in PAUSING and entry.name > since
-    ]
-    if not changed:
-        return ''
-    agreeing = sum(entry.kind in LEARNT_FROM for entry in entries[changed[-1] + 1 :])
-    if agreeing >= DAYS_TO_AGREE:
+    why, agreeing = '', 0
+    for entry in entries:
+        if entry.kind in PAUSING and entry.name > since:
+            why, agreeing = f'{entry.name}: {entry.incident}', 0
+        elif entry.kind in LEARNT_FROM:
+            agreeing += 1
+    if not why or agreeing >= DAYS_TO_AGREE:
         return ''
     return (
-        f'{entries[changed[-1]].name}: {entries[changed[-1]].incident} Learning goes on after '
-        f'{DAYS_TO_AGREE} days without an incident ({agreeing} so far). To let it go on now, call '
-        '~/calibrate or ~/adopt.'
+        f'{why} Learning goes on after {DAYS_TO_AGREE} days without an incident ({agreeing} so '
+        'far). To let it go on now, call ~/calibrate or ~/adopt.'
     )
 
 
@@ -132,25 +137,15 @@ def _stopped_thermometer(day: Day, entry: DayEntry, before: Sequence[DayEntry]) 
             at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
             return THERMOMETER, (
                 f'Thermometer {j + 1} {how} at {at_c:.1f} °C for {hours:.1f} h from '
-                f'{clock(recording, run)} on.'
+                f'{_clock(recording, run)} on.'
             )
     return None
-
-
-def _mostly_contact(day: Day) -> Incident | None:
-    """Find a day that was in contact for most of the time."""
-    if day.contact < _MOST_CONTACT and day.unexplained < _MOST_UNEXPLAINED:
-        return None
-    return CONTACTS, (
-        f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was in '
-        f'contact, and no payload explains {day.unexplained:.0%} of the changes between poses.'
-    )
 
 
 def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
     """Compare today's gains with s · R times those of the days before."""
     past = [gains for other in before if other.kind != CONTACTS for gains in _gains(other)]
-    today = list(_gains(entry))
+    today = _gains(entry)
     if not past:
         return None
     if not today:  # one day without a payload may be chance
@@ -160,8 +155,11 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
         return None
     masses = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in entry.payloads)
     # The newest of the days before comes first: an older tool may be of another mounting.
-    for other in reversed(past):
-        scale, rotation = _scale_and_rotation(other, today[0])
+    for earlier in reversed(past):
+        # today = s · earlier · R by orthogonal Procrustes, in the first payload of today.
+        left, size, right = np.linalg.svd(earlier.T @ today[0])
+        signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        scale, rotation = float(size @ signs / np.sum(earlier**2)), left * signs @ right
         scaled = [scale * gains @ rotation for gains in past]
         if all(any(_are_same(one, other) for other in scaled) for one in today):
             angle_deg = np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
@@ -170,28 +168,24 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
                 f'sensor is turned by {angle_deg:.0f}° against its accelerometer, since the start '
                 'of the day: its gain, its mounting or the frame of the specific force changed.'
             )
-    known = [past for past in before if past.payloads]
-    yesterday = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in known[-1].payloads)
-    return TOOL, f'Another tool: payloads of {masses} kg, before {yesterday} kg.'
+    newest = [other.payloads for other in before if other.payloads][-1]
+    masses_before = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in newest)
+    return TOOL, f'Another tool: payloads of {masses} kg, before {masses_before} kg.'
 
 
-def _gains(entry: DayEntry) -> Iterator[FloatArray]:
+def _gains(entry: DayEntry) -> list[FloatArray]:
     """Make the gains of a day's payloads, kg, (6, 3), torques divided by a lever."""
+    found = []
     for mass_kg, *center_m in entry.payloads if entry.rotation else ():
         lever = np.cross(np.array(center_m) / _LEVER_M, np.eye(3)).T
-        yield mass_kg * np.concatenate((np.eye(3), lever)) @ np.reshape(entry.rotation, (3, 3))
+        gains = mass_kg * np.concatenate((np.eye(3), lever))
+        found.append(gains @ np.reshape(entry.rotation, (3, 3)))
+    return found
 
 
 def _are_same(one: FloatArray, other: FloatArray) -> bool:
     """Whether two gains are those of one payload."""
     return bool(np.linalg.norm(one - other) < _SAME_GAINS * np.linalg.norm(other))
-
-
-def _scale_and_rotation(earlier: FloatArray, today: FloatArray) -> tuple[float, FloatArray]:
-    """Fit today = s · earlier · R, (6, 3), by orthogonal Procrustes: s and R, (3, 3)."""
-    left, size, right = np.linalg.svd(earlier.T @ today)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    return float(size @ signs / np.sum(earlier**2)), np.asarray(left * signs @ right)
 
 
 def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | None:
@@ -202,63 +196,59 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     raw = recording.wrench[:, present] / noise
     residual = (recording.wrench - day.drift.reference - drift)[:, present] / noise
     residual[~np.isfinite(day.drift.wrench[:, present])] = np.nan
+    free = np.flatnonzero(np.isfinite(residual).all(axis=1))
+    near, far = (max(round(seconds / recording.period_s), 1) for seconds in (_NEAR_S, _FAR_S))
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
-        jump = step.jump / noise
-        tolerated = _JUMP_TOLERANCE * np.linalg.norm(jump)
-        is_loud = np.linalg.norm(jump) > _LEAST_JUMP_SIGMA
-        is_large = np.nanmax(np.abs(step.jump) / drift_rms) > _LEAST_DRIFT_SHARE
-        if not is_loud or not is_large or _missed_zero(raw, step.cell, jump, day) < tolerated:
+        at, jump = step.cell, step.jump / noise
+        size = np.linalg.norm(jump)
+        tolerated = _JUMP_TOLERANCE * size
+        matters = np.abs(step.jump) > _LEAST_DRIFT_SHARE * drift_rms
+        if size <= _LEAST_JUMP_SIGMA or not matters.any():
             continue
-        change = _change_of_level(residual, step.cell, recording.period_s)
-        undone = [np.linalg.norm((other.jump + step.jump) / noise) for other in day.steps]
-        # Nothing free of contact confirms it (NaN), or it ends as it began: a long press.
-        unconfirmed = np.linalg.norm(change - jump) / np.linalg.norm(jump)
-        if unconfirmed < 1 - _CONFIRMED_SHARE and min(undone) > tolerated:
-            sizes = ', '.join(f'{size:.2g}' for size in step.jump)
-            time = clock(recording, np.arange(len(recording)) >= step.cell)
-            if any(np.linalg.norm(weight / noise - jump) < tolerated
-                   for weight in _weights_of_parts(day, step.cell, present)):  # fmt: skip
+        if _distance_to_zero(raw[max(0, at - near) : at + near], min(at, near), jump) < tolerated:
+            continue  # a tare
+        if any(np.linalg.norm(other.jump / noise + jump) <= tolerated for other in day.steps):
+            continue  # a press, which ends as it began
+        before = free[(free < at) & (free >= at - far)][-near:]
+        after = free[(free >= at) & (free < at + far)][:near]
+        if not len(before) or not len(after):
+            continue  # a press beside which nothing is free of contact
+        change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
+        if np.linalg.norm(change - jump) >= (1 - _CONFIRMED_SHARE) * size:
+            continue  # heat, or a press that ends where nothing is free of contact
+        marked = np.arange(len(recording)) >= at
+        for weight in _changes_of_weight(day, at, near):
+            if np.linalg.norm(weight[present] / noise - jump) < tolerated:
                 return CONTACTS, (
-                    f'The reading stepped at {time} by what the payloads of the day differ by, as '
-                    'where a robot is parked with a part for long: its drift cannot be learnt.'
+                    f'The reading stepped at {_clock(recording, marked)} by what the payloads of '
+                    'the day differ by, as where a robot is parked with a part for long: its '
+                    'drift cannot be learnt.'
                 )
-            return ZERO, (
-                f'The zero jumped at {time} by {sizes} (N and N m), and no tare of the driver did '
-                'that: an overload?'
-            )
+        sizes = ', '.join(f'{axis_jump:.2g}' for axis_jump in step.jump)
+        return ZERO, (
+            f'The zero jumped at {_clock(recording, marked)} by {sizes} (N and N m), and no tare '
+            'of the driver did that: an overload?'
+        )
     return None
 
 
-def _missed_zero(raw: FloatArray, at: int, jump: FloatArray, day: Day) -> float:
-    """Compute how far a step, in cells near it, leaves the raw reading, (N, A), from zero."""
-    near = max(round(_NEAR_S / day.recording.period_s), 1)
-    cells = np.arange(max(0, at - near), min(at + near, len(raw)))
-    after = raw[cells] + (cells < at)[:, np.newaxis] * jump
+def _distance_to_zero(readings: FloatArray, at: int, jump: FloatArray) -> float:
+    """Compute how far a step before cell ``at`` leaves the readings near it, (n, A), from zero."""
+    after = readings + (np.arange(len(readings)) < at)[:, np.newaxis] * jump
     # A robot that moves is between two cells when it is tared: the nearest point between them.
     change = np.diff(after, axis=0)
     share = -np.sum(after[:-1] * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-12)
-    missed = np.linalg.norm(after[:-1] + np.clip(share, 0, 1)[:, np.newaxis] * change, axis=1)
-    return float(np.min(missed, initial=np.inf, where=np.isfinite(missed)))
+    distance = np.linalg.norm(after[:-1] + np.clip(share, 0, 1)[:, np.newaxis] * change, axis=1)
+    return float(np.min(distance, initial=np.inf, where=np.isfinite(distance)))
 
 
-def _change_of_level(residual: FloatArray, at: int, period_s: float) -> FloatArray:
-    """Compute by how much cells free of contact change at a step, (A,); NaN without such cells."""
-    near, far = max(round(_NEAR_S / period_s), 1), round(_FAR_S / period_s)
-    free = np.flatnonzero(np.isfinite(residual).all(axis=1))
-    before = free[(free < at) & (free >= at - far)][-near:]
-    after = free[(free >= at) & (free < at + far)][:near]
-    if not len(before) or not len(after):
-        return np.full(residual.shape[1], np.nan)
-    return np.asarray(np.median(residual[after], axis=0) - np.median(residual[before], axis=0))
-
-
-def _weights_of_parts(day: Day, at: int, present: Sequence[bool]) -> list[FloatArray]:
-    """List what the payloads of a day differ by in the pose after a step, N and N m, (A,) each."""
-    force, near = day.recording.specific_force, max(round(_NEAR_S / day.recording.period_s), 1)
+def _changes_of_weight(day: Day, at: int, near: int) -> list[FloatArray]:
+    """List what the payloads of a day differ by in the pose from a cell on, N and N m, (6,)."""
+    force = day.recording.specific_force
     if day.payloads is None or force is None:
         return []
     pose = day.payloads.frame.turn(np.nanmedian(force[at : at + near], axis=0))
-    weights = [payload.weight(pose)[present] for payload in day.payloads.payloads.values()]
+    weights = [payload.weight(pose) for payload in day.payloads.payloads.values()]
     return [one - other for one, other in permutations(weights, 2)]
 
 
@@ -282,7 +272,7 @@ def _noise(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | 
     return NOISE, f'The noise of {AXES[axis]} is {scatter}, since the start of the day.'
 
 
-def clock(recording: Recording, marked: BoolArray) -> str:
+def _clock(recording: Recording, marked: BoolArray) -> str:
     """Write the time, UTC, of the first cell that is marked."""
     cell = recording.first_cell + int(np.argmax(marked))
     minutes = cell * recording.period_ns // NANOSECONDS // 60

@@ -1,14 +1,13 @@
 """What a node that learns by itself remembers over a restart: ``learning.json``."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from wrist_ft_comp.errors import ModelFileError, StateFileError
+from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.learning.day_files import day_number
 from wrist_ft_comp.stored.documents import Kind
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.model_store import HistoryEntry
 
 KIND = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
@@ -38,8 +37,6 @@ class Memory:
     sha256: str = ''
     #: Why it is better.
     why: str = ''
-    #: Date and reason of the last change of the live model, from active.json: not in this file.
-    change: str = ''
 
 
 def memory_path(directory: Path) -> Path:
@@ -55,20 +52,15 @@ def load_memory(directory: Path) -> Memory | None:
     # The name of a stray file, such as day_1.csv, would be newer than every day to come.
     if not day_number(document.get('judged', '')):
         document['judged'] = ''
-    change = ''
-    with suppress(ModelFileError):
-        change = last_change(ModelStore(directory).history())
-    return Memory(**document, change=change)
+    return Memory(**document)
+
+
+def save_memory(directory: Path, memory: Memory) -> None:
+    """Write a memory in one step; one that cannot be read is kept beside it, once."""
+    KIND.set_aside_unreadable(memory_path(directory))
+    KIND.write_json(memory_path(directory), asdict(memory))
 
 
 def last_change(history: Sequence[HistoryEntry]) -> str:
     """Say when and why the live model changed last; empty where it never did."""
     return f'{history[-1].since[:10]}: {history[-1].why}' if history and history[-1].since else ''
-
-
-def save_memory(directory: Path, memory: Memory) -> None:
-    """Write a memory in one step; one that cannot be read is kept beside it, once."""
-    document = asdict(memory)
-    del document['change']
-    KIND.set_aside_unreadable(memory_path(directory))
-    KIND.write_json(memory_path(directory), document)

@@ -5,7 +5,7 @@ The model that is learnt from all good days is taken unless it leaves clearly mo
 the live one was not learnt from. Of its own days, what counts is the error of a fit to the others.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,6 @@ from wrist_ft_comp.learning.diary import (
     CHALLENGER,
     CONTACTS,
     DayEntry,
-    forces_left,
     good_days,
     LEARNT_FROM,
     NONE,
@@ -124,7 +123,11 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     chosen = since if since > champion.newest else ''
     due, why = reason(entries, champion.key, chosen)
     days = [day for day in good_days(entries) if day.name in kept]
-    learnt = list(_readable(look, worthiest(days, MOST_DAYS))) if due else []
+    learnt: list[DayEntry] = []
+    for day in worthiest(days, MOST_DAYS) if due else ():
+        with suppress(WristFtCompError):  # a file may have been damaged since
+            look(day.name)
+            learnt.append(day)
     if len(learnt) < FEWEST_DAYS:
         return Choice(replace(entry, verdict=f'{words}{ANOTHER_DAY if due else why}'))
     settings = replace(settings or CalibrationSettings(), reference='recorded')
@@ -140,7 +143,7 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
     is_better = round(ratio, 2) < 1  # as it is printed
     why_so = 'It is better' if is_better else 'It is about as good and has learnt from more days'
     verdict = (
-        f'{words}A new model ({why}) would have left {forces_left(entry)[2]:.2g} N. On '
+        f'{words}A new model ({why}) would have left {entry.rms_left(CHALLENGER):.2g} N. On '
         f'{count} {"day" if count == 1 else "days"} that neither knew, it leaves {ratio:.2f} '
         f'times as much drift as {"the live model" if champion.key else "no model"}. '
         f'{why_so if taken else "It is not used"}.'
@@ -172,28 +175,10 @@ def compare(
     """
     Compare what a new model and the live one leave of days that neither was learnt from.
 
-    Parameters
-    ----------
-    days : sequence of DayEntry
-        What the new model was learnt from.
-    errors : ndarray, shape (n, 6)
-        What it left of them when they were held out, N and N m.
-    live : str
-        Key of the live model; empty where none is.
-    newest : str
-        Only days after this one count.
-
-    Returns
-    -------
-    tuple of float and int
-        Geometric mean over days and axes of the new model's errors over those of the live one,
-        and the number of days.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When the live model cannot be judged on any of them.
-
+    ``errors``, N and N m, (n, 6), are what the new model left of the days when they were held out;
+    ``live`` is the key of the live one, empty where none is. Only days after ``newest`` count.
+    Gives the geometric mean over days and axes of the new errors over those of the live model, and
+    the number of days; CalibrationRefusedError where the live model cannot be judged on any.
     """
     usual = np.maximum(np.mean([day.left[NONE] for day in days], axis=0), 1e-12)
     logs = [
@@ -212,15 +197,7 @@ def compare(
 
 def drift_words(entry: DayEntry) -> str:
     """Say how far a force drifted on a day, and what the live model left; empty where unknown."""
-    drift, live, _ = forces_left(entry)
+    drift, live = entry.rms_left(NONE), entry.rms_left(entry.live)
     left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
     words = f'the live model {left}' if entry.live else 'no model was live'
     return f'A force drifted by {drift:.2g} N (RMS); {words}. ' if np.isfinite(drift) else ''
-
-
-def _readable(look: Look, days: Sequence[DayEntry]) -> Iterator[DayEntry]:
-    """Choose the days that can still be separated: a file may be damaged since."""
-    for day in days:
-        with suppress(WristFtCompError):
-            look(day.name)
-            yield day

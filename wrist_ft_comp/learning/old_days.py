@@ -10,6 +10,8 @@ from wrist_ft_comp.learning.day_files import days, size_of
 from wrist_ft_comp.learning.diary import DayEntry, Diary, good_days
 from wrist_ft_comp.stored.documents import writing
 
+#: Most days whose recordings are kept: a month, in which a room's temperatures come round.
+_KEPT_DAYS = 30
 #: Room for the diary itself, and for the rows between two measurements of the folder, MB.
 _SPARE_MB = 10.0
 
@@ -28,7 +30,7 @@ def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
     return chosen
 
 
-def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[str]:
+def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
     """
     Remove recordings of judged days until both limits hold; give the names of the others.
 
@@ -38,7 +40,7 @@ def prune(directory: Path, diary: Diary, keep_days: int, max_mb: float) -> list[
     kept = [entry for entry in diary.days if entry.name in paths]
     room = 1e6 * (max_mb - _SPARE_MB)
     while kept and (
-        len(kept) > keep_days or sum(size_of(paths[entry.name]) for entry in kept) > room
+        len(kept) > _KEPT_DAYS or sum(size_of(paths[entry.name]) for entry in kept) > room
     ):
         before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
         (name,) = {entry.name for entry in before} - {entry.name for entry in kept}

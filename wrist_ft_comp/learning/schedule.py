@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import Cell, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, share_left
+from wrist_ft_comp.learning.diary import Cell, DayEntry, DAYS_TO_AGREE, LEARNT_FROM
 
 #: Fewest days that a model is learnt from.
 FEWEST_DAYS = 2
@@ -67,7 +67,7 @@ def _surprise(good: Sequence[DayEntry], first: int) -> str:
     """Name a good day, from the ``first`` one on, that no model before expected; '' for none."""
     seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[:first]))
     judged = [day for day in good if day.live in day.left]
-    shares = {day.name: float(np.nanmean(share_left(day, day.live))) for day in judged}
+    shares = {day.name: float(np.nanmean(day.share_left(day.live))) for day in judged}
     bad_share = max(_BAD_RATIO * float(np.median(list(shares.values()) or [1.0])), _BAD_SHARE)
     for day in good[first:]:
         if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):

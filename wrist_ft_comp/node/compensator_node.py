@@ -11,16 +11,16 @@ from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker
+from wrist_ft_comp.node.calibrate import CalibrateService
 from wrist_ft_comp.node.correction_topic import CorrectionTopic
 from wrist_ft_comp.node.drift_topic import DriftTopic
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.identify_payload import IdentifyService
 from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
+from wrist_ft_comp.node.jobs import JobMaker
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.message_fields import WrenchTopic
-from wrist_ft_comp.node.recording import Recorder, RecordService
+from wrist_ft_comp.node.recorder import Recorder, RecordService
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
@@ -36,7 +36,6 @@ from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
-from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 #: Every feature of the node, in the order of the diagnostics. Their constructors are called in
 #: ``CompensatorNode._make_parts``.
@@ -87,7 +86,7 @@ PARAMETERS = (
 )  # fmt: skip
 #: What topics and services are for, by name.
 TOPICS = {
-    'wrench_raw': 'raw wrench of the driver; wrench_topic may name a field of any message',
+    'wrench_raw': 'raw wrench of the driver, or another topic by wrench_topic',
     'wrench': "compensated and tared wrench, with the input's header",
     **dict(topic for part in PARTS for topic in part.topics),
     '/diagnostics': 'state of the node, once a second',
@@ -109,8 +108,7 @@ class CompensatorNode(Hub):
         self._newest: Newest | None = None
         self._sources = self._thermometers(chosen['temperature_topics'])
         self._topics = tuple(self.resolve_topic_name(source.topic) for source in self._sources)
-        self._wrench = parse_wrench(chosen['wrench_topic'])
-        self._raw_topic = self._full_name(self._wrench.topic)
+        self._raw_topic = self._full_name(chosen['wrench_topic'])
         self._check_topics()
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
@@ -124,13 +122,9 @@ class CompensatorNode(Hub):
             ),
         )
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
-        self._inside: WrenchTopic | None = None
-        if self._wrench.path is None:
-            self._raw = self.subscribe(
-                WrenchStamped, self._wrench.topic, self._on_wrench, FAST_SENSOR
-            )
-        else:
-            self._inside = WrenchTopic(self, self._raw_topic, self._wrench, self._on_wrench)
+        self._raw = self.subscribe(
+            WrenchStamped, chosen['wrench_topic'], self._on_wrench, FAST_SENSOR
+        )
         self.run(self._make_parts(chosen))
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
         later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *self._topics)
@@ -149,7 +143,7 @@ class CompensatorNode(Hub):
             compensator=compensator, live_sha256=lambda: live.sha256, writer=writer
         )
         self.specific_force = SpecificForceInput(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest, self._wrench.topic, self._inside)
+        self.wrench_input = WrenchInput(counts, self.newest, chosen['wrench_topic'])
         self.inputs = TemperatureInput(
             sources=self._sources, topics=self._topics, compensator=compensator,
             wrenches=self.wrench_input, specific_force=self.specific_force, live=live,
@@ -263,7 +257,7 @@ class CompensatorNode(Hub):
         names = {
             'hardware_id': [self.get_parameter('hardware_id').value],
             'frame_id': [self.hardware_id()],
-            'wrench_topic': [self._raw_topic + self._wrench.inside],
+            'wrench_topic': [self._raw_topic],
             'temperature_topics': [
                 topic + source.entry.removeprefix(source.topic)
                 for topic, source in zip(self._topics, self._sources, strict=True)

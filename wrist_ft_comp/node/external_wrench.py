@@ -12,7 +12,7 @@ import numpy as np
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recording import Recorder
+from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion import MotionCollector

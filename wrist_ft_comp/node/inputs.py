@@ -1,5 +1,6 @@
 """The parts that take raw wrenches and temperatures in, and judge them."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
@@ -8,28 +9,28 @@ from typing import TypeAlias
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.message_fields import FieldInputs, WrenchTopic
+from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.topic_types import no_wrench
+from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
 from wrist_ft_comp.signals import (
     AXES,
     is_plausible,
+    LARGEST,
     NANOSECONDS,
     SAME_CLOCK_S,
     temperature_channel,
 )
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.input_checks import SensorWatch, ThermometerWatch
 from wrist_ft_comp.stream.sample_checks import why_unusable
-from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.wire.cdr import locate, TEMPERATURE_DOUBLES, WRENCH_DOUBLES
-from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
+from wrist_ft_comp.wire.cdr import locate, TEMPERATURE, WRENCH, WRENCH_DOUBLES
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.wire.units import other_unit, unit_remedy
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
@@ -101,18 +102,14 @@ class WrenchInput(Part):
     hub: Hub
 
     def __init__(
-        self,
-        counts: Counts,
-        newest: Callable[[], Newest | None],
-        name: str = 'wrench_raw',
-        inside: WrenchTopic | None = None,
+        self, counts: Counts, newest: Callable[[], Newest | None], name: str = 'wrench_raw'
     ) -> None:
         self._counts, self.newest, self._name = counts, newest, name
-        #: Reads the wrenches where they are inside messages of another type.
-        self._inside = inside
         self.sensor = SensorWatch()
         #: Stamp of the newest wrench that was looked at, ns; None before the first.
         self.stamp_ns: int | None = None
+        #: Axes of which the newest wrench had no number, as those of a sensor of three forces.
+        self.absent: list[str] = []
         self._heard_s: float | None = None
         self._frame = ''
         #: How often the frame changed, and from what to what the last time.
@@ -125,18 +122,34 @@ class WrenchInput(Part):
         """Learn what the topic is called."""
         self._topic = self.hub.resolve_topic_name(self._name)
 
+    def admits(self, raw: Sequence[float]) -> bool:
+        """
+        Decide whether a wrench passes that holds NaN, or what no sensor reads; else count it.
+
+        Axes that were NaN in every wrench so far may be NaN: the sensor does not have them.
+        """
+        newest = self.newest()
+        before = raw if newest is None else newest[1]
+        numbers = [value for value in raw if not math.isnan(value)]
+        lost = any(
+            math.isnan(value) and not math.isnan(last)
+            for value, last in zip(raw, before, strict=True)
+        )
+        if numbers and not lost and math.hypot(*numbers) < LARGEST:
+            return True
+        self._counts.drop(math.nan if lost or not numbers else max(numbers, key=abs))
+        return False
+
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
-        if self._inside is not None:
-            self._inside.poll()
-            self._counts.malformed = self._inside.unreadable
         newest, number = self.newest(), self._counts.wrenches
         if newest is not None and number != self._looked_at:
             self._looked_at, self._heard_s = number, time.monotonic()
             self.stamp_ns, raw, data = newest
             layout = locate(data, WRENCH_DOUBLES)
             stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
-            self.sensor.look(self.stamp_ns if stamped else 0, raw)
+            self.absent = [AXES[i] for i in np.flatnonzero(np.isnan(raw))]
+            self.sensor.look(self.stamp_ns if stamped else 0, np.nan_to_num(raw).tolist())
             if self._frame and frame != self._frame:
                 self._frame_changes += 1
                 self._last_frames = (self._frame, frame)
@@ -146,8 +159,6 @@ class WrenchInput(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
-        if self._inside is not None:
-            self._inside.look()
         self.poll()
         counts, publishers = self._counts, self.hub.count_publishers(self._topic)
         strange = counts.not_finite + counts.implausible
@@ -171,34 +182,24 @@ class WrenchInput(Part):
         }
         if grown['unusable']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
-            why = f': they are {why_unusable(AXES[0], counts.strange)}' * (grown['strange'] > 0)
-            if self._inside is not None and not grown['strange']:
-                why = f': {self._inside.misread}'
-            message = f'{which} unusable and dropped; check the driver{why}'
+            message = f'{which} unusable and dropped; check the driver'
+            if grown['strange']:
+                message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
-            yield Status(self.title, STALE, self._silence(publishers), numbers)
+            why = wrong_type(self.hub, self._topic, WRENCH)
+            if policy := self.hub.incompatible.get(self._name):
+                why = f'their publisher offers less {policy} than is asked for'
+            elif publishers and not why:
+                why = f'{self._topic} has a publisher that sends none; is the sensor running?'
+            elif not why:
+                why = unpublished(self.hub, self._topic, WRENCH)
+            yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
-            well, doubts = f'{rate_hz:.0f} wrenches per second', self._doubts(publishers)
-            yield doubtful(self.title, doubts, well, numbers)
-
-    def _silence(self, publishers: int) -> str:
-        """Say that no wrenches come, and guess why."""
-        if self._inside is not None and self._inside.problem:
-            return f'no raw wrenches arrive: {self._inside.problem}'
-        if policy := self.hub.incompatible.get(self._name):
-            return (
-                f'no raw wrenches arrive: their publisher offers less {policy} than is asked for'
-            )
-        plain = self._inside is None and self.newest() is None
-        if plain and (problem := no_wrench(self.hub, self._topic)):
-            return f'no raw wrenches arrive: {problem}'
-        if publishers:
-            return (
-                f'no raw wrenches arrive, though {self._topic} has a publisher; is the sensor '
-                'running?'
-            )
-        return 'no raw wrenches arrive; is the driver running?'
+            well = f'{rate_hz:.0f} wrenches per second'
+            if self.absent:
+                well += f'; {", ".join(self.absent)} never had a number'
+            yield doubtful(self.title, self._doubts(publishers), well, numbers)
 
     def _doubts(self, publishers: int) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
@@ -252,26 +253,31 @@ class TemperatureInput(Part):
         self._heard_s: list[float | None] = [None] * count
         #: Whether their newest readings had stamps; None where the type has none.
         self._stamped: list[bool | None] = [True] * count
-        self._watch = ThermometerWatch(count)
         self._growth, self._events = Growth(), _Events()
 
     def start(self) -> None:
         """Subscribe to every thermometer."""
-        named = zip(self._topics, self._sources, strict=True)
-        take_bytes = self.hub.guarded(self, self.on_temperature)
-        self.fields = FieldInputs(self.hub, named, self._take, take_bytes)
+        by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
+        for j, (topic, source) in enumerate(zip(self._topics, self._sources, strict=True)):
+            by_topic[topic][j] = source
+        self._by_topic = [
+            TemperatureTopic(self, topic, sources, self._take)
+            for topic, sources in by_topic.items()
+        ]
 
     def on_temperature(self, thermometer: int, data: bytes) -> None:
-        """Take one sensor_msgs/Temperature."""
-        try:
-            stamp_ns, (temperature_c, _) = locate(data, TEMPERATURE_DOUBLES).decode(data)
-        except RecordingError:
-            self.unusable += 1
-            return
-        self._take(thermometer, stamp_ns, temperature_c)
+        """Take one message of a thermometer's topic."""
+        for topic in self._by_topic:
+            if thermometer in topic.sources:
+                topic.read(data)
+
+    @property
+    def unreadable(self) -> int:
+        """Messages of which some temperature could not be read."""
+        return sum(topic.unreadable for topic in self._by_topic)
 
     def _take(self, thermometer: int, stamp_ns: int | None, temperature_c: float) -> None:
-        """Give one temperature, °C, to the thermal grid; stamps, ns, are as in field_inputs."""
+        """Give one temperature, °C, to the thermal grid; stamps, ns, are as in message_fields."""
         if not is_plausible(temperature_c):
             self.unusable += 1
             self._last_unusable = thermometer, temperature_c
@@ -280,48 +286,52 @@ class TemperatureInput(Part):
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self._specific_force, self._specific_force.poll)
         wrench = newest and newest[:2]
-        cells = self._compensator.add_temperature(thermometer, at_ns, temperature_c, wrench)
+        # With simulated time, stamps and the steady clock have nothing to do with each other.
+        simulated = self.hub.get_parameter('use_sim_time').value
+        cells = self._compensator.add_temperature(
+            thermometer,
+            at_ns,
+            temperature_c,
+            wrench,
+            arrival_ns=None if simulated else time.monotonic_ns(),
+        )
         self.usable += 1
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
         self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
             self.hub.broadcast('on_cells', cells, at_ns)
 
-    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
-        """Watch for thermometers that jump."""
-        for cell in cells:
-            self._watch.look(cell, self._tracker.grid.period_ns, self._tracker.replaced)
-
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""
-        self.fields.poll()
-        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
-        jumps, leaps = int(self._watch.jumps.sum()), stamps.leaps + grid.restarts
-        spikes = sum(self._spikes())
-        self._events.note(jump=jumps, spike=spikes, stray=stamps.strays, leapt=leaps)
-
-    def _spikes(self) -> list[int]:
-        """Count the readings of each thermometer that stood out alone."""
-        return [readings.dropped for readings in self._tracker.grid.spikes]
+        for topic in self._by_topic:
+            topic.poll()
+        clocks = self._tracker.clocks
+        self._events.note(
+            stray=clocks.strays,
+            leapt=clocks.leaps + clocks.restarts,
+            **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
+        )
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
-        self.fields.look()
+        for topic in self._by_topic:
+            topic.look()
         self.poll()
-        stamps, grid = self._tracker.timestamp_filter, self._tracker.grid
+        clocks = self._tracker.clocks
+        rejected = clocks.rejected + self._tracker.grid.rejected
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=grid.rejected + stamps.strays
+            usable=self.usable, unusable=self.unusable, rejected=rejected + clocks.strays
         )
         numbers = {
             'state': self._state_keeper.outcome,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
-            'rejected': str(grid.rejected),
-            'stray_stamps': str(stamps.strays),
-            'spikes': str(sum(self._spikes())),
-            'stamps_leapt': str(stamps.leaps),
-            'stamps_restarted': str(grid.restarts),
-            'unusable': str(self.unusable + self.fields.unreadable),
-            'jumps': str(self._watch.jumps.sum()),
+            'rejected': str(rejected),
+            'stray_stamps': str(clocks.strays),
+            'spikes': str(sum(spikes.dropped for spikes in self._tracker.spikes)),
+            'stamps_leapt': str(clocks.leaps),
+            'stamps_restarted': str(clocks.restarts),
+            'unusable': str(self.unusable + self.unreadable),
+            'jumps': str(sum(spikes.jumps for spikes in self._tracker.spikes)),
         }
         for j, at_s in enumerate(self._heard_s, start=1):
             numbers[f'thermometer_{j}_age_s'] = _age(at_s)
@@ -361,20 +371,19 @@ class TemperatureInput(Part):
         for j, publishers in enumerate(map(self.hub.count_publishers, self._topics), start=1):
             if publishers > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
-        yield from self._recent_events()
-
-    def _recent_events(self) -> Iterator[str]:
-        """Say what happened lately, and which thermometers do not stamp."""
         recent = self._events.recent()
-        if 'jump' in recent:
-            worst = int(np.argmax(self._watch.jumps))
-            yield (
-                f'thermometer {worst + 1} jumped by {self._watch.last_jump_k[worst]:.1f} K, '
-                'faster than metal can; is it loose? The correction follows at max_drift_rate'
-            )
-        if 'spike' in recent:
-            worst = int(np.argmax(self._spikes())) + 1
-            yield f'a reading of thermometer {worst} stood out alone and is left out; is it loose?'
+        jumps_k = self._tracker.remembered_jumps_k
+        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
+            if spikes.leaves_out or f'spike {j}' in recent:
+                yield (
+                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
+                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                )
+            if jump_k:
+                yield (
+                    f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
+                    'stayed; is it loose? The correction follows at max_drift_rate'
+                )
         if 'leapt' in recent:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         if 'stray' in recent:
@@ -385,14 +394,12 @@ class TemperatureInput(Part):
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
-        limit_s, problems = (
-            self._compensator.settings.temperature_timeout_s,
-            self.fields.problems(),
-        )
+        limit_s = self._compensator.settings.temperature_timeout_s
+        problems = {j: why for topic in self._by_topic for j, why in topic.problems().items()}
         drift = 'drift is held' if self._compensator.compensating else 'drift waits for it'
-        never, silent = [], []
-        for j, at_s in enumerate(self._heard_s):
-            policy = self.hub.incompatible.get(self._sources[j].topic, '')
+        silent = []
+        for j, (at_s, source) in enumerate(zip(self._heard_s, self._sources, strict=True)):
+            policy = self.hub.incompatible.get(source.topic, '')
             if j in problems:
                 yield f'thermometer {j + 1}: {problems[j]}; {drift}'
             elif at_s is None and policy:
@@ -401,11 +408,12 @@ class TemperatureInput(Part):
                     f'asked for; {drift}'
                 )
             elif at_s is None:
-                never.append(j)
+                why = f'{self._topics[j]} has a publisher that sends none'
+                if not self.hub.count_publishers(self._topics[j]):
+                    why = unpublished(self.hub, self._topics[j], TEMPERATURE)
+                yield f'thermometer {j + 1} has not reported: {why}; {drift}'
             elif time.monotonic() - at_s > limit_s and j not in self._tracker.replaced:
                 silent.append(j)
-        if never:
-            yield f'thermometer {_numbers(never)} has not reported; {drift}'
         if silent:
             yield (
                 f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'

@@ -15,12 +15,13 @@ from wrist_ft_comp.errors import (
     StateFileError,
     WristFtCompError,
 )
-from wrist_ft_comp.jobs.process import JobProcess
+from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.memory import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.node.calibrate import CalibrateService, JobMaker, start_job
+from wrist_ft_comp.node.calibrate import CalibrateService
+from wrist_ft_comp.node.jobs import JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recording import OwnRecording, Recorder
+from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import at_start
@@ -32,12 +33,9 @@ from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
-#: A job that could not run is started again after this time, s.
-_JOB_RETRY_S = 60.0
-#: A day is recorded again this long after the disk refused, s.
-_DISK_RETRY_S = 60.0
-#: Fields of a memory without an offered model.
-_NO_OFFER = {'offered': '', 'sha256': '', 'why': ''}
+#: A job that could not run is started again, and a day is recorded again that the disk refused,
+#: after this time, s.
+_RETRY_S = 60.0
 
 
 def why_not(chosen: Mapping[str, Any]) -> str:
@@ -63,36 +61,25 @@ class DiaryKeeper:
         self.rows = 0
         self.files = files
         self._recorder, self._log = recorder, log
-        self._recording: OwnRecording | None = None
-        #: When to try again, by the steady clock.
-        self._wait_until = time.monotonic()
-        #: When the last row was written, by the steady clock.
-        self._written = self._wait_until
-        self._begin()
+        #: When to try again, and when the last row was written, by the steady clock.
+        self._wait_until = self._written = time.monotonic()
+        self._recording: OwnRecording | None = recorder.begin(files, self._fail)
 
     def poll(self) -> None:
         """Go on recording, unless the disk refused just now; a silence ends the day."""
         now, recording = time.monotonic(), self._recording
         if recording is None:
             if now >= self._wait_until:
-                self._begin()
+                self._recording = self._recorder.begin(self.files, self._fail)
         elif recording.rows:
             self.rows, recording.rows = self.rows + recording.rows, 0
             self._written, self.problem = now, ''
         if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
             self.end_day()
 
-    def _begin(self) -> None:
-        self._recording = self._recorder.begin(self.files, self._fail, self._follow_period)
-
-    def _follow_period(self) -> None:
-        """Continue with the thermal cells of a new model, which are of another length."""
-        self.end()
-        self._begin()
-
     def _fail(self, error: RecordingError) -> None:
         """Record nothing for a while."""
-        self._recording, self._wait_until = None, time.monotonic() + _DISK_RETRY_S
+        self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
         if not self.problem:
             self._log.error(f'The day is not recorded any more: {error}')
         self.problem = f'{error} The day is not recorded; the node tries again every minute'
@@ -105,18 +92,16 @@ class DiaryKeeper:
         except RecordingError as error:
             self._fail(error)
         else:
-            self._begin()
+            self._recording = self._recorder.begin(self.files, self._fail)
 
     def end(self) -> None:
         """Write all rows, and close; the day goes on with the next recording."""
         recording, self._recording = self._recording, None
-        if recording is None:
-            return
-        self._recorder.leave(recording)
-        try:
-            recording.close()
-        except RecordingError as error:
-            self._fail(error)
+        if recording is not None:
+            try:
+                self._recorder.finish(recording)
+            except RecordingError as error:
+                self._fail(error)
 
 
 class Learner(Part):
@@ -148,20 +133,17 @@ class Learner(Part):
         self.why_not = why_not(chosen)
         #: Why a model could not be made live, or what is remembered could not be saved.
         self.problem = ''
-        self._max_bytes = 1e6 * chosen['learning.max_mb']
         #: Why an ended day is not judged yet.
         self.waiting = ''
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
+        self._max_bytes = 1e6 * chosen['learning.max_mb']
         self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
         live.end_day = self._end_day
         self._directory = jobs.store.directory
         self._process: JobProcess | None = None
-        #: Newest day of the running job.
-        self._judging = ''
-        #: When the job was started, by the steady clock.
-        self._begun_s = 0.0
-        self._begun_with_model = False
+        #: Newest day of the running job, and when it was started, by the steady clock.
+        self._judging, self._begun_s = '', 0.0
         #: When to look for a day to judge, by the steady clock.
         self._wait_until = 0.0
         #: Newest day of the last job that was started to make room.
@@ -177,20 +159,16 @@ class Learner(Part):
         purpose = 'makes the better model live that learning offers; refused when there is none'
         return (Service(Trigger, '~/adopt', purpose, cls.adopt),)
 
-    def on_model(self) -> None:
-        """Begin when the first model is chosen; ``poll`` notices later models."""
-        if self._begun_with_model:
-            return
-        self._begun_with_model = True
-        if not self.why_not:
-            self._begin()
-        elif self.mode != 'off':
+    def start(self) -> None:
+        """Say what does not allow learning."""
+        if self.mode != 'off' and self.why_not:
             self._log.warning(self.why_not)
 
-    def _begin(self) -> None:
-        """Load the memory, and begin to record."""
-        memory = None
-        broken = ''
+    def on_model(self) -> None:
+        """Load the memory, and begin to record, when the first model is chosen."""
+        if self.why_not or self.diary is not None:
+            return  # ``poll`` notices later models
+        memory, broken = None, ''
         try:
             memory = load_memory(self._directory)
         except StateFileError as error:
@@ -202,22 +180,12 @@ class Learner(Part):
         self.memory = memory or Memory(self._live.sha256, incident=broken)
         newest = max(self.memory.judged, day_of_choice(self._live.history))
         recorder = self._jobs.recorder
-        files = DayFiles(self._directory, recorder.channels, self._max_bytes, newest)
-        files.sensor, files.period_ns = recorder.sensor, lambda: recorder.period_ns
+        files = DayFiles(
+            self._directory, recorder.channels, self._max_bytes, newest, recorder.sensor
+        )
         self.diary = DiaryKeeper(recorder, files, self._log)
         if memory is None:
             self._remember()
-
-    def apply_parameters(self, _parameters: Sequence[Any]) -> None:
-        """Begin or rest when calibration.reference has changed."""
-        if self.mode == 'off':
-            return
-        before, self.why_not = self.why_not, why_not(self._jobs.settings())
-        if before and not self.why_not:
-            self._begin()
-        elif self.why_not and not before:
-            self._log.warning(self.why_not)
-            self._rest()
 
     @property
     def running_s(self) -> float | None:
@@ -238,50 +206,54 @@ class Learner(Part):
         if self._calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._process is not None:
-            self._follow_job(self._process)
+            if outcome := self._process.poll():
+                self._process = None
+                self._take(outcome)
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
-            files = self.diary.files
-            self._start(files.ended(), crowded=files.full)
+            self._start(self.diary.files)
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
-            self._adopt_by_itself()
+            try:
+                self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
+            except SettingsError as error:
+                self._failed, self.problem = memory.offered, str(error)
+                self._log.error(self.problem)
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
         live, memory = self._live, self.memory
         if live.sha256 == memory.champion or (live.stored is None and live.problem):
             return
-        changes: dict[str, Any] = {'champion': live.sha256, **_NO_OFFER}
+        changes = {'champion': live.sha256, 'offered': '', 'sha256': '', 'why': ''}
         if not live.history or live.history[-1].how != 'learnt':
             judged = max(memory.judged, day_of_choice(live.history))
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _start(self, days: list[Path], *, crowded: bool) -> None:
+    def _start(self, files: DayFiles) -> None:
         """Start a job where the newest day is not judged; where there is no room, once per day."""
+        days = files.ended()
         newest = days[-1].name if days else ''
-        if newest <= self.memory.judged and (not crowded or newest in {'', self._crowded}):
+        is_crowded = files.full and newest not in {'', self._crowded}
+        if newest <= self.memory.judged and not is_crowded:
             return
-        self._crowded = newest
-        self._judging, self._begun_s = newest, time.monotonic()
+        self._crowded = self._judging = newest
+        self._begun_s = time.monotonic()
         try:
             self._process = start_job(self._jobs.learning(days, self._live.history))
         except OSError as error:
             self._wait(f'Learning cannot be started: {error}.')
 
     def _wait(self, why: str) -> None:
-        self._wait_until = time.monotonic() + _JOB_RETRY_S
+        self._wait_until = time.monotonic() + _RETRY_S
         if why != self.waiting:
             self.waiting = why
             self._log.info(why)
 
-    def _follow_job(self, process: JobProcess) -> None:
-        """Take the outcome of the job, if it has ended."""
-        outcome = process.poll()
-        if outcome is None:
-            return
-        self._process, message = None, outcome['message']
+    def _take(self, outcome: Mapping[str, Any]) -> None:
+        """Remember the outcome of a job, and offer the model that it found."""
+        message: str = outcome['message']
         if outcome.get('later'):
             self._wait(message)
             return
@@ -294,27 +266,17 @@ class Learner(Part):
             return
         judged |= {'paused': outcome['paused'], 'incident': outcome['incident']}
         self._log.info(f'{self._judging}: {message}')
-        if not outcome['learnt']:
-            self._remember(**judged)
-            return
-        path, sha256 = Path(outcome['path']), outcome['sha256']
-        self._found = restore_model(path, sha256, outcome['document'])
-        self._remember(**judged, offered=path.name, sha256=sha256, why=message)
-        if self.mode == 'propose':
-            self._log.info(f'The better model {path} is offered. Make it live with ~/adopt.')
+        if outcome['learnt']:
+            path, sha256 = Path(outcome['path']), outcome['sha256']
+            self._found = restore_model(path, sha256, outcome['document'])
+            judged |= {'offered': path.name, 'sha256': sha256, 'why': message}
+            if self.mode == 'propose':
+                self._log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
+        self._remember(**judged)
 
     def adopt(self, *_: Any) -> str:
-        """Make the offered model live; say which."""
+        """Make the offered model live because a person asked for it; say which."""
         return self._adopt(f'a person called ~/adopt: {self.memory.why}')
-
-    def _adopt_by_itself(self) -> None:
-        """Make the offered model live; where that fails, it is only offered."""
-        memory = self.memory
-        try:
-            self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
-        except SettingsError as error:
-            self._failed, self.problem = memory.offered, str(error)
-            self._log.error(self.problem)
 
     def _adopt(self, why: str, judged: str = '') -> str:
         """Make the offered model live, as LiveModel.take does; say which."""
@@ -370,22 +332,7 @@ class Learner(Part):
         """Report what learning does, and its last results; nothing where it is off."""
         if self.mode == 'off':
             return
-        memory, of_disk = self.memory, self.diary.problem if self.diary else ''
-        # The worst first.
-        trouble = self.why_not or of_disk or self.problem or memory.paused or memory.incident
-        level = WARN if trouble else OK
-        yield Status(self.title, level, trouble or self._well(), self._numbers())
-
-    def _well(self) -> str:
-        """Say what the part does, where nothing is wrong."""
-        if self.memory.offered:
-            return 'a better model is offered: see "offered", and call ~/adopt to make it live'
-        if self.running_s is not None:
-            return f'models have been compared on {self._judging} for {self.running_s:.0f} s'
-        return self.waiting or 'the day is being recorded; no better model is offered'
-
-    def _numbers(self) -> dict[str, str]:
-        memory = self.memory
+        memory, diary = self.memory, self.diary
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
@@ -394,24 +341,30 @@ class Learner(Part):
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))
             numbers |= {'offered': str(self.offered), 'why': memory.why, 'report': report}
-        if self.diary is not None:
-            files = self.diary.files
+        if diary is not None:
             numbers |= {
-                'days': str(len(files.ended())),
-                'megabytes': f'{files.used() / 1e6:.1f}',
-                'today': files.path.name if files.path else 'none yet',
-                'cells': str(self.diary.rows),
+                'days': str(len(diary.files.ended())),
+                'megabytes': f'{diary.files.used() / 1e6:.1f}',
+                'today': diary.files.path.name if diary.files.path else 'none yet',
+                'cells': str(diary.rows),
             }
-        return numbers
+        disk = diary.problem if diary else ''
+        # The worst first.
+        trouble = self.why_not or disk or self.problem or memory.paused or memory.incident
+        if trouble:
+            message = trouble
+        elif memory.offered:
+            message = 'a better model is offered: see "offered", and call ~/adopt to make it live'
+        elif self.running_s is not None:
+            message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
+        else:
+            message = self.waiting or 'the day is being recorded; no better model is offered'
+        yield Status(self.title, WARN if trouble else OK, message, numbers)
 
-    def _rest(self) -> None:
-        """Stop recording and judging, until ``_begin``."""
+    def end(self) -> bool:
+        """End the job, and write what was recorded."""
         self._end_job()
         diary, self.diary = self.diary, None
         if diary is not None:
             diary.end()
-
-    def end(self) -> bool:
-        """End with the node."""
-        self._rest()
         return False

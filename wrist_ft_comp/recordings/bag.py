@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import Progress
-from wrist_ft_comp.wire.cdr_fields import Definitions, FieldType, SEQUENCE
+from wrist_ft_comp.wire.message_layout import Definitions, FieldType, SEQUENCE
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}

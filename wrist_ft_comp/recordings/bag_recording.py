@@ -9,13 +9,13 @@ where a temperature is a field of messages without a stamp. Specific force is an
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, islice
 import pathlib
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
 from wrist_ft_comp.recordings.bag_opening import backend
 from wrist_ft_comp.signals import (
@@ -33,26 +33,17 @@ from wrist_ft_comp.signals import (
     temperature_channel,
     Topics,
 )
-from wrist_ft_comp.stream.sample_checks import NO_TIME
+from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.cdr_fields import (
-    Decoded,
-    Definitions,
-    follow,
-    MessageLayout,
-    read_numbers,
-)
+from wrist_ft_comp.wire.message_layout import follow, Layout, NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import (
     parse_sources,
-    Path,
     path_text,
     temperatures_in,
     TemperatureSource,
-    to_celsius,
 )
 from wrist_ft_comp.wire.tf_messages import decode_transforms
 from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
-from wrist_ft_comp.wire.wrench_source import parse_wrench, wrenches_in, WrenchReader
 
 #: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
 #: from its stamp, ns.
@@ -60,8 +51,6 @@ _APART_NS = 10 * NANOSECONDS
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 #: Gravity by TF is computed once in this time, ns.
 _STEP_NS = NANOSECONDS // 50
-#: Time of arrival, ns, and bytes of a message.
-_Found = tuple[int, bytes]
 #: Steps after a transform in which it may be used: until a gap would begin.
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
@@ -74,45 +63,20 @@ class _Stream:
     #: Channels of the first doubles, or of the sources.
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
-    definitions: Definitions = field(default_factory=dict)
-    #: Makes WrenchStamped of messages with a wrench inside.
-    reader: WrenchReader | None = None
-
-    def stamped(self, times_ns: Iterable[int], messages: list[bytes]) -> list[bytes]:
-        """
-        Make WrenchStamped of messages that hold one inside; others stay.
-
-        Those without one become NaN; SettingsError where none has one.
-        """
-        if self.reader is None:
-            return messages
-        before = self.reader.filled
-        made = [
-            self.reader.stamped(message, at_ns)
-            for at_ns, message in zip(times_ns, messages, strict=True)
-        ]
-        if self.reader.filled - before == len(made):
-            raise SettingsError(self.reader.misread)
-        return made
+    reader: NumberReader | None = None
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     found = _streams(bag, topics)
-    streams: dict[int, list[_Stream]] = {stream.connection.id: [] for stream in found}
-    for stream in found:
-        streams[stream.connection.id].append(stream)
+    streams = {stream.connection.id: stream for stream in found}
     unstamped = {stream for stream in found if not stream.sources}
     unread = {stream for stream in found if stream.sources}
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
-    for stream, times_ns, messages in (
-        (stream, times_ns, messages)
-        for sharing, times_ns, messages in bag.grouped(streams, progress)
-        for stream in sharing
-    ):
-        stamps_ns, values = _decode(bag, stream, times_ns, messages)
+    for stream, times_ns, messages in bag.grouped(streams, progress):
+        stamps_ns, values = _decode(bag, stream, messages)
         if not stream.sources:
             if stamps_ns.any():
                 unstamped.discard(stream)
@@ -136,7 +100,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
         for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
-            yield Samples((channel,), stamps_ns, to_celsius(column[:, np.newaxis], source.unit))
+            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     _refuse_unstamped(bag, [stream.connection for stream in unstamped])
 
 
@@ -164,8 +128,10 @@ def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterat
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
-    """Find the topics; a stream for each connection, and one more for a wrench inside."""
-    plain: list[tuple[str, str, str, tuple[str, ...]]] = []
+    """Find the topics; a stream for each connection."""
+    plain: list[tuple[str, str, str, tuple[str, ...]]] = [
+        (topics.wrench, cdr.WRENCH, 'raw wrench', AXES)
+    ]
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
@@ -180,8 +146,7 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
         plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
     if topics.imu:
         plain.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
-    streams = _wrench_streams(bag, topics)
-    streams += [
+    streams = [
         _Stream(connection, channels)
         for topic, message_type, role, channels in plain
         for connection in bag.find(topic, message_type, role)
@@ -189,33 +154,18 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     for topic, parts in fields.items():
         channels, named = zip(*parts, strict=True)
         found = bag.find(topic, None, 'temperature')
-        streams += [_Stream(c, channels, named, bag.define(c)) for c in found]
-    seen: set[tuple[int, bool]] = set()
+        paths = [source.path for source in named]
+        for connection in found:
+            reader = NumberReader(bag.define(connection), connection.msgtype, paths)
+            streams.append(_Stream(connection, channels, named, reader))
+    seen: set[int] = set()
     for stream in streams:
-        key = stream.connection.id, stream.reader is not None
-        if key in seen:
+        if stream.connection.id in seen:
             raise RecordingError(
                 f'Topic {stream.connection.topic} is named twice; each must be another one.'
             )
-        seen.add(key)
+        seen.add(stream.connection.id)
     return streams
-
-
-def _wrench_streams(bag: Bag, topics: Topics) -> list[_Stream]:
-    """Find the raw wrench; RecordingError where it is not as named, with what could be meant."""
-    source = parse_wrench(topics.wrench)
-    if source.path is None:
-        for connection in bag.named(source.topic):
-            for inside in wrenches_inside(bag, connection)[:1]:
-                raise RecordingError(
-                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the raw wrench '
-                    f'must be {cdr.WRENCH}, or inside: name it as {source.topic}:{inside}.'
-                )
-        return [_Stream(c, AXES) for c in bag.find(source.topic, cdr.WRENCH, 'raw wrench')]
-    return [
-        _Stream(c, AXES, reader=WrenchReader(source, c.msgtype, bag.define(c), fills=True))
-        for c in bag.find(source.topic, None, 'raw wrench')
-    ]
 
 
 def _check_plain(bag: Bag, source: TemperatureSource) -> None:
@@ -233,16 +183,10 @@ def _check_plain(bag: Bag, source: TemperatureSource) -> None:
 def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     """Find the numbers of a topic's first message that are named like temperatures."""
     first = _followed(bag, connection)
-    return [] if first is None else temperatures_in(first[1], connection.topic)
+    return [] if first is None else temperatures_in(first, connection.topic)
 
 
-def wrenches_inside(bag: Bag, connection: Connection) -> list[str]:
-    """Find the wrenches inside a topic's first message, unless it is a WrenchStamped itself."""
-    first = None if connection.msgtype == cdr.WRENCH else _followed(bag, connection)
-    return [] if first is None else wrenches_in(first[0])
-
-
-def _followed(bag: Bag, connection: Connection) -> tuple[MessageLayout, Decoded] | None:
+def _followed(bag: Bag, connection: Connection) -> Layout | None:
     """Follow the first message of a topic; None where there is none, or it cannot be decoded."""
     content = bag.first(connection)
     try:
@@ -256,25 +200,18 @@ def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: Float
     for column, source in enumerate(stream.sources):
         if np.isfinite(values[:, column]).any():
             continue
-        try:
-            source.read(follow(stream.definitions, stream.connection.msgtype, messages[0])[1])
-        except SettingsError as error:
-            raise RecordingError(f'{bag.name}: {error}') from error
+        connection = stream.connection
+        layout = follow(bag.define(connection), connection.msgtype, messages[0])
+        raise RecordingError(f'{bag.name}: {source.missing(layout)}')
 
 
-def _decode(
-    bag: Bag, stream: _Stream, times_ns: Sequence[int], messages: list[bytes]
-) -> tuple[IntArray, FloatArray]:
+def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
     """Read stamps and numbers, naming bag and topic where a message is none of this form."""
     topic, kind = stream.connection.topic, stream.connection.msgtype
     try:
-        if stream.sources:
-            paths = [source.path for source in stream.sources]
-            return read_numbers(stream.definitions, kind, messages, paths)
-        doubles = cdr.DOUBLES[cdr.WRENCH if stream.reader else kind]
-        return cdr.decode_many(stream.stamped(times_ns, messages), doubles)
-    except SettingsError as error:
-        raise RecordingError(f'{bag.name}: {error}') from error
+        if stream.reader is not None:
+            return stream.reader.read(messages)
+        return cdr.decode_many(messages, cdr.DOUBLES[kind])
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(
@@ -286,13 +223,12 @@ def _decode(
 
 def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
     """Find the names of the sensor of a bag."""
-    wrench = _wrench_streams(bag, topics)[0]
+    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
     temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
-    name = f'{wrench.connection.topic}{parse_wrench(topics.wrench).inside}'
-    names = {'wrench_topic': [name], 'temperature_topics': temperatures}
+    names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
     # Who decodes the wrench says what is wrong with it.
-    with suppress(RecordingError, SettingsError):
-        (data,) = wrench.stamped([0], [bag.first(wrench.connection) or b''])
+    with suppress(RecordingError):
+        data = bag.first(wrench) or b''
         if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
             names['frame_id'] = [frame_id]
     return names
@@ -386,13 +322,13 @@ def rewrite_bag(
     bare = target.suffix in SUFFIXES
     folder = target.with_name(f'{target.stem}_bag') if bare else target
     compression = '' if bare else bag.compression
-    wrenches = _wrench_streams(bag, topics)
-    stream, raw = wrenches[0], {wrench.connection.id for wrench in wrenches}
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    stream, raw = _Stream(wrenches[0], AXES), {wrench.id for wrench in wrenches}
     with backend().write_bag(folder, bag, compression) as (add, write):
         copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
         added = [add(stream.connection, f'/{name.strip("/")}', cdr.WRENCH) for name in outputs]
         for batch in bag.batches(bag.connections, progress):
-            found = [(at_ns, data) for connection, at_ns, data in batch if connection.id in raw]
+            found = [data for connection, _, data in batch if connection.id in raw]
             corrected = iter(_corrected(bag, stream, found, outputs.values()))
             for connection, stamp, data in batch:
                 write(copies[connection.id], stamp, data)
@@ -407,14 +343,13 @@ def rewrite_bag(
 
 
 def _corrected(
-    bag: Bag, stream: _Stream, found: list[_Found], corrections: Iterable[Correction]
+    bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
 ) -> list[tuple[bytes | None, ...]]:
     """Correct messages in several ways; None where a correction gives NaN for a finite wrench."""
-    if not found:
+    if not messages:
         return []
-    times_ns, messages = [at_ns for at_ns, _ in found], [data for _, data in found]
-    stamps_ns, raw = _decode(bag, stream, times_ns, messages)
-    messages, columns = stream.stamped(times_ns, messages), []
+    stamps_ns, raw = _decode(bag, stream, messages)
+    columns = []
     for correct in corrections:
         wrench = correct(stamps_ns, raw)
         lost = np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1)

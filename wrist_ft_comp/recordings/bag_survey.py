@@ -10,7 +10,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recordings.bag import Bag, Connection
-from wrist_ft_comp.recordings.bag_recording import temperatures_inside, wrenches_inside
+from wrist_ft_comp.recordings.bag_recording import temperatures_inside
 from wrist_ft_comp.signals import (
     FloatArray,
     IntArray,
@@ -20,8 +20,8 @@ from wrist_ft_comp.signals import (
     Topics,
 )
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.cdr_fields import Definitions, read_numbers
-from wrist_ft_comp.wire.temperature_source import Path, path_text
+from wrist_ft_comp.wire.message_layout import NumberReader, Path
+from wrist_ft_comp.wire.temperature_source import path_text
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
@@ -80,12 +80,11 @@ class _Tally:
     """Statistics of the messages of a connection."""
 
     connection: Connection
-    #: Empty for messages of another type, with wrenches or temperatures inside.
+    #: Empty for messages of another type, with temperatures inside.
     role: str
-    #: Of messages of another type: wrenches, as entries name them, and temperatures.
-    wrenches: list[str] = field(default_factory=list)
+    #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
-    definitions: Definitions = field(default_factory=dict)
+    reader: NumberReader | None = None
     samples: int = 0
     stamped: bool = False
     first_ns: int | None = None
@@ -115,8 +114,8 @@ class _Tally:
         """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
         if self.role == TF:
             return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        if not self.role:
-            return read_numbers(self.definitions, self.connection.msgtype, messages, self.paths)
+        if self.reader is not None:
+            return self.reader.read(messages)
         stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
         if self.role == IMU:
             self.moments += moments_of(values[:, cdr.ACCELERATION])
@@ -127,7 +126,6 @@ class _Tally:
         span_ns = self.last_ns - (self.first_ns or 0)
         figures = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
         topic = self.connection.topic
-        yield from (Candidate(RAW_WRENCH, f'{topic}:{path}', *figures) for path in self.wrenches)
         if self.role and self.role != TEMPERATURE:
             yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
             return
@@ -167,31 +165,28 @@ def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | No
     try:
         definitions = bag.define(connection)
     except RecordingError as error:
-        warnings.append(f'Whether it holds wrench or temperatures is not known: {error}')
+        warnings.append(f'Whether it holds temperatures is not known: {error}')
         return None
-    found = wrenches_inside(bag, connection), temperatures_inside(bag, connection)
-    return _Tally(connection, '', *found, definitions) if any(found) else None
+    found = temperatures_inside(bag, connection)
+    reader = NumberReader(definitions, connection.msgtype, found)
+    return _Tally(connection, '', found, reader) if found else None
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     """
     Choose the topics of a bag: the named ones that it holds, else the most probable ones.
 
-    The raw wrench is one whose name shows no processing, if possible on a topic of its own. Topics
-    with the name of another wrench's sensor are not used. The thermometer inside the sensor comes
-    first. It is most probably the one without the name of a motor, with the longest common
-    beginning of its name and the wrench's, or with the name of something at the tool; the same
-    holds for IMUs. In an array, the last element is taken for the nearest to the tool. Without a
-    raw wrench, its topic is empty.
+    The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
+    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
+    without the name of a motor, with the longest common beginning of its name and the wrench's, or
+    with the name of something at the tool; the same holds for IMUs. In an array, the last element
+    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
-    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), ':' in c.entry, -c.samples))
+    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
-    if ':' in topics.wrench:  # others than those that are found by their names
-        wrench = topics.wrench
-    # Only wrenches of the same form are of other sensors: drivers publish one in several forms.
-    rivals = [c.entry for c in wrenches if (':' in c.entry) == (':' in wrench)]
+    rivals = [c.entry for c in wrenches]
 
     def is_of_another_sensor(candidate: Candidate) -> bool:
         names, ours = _names(candidate.entry), _names(wrench)

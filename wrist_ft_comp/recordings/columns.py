@@ -32,7 +32,8 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
+from wrist_ft_comp.wire.temperature_source import may_be_temperature
+from wrist_ft_comp.wire.units import to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
 STAMPS = {

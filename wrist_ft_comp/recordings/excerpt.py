@@ -9,7 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Samples
-from wrist_ft_comp.stream.sample_checks import NO_TIME
+from wrist_ft_comp.stream.clock import NO_TIME
 
 _UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 

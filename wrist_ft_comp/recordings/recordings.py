@@ -55,9 +55,9 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stored.documents import beginning, Output, writing
 from wrist_ft_comp.stream.batch_grid import grid_samples, GridBuilder
-from wrist_ft_comp.stream.sample_checks import NO_TIME, SampleChecks
+from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources, TemperatureSource
-from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 BAG, CSV = 'rosbag2', 'CSV recording'
 REFERENCE = 'reference'
@@ -316,7 +316,7 @@ def _describe_bag(path: Path, topics: Topics, progress: Progress | None) -> Reco
         topics = suggested_topics(candidates, topics)
         topics, force, doubts = _survey_gravity(bag, candidates, topics)
         temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
-        wrench = parse_wrench(topics.wrench).topic.strip('/')
+        wrench = topics.wrench.strip('/')
         both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
         roles = {
             (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
@@ -361,7 +361,7 @@ def _survey_gravity(
 def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
     """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
     sources = parse_sources(topics.temperatures)
-    named = parse_wrench(topics.wrench).topic, *(source.topic for source in sources)
+    named = topics.wrench, *(source.topic for source in sources)
     if not all(map(bag.named, named)):
         return ()
     checks = SampleChecks(bag.name, sources)

@@ -23,7 +23,7 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestor
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, define_installed, Message
-from wrist_ft_comp.wire.cdr_fields import Definitions, FieldType, SEQUENCE
+from wrist_ft_comp.wire.message_layout import Definitions, FieldType, SEQUENCE
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = 0x0F

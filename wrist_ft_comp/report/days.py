@@ -1,6 +1,6 @@
 """What a diary says of its days: in one sentence, what happened and when, and temperatures."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from itertools import pairwise
 import re
@@ -16,7 +16,6 @@ from wrist_ft_comp.learning.diary import (
     FORCES,
     NOISE,
     NONE,
-    rms_left,
     SENSOR,
     THERMOMETER,
     TOOL,
@@ -63,11 +62,6 @@ class DriftLeft(NamedTuple):
         """Share of the drift that the live model left."""
         return self.left / self.without if self.without > _LEAST_DRIFT else np.nan
 
-    def words(self, unit: str) -> str:
-        """Write what was left, and which share that is."""
-        share = f' ({rounded(100 * self.share, 2)} %)' if np.isfinite(self.share) else ''
-        return f'{rounded(self.left, 2)} {unit}{share}'
-
 
 class Event(NamedTuple):
     """Something that happened on a day, on several in a row, or after one."""
@@ -82,7 +76,7 @@ class Event(NamedTuple):
 
 def drift_left(entry: DayEntry, axes: slice = FORCES) -> DriftLeft:
     """Give what was left of a force's drift on a day, or of a torque's."""
-    return DriftLeft(rms_left(entry, NONE, axes), rms_left(entry, entry.live, axes))
+    return DriftLeft(entry.rms_left(NONE, axes), entry.rms_left(entry.live, axes))
 
 
 def judged_drifts(diary: Diary, axes: slice = FORCES) -> FloatArray:
@@ -99,31 +93,56 @@ def usual_drift(drifts: FloatArray) -> DriftLeft:
 
 def summary(diary: Diary) -> tuple[str, str]:
     """Say in one sentence what drifted and what was left of it, and how that was counted."""
-    count, judged = len(diary.days), judged_drifts(diary)
+    judged, torque = judged_drifts(diary), usual_drift(judged_drifts(diary, TORQUES))
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
-    head = f'{count} day{"s"[: count > 1]}, {" to ".join(dates)}'
-    force, torque = usual_drift(judged), usual_drift(judged_drifts(diary, TORQUES))
+    head = f'{_days(len(diary.days))}, {" to ".join(dates)}'
     if not len(judged):
         return f'{head}: none is judged yet.', ''
-    days = f'{len(judged)} day{"s"[: len(judged) > 1]}'
-    counted = f'RMS of a day, tared in its first minute; median of {days}'
-    drifted = f'on a usual day a force drifted by {rounded(force.without, 2)} N'
+    force = usual_drift(judged)
+    counted = f'RMS of a day, tared in its first minute; median of {_days(len(judged))}'
+    sentence = f'{head}: on a usual day a force drifted by {rounded(force.without, 2)} N'
     if np.isnan(force.left):
-        return f'{head}: {drifted}; no model was live.', f'{counted}.'
+        return f'{sentence}; no model was live.', f'{counted}.'
     (without, left), most = judged.mean(axis=0), judged[:, 1].max()
     counted += (
         f' with a model; mean {rounded(without, 2)} and {rounded(left, 2)} N; most left '
         f'{rounded(most, 2)} N.'
     )
     if np.isfinite(torque.left):
-        drifts = f'{rounded(torque.without, 2)} N m; the model left {torque.words("N m")}'
-        counted += f' A torque drifted by {drifts}.'
-    return f'{head}: {drifted}; the model left {force.words("N")}.', counted
+        counted += (
+            f' A torque drifted by {rounded(torque.without, 2)} N m; the model left '
+            f'{_left_words(torque, "N m")}.'
+        )
+    return f'{sentence}; the model left {_left_words(force, "N")}.', counted
+
+
+def _days(count: int) -> str:
+    return f'{count} {"day" if count == 1 else "days"}'
+
+
+def _left_words(drift: DriftLeft, unit: str) -> str:
+    """Write what was left, and which share that is."""
+    share = f' ({rounded(100 * drift.share, 2)} %)' if np.isfinite(drift.share) else ''
+    return f'{rounded(drift.left, 2)} {unit}{share}'
 
 
 def events(diary: Diary) -> list[Event]:
     """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
-    happened = [*_incidents(diary.days), *_pauses(diary.days), *_model_changes(diary)]
+    happened = _incidents(diary.days)
+    for n, (day, after) in enumerate(pairwise(diary.days)):
+        pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
+        if day.first_ns and pause_days >= _PAUSE_DAYS:
+            nothing = f'Nothing was recorded for {pause_days:.0f} days.'
+            happened.append(Event(NO_DAYS, n, n + 1, nothing))
+    numbers = {day.name: n for n, day in enumerate(diary.days)}
+    for change in diary.history:
+        if change.day in numbers:
+            n = numbers[change.day]
+            happened.append(Event(_NAMES_OF_CHANGES[change.how], n, n, change.why))
+    went_live = {change.day for change in diary.history if change.how == 'learnt'}
+    for n, day in enumerate(diary.days):
+        if day.better and day.name not in went_live:
+            happened.append(Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}'))
     return sorted(happened, key=lambda event: (event.first, event.name in MODEL_CHANGES))
 
 
@@ -132,41 +151,20 @@ def _incidents(days: Sequence[DayEntry]) -> list[Event]:
     found: dict[tuple[str, int], Event] = {}  # by name and last day
     weighed = any(day.payloads for day in days)
     for n, day in enumerate(days):
-        names = _names(day)
-        if weighed and not (names or day.payloads) and np.isfinite(rms_left(day, NONE)):
-            names = [NO_PAYLOAD]
-        for name in names:
+        for name in _names(day, weighed=weighed):
             begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
             found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
     return list(found.values())
 
 
-def _names(day: DayEntry) -> list[str]:
+def _names(day: DayEntry, *, weighed: bool) -> Iterator[str]:
     """Name the incidents of a day: of thermometers, each that was out."""
-    if day.kind == THERMOMETER:
-        numbers = re.findall(r'[Tt]hermometer (\d+)', day.incident)
-        return [f'thermometer {number} out' for number in dict.fromkeys(numbers)] or [day.kind]
-    return [NAMES.get(day.kind, day.kind or 'incident')] if day.kind or day.incident else []
-
-
-def _pauses(days: Sequence[DayEntry]) -> Iterator[Event]:
-    """Find long times without a day, from the day before to the day after."""
-    for n, (day, after) in enumerate(pairwise(days)):
-        pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
-        if day.first_ns and pause_days >= _PAUSE_DAYS:
-            yield Event(NO_DAYS, n, n + 1, f'Nothing was recorded for {pause_days:.0f} days.')
-
-
-def _model_changes(diary: Diary) -> Iterator[Event]:
-    """Name changes of the live model, and better models that did not go live by themselves."""
-    numbers = {day.name: n for n, day in enumerate(diary.days)}
-    for decision in diary.decisions:
-        if (n := numbers.get(decision.day)) is not None:
-            yield Event(_NAMES_OF_CHANGES[decision.how], n, n, decision.sentence)
-    live = {decision.day for decision in diary.decisions if decision.how == 'learnt'}
-    for n, day in enumerate(diary.days):
-        if day.better and day.name not in live:
-            yield Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}')
+    if day.kind == THERMOMETER and (numbers := re.findall(r'hermometer (\d+)', day.incident)):
+        yield from (f'thermometer {number} out' for number in dict.fromkeys(numbers))
+    elif day.kind or day.incident:
+        yield NAMES.get(day.kind, day.kind or 'incident')
+    elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
+        yield NO_PAYLOAD
 
 
 def when(entry: DayEntry) -> str:
@@ -192,19 +190,13 @@ def date_of(entry: DayEntry) -> str:
 
 def known_temperatures(diary: Diary) -> list[list[tuple[float, float]]]:
     """Merge what the days saw, °C: by thermometer, intervals that do not touch."""
-    count = max((len(day.temperature_c) for day in diary.days), default=0)
-    return [
-        _merged(day.temperature_c[j] for day in diary.days if len(day.temperature_c) > j)
-        for j in range(count)
-    ]
-
-
-def _merged(intervals: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Merge intervals that touch or overlap."""
-    merged: list[tuple[float, float]] = []
-    for low, high in sorted(intervals):
-        if merged and low <= merged[-1][1]:
-            merged[-1] = merged[-1][0], max(high, merged[-1][1])
-        else:
-            merged.append((low, high))
-    return merged
+    known: list[list[tuple[float, float]]] = []
+    for j in range(max((len(day.temperature_c) for day in diary.days), default=0)):
+        known.append([])
+        intervals = (day.temperature_c[j] for day in diary.days if len(day.temperature_c) > j)
+        for low, high in sorted(intervals):
+            if known[j] and low <= known[j][-1][1]:
+                known[j][-1] = known[j][-1][0], max(high, known[j][-1][1])
+            else:
+                known[j].append((low, high))
+    return known

@@ -26,6 +26,7 @@ from wrist_ft_comp.report.evaluation import (
     mean_over,
     TaredErrors,
 )
+from wrist_ft_comp.report.summary import acceptance
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.signals import (
     AXES,
@@ -200,7 +201,7 @@ def calibration_view(
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportView(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        acceptance=tuple(calibration.acceptance),
+        acceptance=tuple(acceptance(calibration)),
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),

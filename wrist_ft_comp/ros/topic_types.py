@@ -1,5 +1,6 @@
 """The type of a topic, as the ROS graph knows it once there is a publisher."""
 
+import difflib
 from importlib import import_module
 import re
 from typing import Any
@@ -7,13 +8,17 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.cdr import TEMPERATURE, WRENCH
-from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, Path, path_text
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.recordings.bag import Connection, define_installed
+from wrist_ft_comp.wire.cdr import TEMPERATURE
+from wrist_ft_comp.wire.message_layout import follow, Path
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 #: Fields of a message that a sentence proposes.
 _PROPOSED_FIELDS = 3
+#: A topic of whatever type is probably meant where its name is as similar as this, 0 to 1.
+_LEAST_SIMILARITY = 0.8
 #: Letters of a type's hash in a sentence: RIHS01_ and eight that tell versions apart.
 _HASH_LETTERS = 15
 
@@ -75,15 +80,20 @@ def wrong_type(node: Node, topic: str, wanted: str) -> str:
     return f'{topic} carries {short(types[0])}, not {short(wanted)}'
 
 
-def no_wrench(node: Node, topic: str) -> str:
-    """Say that a topic carries no geometry_msgs/WrenchStamped, and what to write; else nothing."""
-    problem = wrong_type(node, topic, WRENCH)
-    if not problem:
-        return ''
-    first = {('force', 'x'), ('force', 0)}
-    found = [path[:-2] for path in _numbers_on(node, topic) if path[-2:] in first]
-    entries = ' or '.join(f'{topic}:{path_text(path) or "."}' for path in found)
-    return f'{problem}; set wrench_topic to {entries or f"{topic}:FIELD"} for a wrench inside'
+def unpublished(node: Node, topic: str, wanted: str = '') -> str:
+    """Say that nobody publishes on a topic, and which one, of the wanted type, may be meant."""
+    own = {publisher.topic_name for publisher in node.publishers}
+    others = [
+        name
+        for name, types in node.get_topic_names_and_types()
+        if name not in own and (not wanted or wanted in types)
+    ]
+    similarity = 0.0 if wanted else _LEAST_SIMILARITY
+    alike = difflib.get_close_matches(topic, others, max(len(others), 1), similarity)
+    meant = next(filter(node.count_publishers, alike), '')
+    what = f', a {short(wanted)},' if wanted else ''
+    question = f', or is {meant}{what} meant' if meant else ''
+    return f'{topic} has no publisher (is the driver running{question}?)'
 
 
 def no_temperature(node: Node, topic: str) -> str:
@@ -99,7 +109,10 @@ def no_temperature(node: Node, topic: str) -> str:
 
 def _numbers_on(node: Node, topic: str) -> list[Path]:
     """List the numbers in an empty message of a topic's type; none where it cannot be loaded."""
+    (kind, *_) = types_on(node, topic)
     try:
-        return [path for path, _ in numbers_in(load_type(topic, types_on(node, topic)[0])())]
-    except SettingsError:
+        empty = serialize_message(load_type(topic, kind)())
+        definitions = define_installed(Connection(0, topic, kind, 0, None))
+        return numbers_in(follow(definitions, kind, empty))
+    except WristFtCompError:
         return []

@@ -43,19 +43,14 @@ def draw_gauges(settings: FtSensorSettings, rng: np.random.Generator) -> Gauges:
     s = settings
     axes = s.gauge_position + s.axis_position_spread * rng.uniform(-1, 1, (6, 1))
     places = axes + s.gauge_position_spread * rng.uniform(-1, 1, (6, 4))
-    per_k = _gauge_coefficients(s, rng)
+    # Gauges are sorted into bridges of a zero drift in a range. Near balance, eq. 1 is
+    # V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
+    drawn = s.gauge_mismatch_per_k * rng.standard_normal((6, 4))
+    wanted = rng.uniform(*s.zero_coefficient_per_k, 6) * rng.choice((-1.0, 1.0), 6)
+    excess = wanted - drawn @ GAUGE_SIGNS / 4
+    per_k = s.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS
     per_k2 = s.gauge_coefficient_per_k2 + s.gauge_mismatch_per_k2 * rng.standard_normal((6, 4))
     return Gauges(interpolation(s.cells, places), per_k, per_k2)
-
-
-def _gauge_coefficients(settings: FtSensorSettings, rng: np.random.Generator) -> FloatArray:
-    """Draw the linear temperature coefficients, 1/K, shape (6, 4), sorted into bridges."""
-    drawn = settings.gauge_mismatch_per_k * rng.standard_normal((6, 4))
-    smallest, largest = settings.zero_coefficient_per_k
-    wanted = rng.uniform(smallest, largest, 6) * rng.choice((-1.0, 1.0), 6)
-    # Near balance, eq. 1 is V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
-    excess = wanted - drawn @ GAUGE_SIGNS / 4
-    return np.asarray(settings.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS)
 
 
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:

@@ -72,13 +72,6 @@ def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
     )
 
 
-def duty_cycle(run: Run, elapsed_s: ArrayLike) -> FloatArray:
-    """Look the duty cycle up, 0 to 1, in the shape of elapsed_s."""
-    levels = np.array((0.0, *run.settings.duty_level))
-    at = np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
-    return np.asarray(levels[at])
-
-
 def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Compute the room temperature, °C, in the shape of elapsed_s."""
     s = run.settings
@@ -88,7 +81,9 @@ def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
 
 def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
     """Give what drives the heat: duty cycle and room temperature (°C), shape (N, 2)."""
-    return np.column_stack((duty_cycle(run, elapsed_s), room_temperature(run, elapsed_s)))
+    levels = np.array((0.0, *run.settings.duty_level))
+    at = np.searchsorted(np.array(run.settings.duty_start_s), elapsed_s, side='right')
+    return np.column_stack((levels[at], room_temperature(run, elapsed_s)))
 
 
 def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:

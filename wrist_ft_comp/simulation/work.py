@@ -93,22 +93,22 @@ def draw_work(
     force = direction * rng.uniform(0.1 * _LARGEST_FORCE_N, _LARGEST_FORCE_N, (_LEGS, 1))
     point = np.column_stack((rng.normal(0, 0.03, (_LEGS, 2)), rng.uniform(0.08, 0.2, _LEGS)))
     touched = rng.random((_LEGS, 1)) < settings.contacts / pressing
-    part = settings.part_kg > 0
+    # Where the centres of mass are: a tool, and the same with a part in it.
+    payload_rng = tools or rng
+    tool_m = np.append(payload_rng.normal(0, 0.02, 2), payload_rng.uniform(0.04, 0.12))
+    part_m = np.append(payload_rng.normal(0, 0.02, 2), payload_rng.uniform(0.12, 0.2))
+    payloads = [Payload(settings.tool_kg, tool_m)]
+    if settings.part_kg > 0:
+        both_kg = settings.tool_kg + settings.part_kg
+        center_m = (settings.tool_kg * tool_m + settings.part_kg * part_m) / both_kg
+        payloads.append(Payload(both_kg, center_m))
+    paths_m = rng.normal(0, _REACH_M, (_LEGS, 3))
     return Work(
-        payloads=_draw_payloads(settings, tools or rng),
+        payloads=tuple(payloads),
         begins_s=np.concatenate(([0.0], np.cumsum(moves_s + rests_s))), moves_s=moves_s,
-        poses=poses, turns=turns, paths_m=rng.normal(0, _REACH_M, (_LEGS, 3)),
-        held=np.arange(_LEGS) // _HELD_LEGS % 2 * part,
+        poses=poses, turns=turns, paths_m=paths_m,
+        held=np.arange(_LEGS) // _HELD_LEGS % 2 * (settings.part_kg > 0),
         pressed=touched * np.concatenate((force, np.cross(point, force)), axis=1))  # fmt: skip
-
-
-def _draw_payloads(settings: WorkSettings, rng: np.random.Generator) -> tuple[Payload, ...]:
-    """Draw where the centres of mass are: a tool, and the same with a part in it."""
-    tool = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.04, 0.12))
-    part = np.append(rng.normal(0, 0.02, 2), rng.uniform(0.12, 0.2))
-    both = settings.tool_kg + settings.part_kg
-    center = (settings.tool_kg * tool + settings.part_kg * part) / (both or 1.0)
-    return (Payload(settings.tool_kg, tool), Payload(both, center))[: 1 + (settings.part_kg > 0)]
 
 
 def move(work: Work, elapsed_s: FloatArray) -> Motion:
@@ -116,7 +116,11 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
     time_s = elapsed_s % work.begins_s[-1]
     leg = np.searchsorted(work.begins_s, time_s, side='right') - 1
     since_s, moves_s = time_s - work.begins_s[leg], work.moves_s[leg, np.newaxis]
-    done, rate, bend = _smooth(np.minimum(since_s[:, np.newaxis] / moves_s, 1.0))
+    # From 0 to 1 without a jerk: the position, and its first and second derivatives.
+    share = np.minimum(since_s[:, np.newaxis] / moves_s, 1.0)
+    rest = 1 - share
+    done = share**3 * (10 - 15 * share + 6 * share**2)
+    rate, bend = 30 * (share * rest) ** 2, 60 * share * rest * (1 - 2 * share)
     turn = work.turns[leg]
     pose = work.poses[leg] * Rotation.from_rotvec(done * turn)
     omega, alpha = turn * rate / moves_s, turn * bend / moves_s**2
@@ -126,28 +130,18 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
         payload.weight(force + lever(omega, alpha, payload.center_m)) for payload in work.payloads
     ]
     weight = np.choose(work.held[leg, np.newaxis], weights)
-    return Motion(pose, force, omega, alpha, weight, _press(work, leg, since_s))
-
-
-def _smooth(share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Go from 0 to 1 without a jerk: the position, and its first and second derivatives."""
-    rest = 1 - share
-    position = share**3 * (10 - 15 * share + 6 * share**2)
-    return position, 30 * (share * rest) ** 2, 60 * share * rest * (1 - 2 * share)
+    # It presses on things in the middle of rests.
+    rests_s = np.diff(work.begins_s) - work.moves_s
+    first_s = (work.moves_s + _PRESS_FROM * rests_s)[leg]
+    last_s = (work.moves_s + _PRESS_TO * rests_s)[leg]
+    swell = np.clip(np.minimum(since_s - first_s, last_s - since_s) / _RISE_S, 0.0, 1.0)
+    contact = np.asarray(swell[:, np.newaxis] * work.pressed[leg])
+    return Motion(pose, force, omega, alpha, weight, contact)
 
 
 def lever(omega: FloatArray, alpha: FloatArray, at_m: FloatArray) -> FloatArray:
     """Accelerate a point of the sensor's frame by rotation: α × r + ω × (ω × r), (n, 3)."""
     return np.asarray(np.cross(alpha, at_m) + np.cross(omega, np.cross(omega, at_m)))
-
-
-def _press(work: Work, leg: IntArray, since_s: FloatArray) -> FloatArray:
-    """Press on things in the middle of rests, (n, 6)."""
-    rests_s = np.diff(work.begins_s) - work.moves_s
-    first_s = (work.moves_s + _PRESS_FROM * rests_s)[leg]
-    last_s = (work.moves_s + _PRESS_TO * rests_s)[leg]
-    swell = np.clip(np.minimum(since_s - first_s, last_s - since_s) / _RISE_S, 0.0, 1.0)
-    return np.asarray(swell[:, np.newaxis] * work.pressed[leg])
 
 
 @dataclass(frozen=True, eq=False)

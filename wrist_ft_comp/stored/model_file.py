@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp
-from wrist_ft_comp.drift.arx_filter import Arx
+from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
@@ -35,7 +35,7 @@ _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 #: What is written of an axis.
 _KEPT = (
     'chosen', 'rms_before', 'rms_after', 'expected_rms', 'day_limit', 'reason',
-    'time_constants_s', 'time_constant_errors_s', 'terms', 'notes', 'candidates', 'model',
+    'time_constants_s', 'time_constant_errors_s', 'notes', 'candidates', 'model',
 )  # fmt: skip
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(

@@ -68,13 +68,16 @@ class GridBuilder:
         #: What came, and what of it was dropped.
         self.checks = SampleChecks(name, temperatures)
         #: By channel, for each block: numbers of its cells, ascending, sums and counts in them.
-        self._cells: defaultdict[str, list[IntArray]] = defaultdict(list)
-        self._sums: defaultdict[str, list[FloatArray]] = defaultdict(list)
-        self._counts: defaultdict[str, list[IntArray]] = defaultdict(list)
+        self._blocks: defaultdict[str, list[tuple[IntArray, FloatArray, IntArray]]]
+        self._blocks = defaultdict(list)
 
     def add(self, samples: Samples) -> None:
         """Add a block of samples; blocks of the same channels must come in order of time."""
+        spikes = self.checks.tallies[samples.channels].spikes
+        wrong_starts = spikes.wrong_starts
         samples = self.checks.admit(samples)
+        if spikes.wrong_starts > wrong_starts:
+            self._blocks.pop(samples.channels[0], None)
         values = samples.values
         if not len(values):
             return
@@ -85,46 +88,59 @@ class GridBuilder:
         sums = np.add.reduceat(values, starts, axis=0)
         counts = np.diff(starts, append=len(cells))
         for column, channel in enumerate(samples.channels):
-            self._cells[channel].append(cells[starts])
-            self._sums[channel].append(sums[:, column])
-            self._counts[channel].append(counts)
+            self._blocks[channel].append((cells[starts], sums[:, column], counts))
 
     def build(self) -> Recording:
         """Make the recording from everything that was added; raises as ``grid_samples``."""
-        warnings = list(self._judge_samples())
+        warnings = []
+        for sentence, is_too_much in self.checks.judge(self._max_bad_share):
+            if is_too_much:
+                raise RecordingError(sentence)
+            warnings.append(sentence)
         thermometers = self._thermometers()
-        if not any(axis in self._cells for axis in AXES):
+        if self._blocks.keys().isdisjoint(AXES):
             raise RecordingError(
                 f'{self._name} holds no wrench. Expected at least one of {", ".join(AXES)}; '
-                f'got {", ".join(sorted(self._cells))}.'
+                f'got {", ".join(sorted(self._blocks))}.'
             )
-        first = max(int(self._cells[channel][0][0]) for channel in thermometers)
-        last = max(int(blocks[-1][-1]) for blocks in self._cells.values())
+        first = max(self._ends(channel)[0] for channel in thermometers)
+        last = max(self._ends(channel)[1] for channel in self._blocks)
         warnings += self._judge_span(last + 1 - first, thermometers)
         warnings += self._late_thermometer(thermometers, first)
         temperature_c = self._table(thermometers, first, last)
+        before_c = []
+        for channel in thermometers:
+            cells = np.concatenate([cells for cells, _, _ in self._blocks[channel]])
+            # One cell of what lies before the first: it may be years away, by a broken stamp.
+            begin = int(cells[cells <= first].max())
+            before_c.append(self._means(channel, begin, begin)[0])
         force, speed = None, None
-        if any(channel in self._cells for channel in FORCE_CHANNELS):
-            force = self._table(FORCE_CHANNELS, first, last)
-            force, doubts = _doubt_gravity(force, self._name)
+        if not self._blocks.keys().isdisjoint(FORCE_CHANNELS):
+            measured = self._table(FORCE_CHANNELS, first, last)
+            force, doubts = _doubt_gravity(measured, self._name)
             warnings += doubts
-        if ROTATION_CHANNEL in self._cells:
-            speed = np.sqrt(self._dense(ROTATION_CHANNEL, first, last))
+        if ROTATION_CHANNEL in self._blocks:
+            speed = np.sqrt(self._means(ROTATION_CHANNEL, first, last))
         return Recording(
             name=self._name, period_ns=self._period_ns, first_cell=first,
-            temperature_c=self._bridge(temperature_c, thermometers, first),
+            temperature_c=fill_gaps(temperature_c, np.array(before_c), self._period_ns),
             measured=np.isfinite(temperature_c),
             wrench=self._table(AXES, first, last),
             reference=self._table(REFERENCE_CHANNELS, first, last),
             warnings=tuple(warnings), specific_force=force, rotation_speed=speed)  # fmt: skip
 
+    def _ends(self, channel: str) -> tuple[int, int]:
+        """Find the first and the last cell of a channel."""
+        blocks = self._blocks[channel]
+        return int(blocks[0][0][0]), int(blocks[-1][0][-1])
+
     def _judge_span(self, cells: int, thermometers: Sequence[str]) -> Iterator[str]:
         """Refuse stamps that are no times of one recording; doubt a long one."""
         remedy = UNIT_OF_STAMPS * self._is_table
         span_s, period_s = cells * self._period_ns / NANOSECONDS, self._period_ns / NANOSECONDS
-        for thermometer, axis in product(thermometers, filter(self._cells.__contains__, AXES)):
-            blocks = self._cells[thermometer], self._cells[axis]
-            apart = max(int(b[0][0]) for b in blocks) - min(int(b[-1][-1]) for b in blocks)
+        for thermometer, axis in product(thermometers, filter(self._blocks.__contains__, AXES)):
+            begins, ends = zip(self._ends(thermometer), self._ends(axis), strict=True)
+            apart = max(begins) - min(ends)
             if apart * period_s > SAME_CLOCK_S:
                 raise RecordingError(
                     f'Stamps of {axis} and {thermometer} of {self._name} are '
@@ -141,20 +157,13 @@ class GridBuilder:
         if remedy and span_s > _LONG_S:
             yield f'{self._name} lasts {span_s / 86_400:.1f} days. {remedy}'
 
-    def _judge_samples(self) -> Iterator[str]:
-        """Report what was dropped; refuse when it is too much."""
-        for sentence, is_too_much in self.checks.judge(self._max_bad_share):
-            if is_too_much:
-                raise RecordingError(sentence)
-            yield sentence
-
     def _late_thermometer(self, channels: Sequence[str], first: int) -> Iterator[str]:
         """Name the thermometer that the recording had to wait for, where it waited for long."""
-        wrenches = [cells for axis in AXES for cells in self._cells.get(axis, [])]
+        wrenches = [cells for axis in AXES for cells, _, _ in self._blocks.get(axis, [])]
         lost = np.unique(np.concatenate([cells[cells < first] for cells in wrenches]))
         lost_s = len(lost) * self._period_ns / NANOSECONDS
         if lost_s > _LATE_S:
-            late = next(j for j, name in enumerate(channels) if self._cells[name][0][0] == first)
+            late = next(j for j, name in enumerate(channels) if self._ends(name)[0] == first)
             yield (
                 f'Thermometer {late + 1} of {self._name} came after {lost_s:.0f} s of wrenches, '
                 'of which no drift is known: nothing is learnt, judged or tared before it came, '
@@ -165,7 +174,7 @@ class GridBuilder:
 
     def _thermometers(self) -> list[str]:
         """List the channels of the thermometers, refusing a gap in their numbering."""
-        found = [name for j in range(100) if (name := temperature_channel(j)) in self._cells]
+        found = [name for j in range(100) if (name := temperature_channel(j)) in self._blocks]
         expected = [temperature_channel(j) for j in range(len(found) or 1)]
         for channel in expected:
             if channel not in found:
@@ -178,39 +187,24 @@ class GridBuilder:
 
     def _table(self, channels: Sequence[str], first: int, last: int) -> FloatArray:
         """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
-        shape = last - first + 1, len(channels)
-        if self._cells.keys().isdisjoint(channels):
-            return np.broadcast_to(np.nan, shape)
-        table = np.full(shape, np.nan)
-        for column, channel in enumerate(channels):
-            if channel in self._cells:
-                table[:, column] = self._dense(channel, first, last)
-        return table
+        if self._blocks.keys().isdisjoint(channels):
+            return np.broadcast_to(np.nan, (last - first + 1, len(channels)))
+        return np.stack([self._means(channel, first, last) for channel in channels], axis=1)
 
-    def _dense(self, channel: str, first: int, last: int) -> FloatArray:
+    def _means(self, channel: str, first: int, last: int) -> FloatArray:
         """Means of a channel on cells first … last, shape (last - first + 1,), NaN where none."""
-        cells = np.concatenate(self._cells[channel])
-        inside = (cells >= first) & (cells <= last)
-        at = cells[inside] - first
         size = last - first + 1
-        sums = np.bincount(at, np.concatenate(self._sums[channel])[inside], size)
-        counts = np.bincount(at, np.concatenate(self._counts[channel])[inside], size)
         means = np.full(size, np.nan)
-        np.divide(sums, counts, out=means, where=counts > 0)
+        if channel in self._blocks:
+            cells, sums, counts = map(np.concatenate, zip(*self._blocks[channel], strict=True))
+            inside = (cells >= first) & (cells <= last)
+            at = cells[inside] - first
+            sums, counts = (np.bincount(at, part[inside], size) for part in (sums, counts))
+            np.divide(sums, counts, out=means, where=counts > 0)
         return means
 
-    def _bridge(self, temperature_c: FloatArray, channels: list[str], first: int) -> FloatArray:
-        """Fill empty cells by the rule for gaps, shape (N, J), also from before the first cell."""
-        before_c = []
-        for channel in channels:
-            cells = np.concatenate(self._cells[channel])
-            # One cell of what lies before the first: it may be years away, by a broken stamp.
-            begin = int(cells[cells <= first].max())
-            before_c.append(self._dense(channel, begin, begin)[0])
-        return fill_gaps(temperature_c, np.array(before_c), self._period_ns)
 
-
-def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tuple[str, ...]]:
+def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, list[str]]:
     """
     Doubt specific force, shape (N, 3), whose norm at rest is not gravity's.
 
@@ -219,28 +213,29 @@ def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, tup
     """
     # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
     change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
-    steps = change[np.isfinite(change)]
-    subject = f'The specific force of {name} has'
-    if not len(steps):
+    known, subject = change[np.isfinite(change)], f'The specific force of {name} has'
+    if not len(known):
         missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
-        return None, (f'{subject} {missing}',)
-    at_rest = change <= max(_STILL, float(np.median(steps)))
+        return None, [f'{subject} {missing}']
+    at_rest = change <= max(_STILL, float(np.median(known)))
     norm = float(np.median(np.linalg.norm(force[at_rest], axis=1)))
-    if norm < _LEAST_GRAVITY:
-        doubt = (
-            f'{subject} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
-            'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
-            'linear_acceleration), not the motion alone.'
-        )
-        return None, (doubt,)
     off = norm / GRAVITY - 1
+    force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
+    if abs(off) <= _GRAVITY_DOUBT:
+        return force, []
+    if norm >= _LEAST_GRAVITY:
+        doubt = (
+            f'{subject} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a '
+            'payload takes for its scale. If it is in another unit, that is all; if not, '
+            'calibrate the accelerometer, because a payload is as wrong as it is.'
+        )
+        return force, [doubt]
     doubt = (
-        f'{subject} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a payload '
-        'takes for its scale. If it is in another unit, that is all; if not, calibrate the '
-        'accelerometer, because a payload is as wrong as it is.'
+        f'{subject} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
+        'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
+        'linear_acceleration), not the motion alone.'
     )
-    whole = np.isfinite(force).all(axis=1, keepdims=True)
-    return np.where(whole, force, np.nan), (doubt,) if abs(off) > _GRAVITY_DOUBT else ()
+    return None, [doubt]
 
 
 def grid_samples(

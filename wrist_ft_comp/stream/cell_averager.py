@@ -1,7 +1,7 @@
 """Averages of a running stream, one row per thermal cell, for the node's own recordings."""
 
 from collections.abc import Sequence
-from math import inf, isnan, sqrt
+from math import inf, isnan, nan, sqrt
 
 from wrist_ft_comp.signals import (
     AXES,
@@ -12,7 +12,6 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 
-_NAN = float('nan')
 #: A row waits for late wrenches for this many cells, and what comes without wrenches for a row.
 _PATIENCE_CELLS = 50
 #: Most cells with wrenches that wait for temperatures.
@@ -76,7 +75,7 @@ class CellAverager:
         cell = stamp_ns // self._period_ns
         self._latest[channel] = cell
         if cell not in self._cells:
-            self._cells[cell] = _no_sums()
+            self._cells[cell] = [[0.0] * (1 + width) for width in _WIDTHS]
         sums = self._cells[cell][channel]
         sums[0] += 1.0
         for i, value in enumerate(values, start=1):
@@ -94,56 +93,45 @@ class CellAverager:
                 self._begin = cell.number
             self._cells = {at: sums for at, sums in self._cells.items() if at >= self._begin}
             self._temperatures[cell.number] = [
-                float(value) if measured else _NAN
-                for value, measured in zip(cell.temperature_c, cell.measured, strict=True)
+                float(value_c) if measured else nan
+                for value_c, measured in zip(cell.temperature_c, cell.measured, strict=True)
             ]
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
-        self._drop_strangers()
-        rows = []
-        wrenches = {cell for cell, sums in self._cells.items() if sums[RAW][0]}
-        cells = wrenches | self._temperatures.keys()
-        waiting = sorted(cell for cell in cells if cell >= self._begin)
-        for place, cell in enumerate(waiting):
-            if not self._is_due(cell, len(waiting) - place, final=final):
-                break
-            self._begin, self._silent = cell + 1, cell >= self._end
-            rows.append(self._row(cell))
-        return [row for row in rows if not all(map(isnan, row[1]))]
-
-    def _drop_strangers(self) -> None:
-        """Drop what has no raw wrench beside it and is far from the newest cells."""
+        # What has no raw wrench beside it and is far from the newest cells is of another clock.
         now = max(self._latest[RAW], self._end)
         self._cells = {
             cell: sums
             for cell, sums in self._cells.items()
             if sums[RAW][0] or abs(cell - now) <= _PATIENCE_CELLS
         }
-
-    def _is_due(self, cell: int, held: int, *, final: bool) -> bool:
-        """Whether a cell is complete or waited long enough; held counts it and all later cells."""
-        if cell >= self._end:
-            return held > (0 if final and self._silent else _HELD_CELLS)
+        wrenches = {cell for cell, sums in self._cells.items() if sums[RAW][0]}
+        cells = wrenches | self._temperatures.keys()
+        waiting = sorted(cell for cell in cells if cell >= self._begin)
         # A reference is waited for when there is one at all, and so is specific force.
-        others = self._latest[REFERENCE], self._latest[FORCE]
-        behind = self._latest[RAW] <= cell or any(0 <= latest <= cell for latest in others)
-        return final or not behind or cell < self._end - 1 - _PATIENCE_CELLS
+        others = [latest for latest in self._latest[REFERENCE:SPEED] if latest >= 0]
+        newest = min([self._latest[RAW], *others])
+        rows = []
+        for place, cell in enumerate(waiting):
+            if cell >= self._end:
+                held = len(waiting) - place
+                is_due = held > (0 if final and self._silent else _HELD_CELLS)
+            else:
+                is_due = final or cell < max(newest, self._end - 1 - _PATIENCE_CELLS)
+            if not is_due:
+                break
+            self._begin, self._silent = cell + 1, cell >= self._end
+            rows.append((cell * self._period_ns + self._period_ns // 2, self._values(cell)))
+        return [row for row in rows if not all(map(isnan, row[1]))]
 
-    def _row(self, cell: int) -> Row:
-        """Make a cell's row of its temperatures, °C, and its means."""
-        temperatures = self._temperatures.pop(cell, [_NAN] * self._thermometers)
-        raw, reference, force, (square,) = map(_mean, self._cells.pop(cell, _no_sums()))
+    def _values(self, cell: int) -> list[float]:
+        """Take a cell's means and temperatures, °C; NaN where there are none."""
+        means = [[nan] * width for width in _WIDTHS]
+        for channel, (count, *sums) in enumerate(self._cells.pop(cell, ())):
+            if count:
+                means[channel] = [value / count for value in sums]
+        raw, reference, force, (square,) = means
+        temperatures_c = self._temperatures.pop(cell, [nan] * self._thermometers)
         motion = [*force, sqrt(square)] if self._with_force else []
-        values = [*raw, *reference, *temperatures, *motion]
-        return cell * self._period_ns + self._period_ns // 2, values
-
-
-def _no_sums() -> list[list[float]]:
-    return [[0.0] * (1 + width) for width in _WIDTHS]
-
-
-def _mean(sums: list[float]) -> list[float]:
-    """Divide sums by their count, NaN where there is none."""
-    count, *others = sums
-    return [value / count if count else _NAN for value in others]
+        return [*raw, *reference, *temperatures_c, *motion]

@@ -9,6 +9,7 @@ from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_dr
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import Limits
 from wrist_ft_comp.stream.stream_grid import ThermalCell
@@ -57,8 +58,7 @@ class Compensator:
         settings: StreamSettings | None = None,
         model: DriftModel | None = None,
     ) -> None:
-        settings = settings or StreamSettings()
-        self.settings = settings
+        self.settings = settings = settings or StreamSettings()
         self.thermometers = thermometers
         period_ns = round(settings.thermal_period_s * NANOSECONDS)
         patience_s, history_s = settings.temperature_timeout_s, settings.history_s
@@ -72,8 +72,9 @@ class Compensator:
         self.compensation = no_drift()
         #: What is subtracted at the beginning of the ramp, and its stamp, ns.
         self._begun, self._begun_ns = self.compensation, 0
-        #: Whether the first cell must not move the output: after a tare or a change of model.
-        self._keep_output = False
+        #: Whether a tare or a change of the model came before the drift begins: the tare takes up
+        #: the drift then, so that the output stays.
+        self._tare_waits = False
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -94,29 +95,34 @@ class Compensator:
         stamp_ns: int,
         temperature_c: float,
         keep_output_of: Wrench | None = None,
+        arrival_ns: int | None = None,
     ) -> list[ThermalCell]:
         """
         Take one temperature of a thermometer, counted from 0; give the cells that it completes.
 
         The compensation has moved when there are any. Where the drift begins under a tare or after
-        a change of the model, the output of the newest wrench, ``keep_output_of``, stays where it
-        was, because the tare takes the difference up. SettingsError without such a thermometer.
+        a change of the model, the output of the newest wrench, ``keep_output_of``, stays: the tare
+        takes the difference up. Arrival, ns, by a clock that is never set, shows how much time
+        passed where that of the stamps was. SettingsError without such a thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        resting, awaiting = not self.compensating, self.tracker.awaiting_gap
-        cells = self.tracker.add(thermometer, stamp_ns, temperature_c)
-        if cells and self.compensating:
-            target = self.limits.saturate(self.tracker.drift)
-            if resting or (awaiting and self._keep_output):
-                wrench = keep_output_of or (stamp_ns, _UNLOADED)
-                self._settle(target, self._reading(wrench) if self._keep_output else None)
-            period_s = self.tracker.grid.period_ns / NANOSECONDS
-            self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-            self.compensation = self.limits.rate_limit(target, self._begun, period_s)
-            self._refresh_correction()
+        had_drift = self.compensating
+        cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        if not cells or not self.compensating:
+            return cells
+        target = self.limits.saturate(self.tracker.drift)
+        if self._tare_waits:
+            self._settle(target, self._reading(keep_output_of or (stamp_ns, _UNLOADED)))
+        elif not had_drift:
+            self._settle(target, None)
+        self._tare_waits = False
+        period_s = self.tracker.grid.period_ns / NANOSECONDS
+        self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
+        self.compensation = self.limits.rate_limit(target, self._begun, period_s)
+        self._refresh_correction()
         return cells
 
     def correct(
@@ -153,7 +159,7 @@ class Compensator:
             check_fits(model, self.thermometers)
         reading = self._reading(keep_output_of)
         self.tracker.use(model)
-        self._keep_output = reading is not None
+        self._tare_waits = reading is not None and not self.compensating
         self._settle(self.limits.saturate(self.tracker.drift), reading)
 
     def set_tare(
@@ -168,13 +174,13 @@ class Compensator:
         self.tare = raw - drift.zero
         if weight is not None:
             self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
-        self._keep_output = True
+        self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._keep_output = False
+        self._tare_waits = False
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(
@@ -187,7 +193,7 @@ class Compensator:
         begins.
         """
         self.tare, self.external_tare = tare, external
-        self._keep_output |= before_drift
+        self._tare_waits |= before_drift
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:

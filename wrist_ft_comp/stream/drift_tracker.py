@@ -6,11 +6,12 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.signals import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_prediction
-from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, MOST_GAP_S
+from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
+from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, slowest_time_constant_s
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermal_memory import blocks_of, ThermalMemory
+from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
+from wrist_ft_comp.stream.thermal_memory import Block, blocks_of, History, ThermalMemory
 from wrist_ft_comp.stream.thermometer_prediction import Readings, ThermometerState
-from wrist_ft_comp.stream.timestamp_filter import TimestampFilter
 
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes.
 SPAN_S = 60.0
@@ -24,33 +25,7 @@ _REPORTED_GAP_S = 600.0
 _NOT_YET = 'no temperatures yet'
 #: Origin of the drift of a restarted stream before its first temperature.
 _HELD = 'the drift saved before the restart is held until a temperature comes'
-
-
-class History:
-    """Keeps the newest cells of J thermometers, ``most`` at most."""
-
-    def __init__(self, thermometers: int, most: int) -> None:
-        self.most = most
-        self._rows: FloatArray = np.zeros((0, thermometers))
-        self._end = 0
-
-    def __len__(self) -> int:
-        return min(self._end, self.most)
-
-    @property
-    def temperature_c(self) -> FloatArray:
-        """What was believed, °C, shape (N, J), oldest first."""
-        return self._rows[self._end - len(self) : self._end]
-
-    def add(self, temperature_c: FloatArray) -> None:
-        """Add cells, °C, shape (n, J)."""
-        rows = temperature_c[-self.most :]
-        if self._end + len(rows) > len(self._rows):
-            kept = self.temperature_c
-            self._rows = np.zeros((2 * self.most, rows.shape[1]))
-            self._rows[: len(kept)], self._end = kept, len(kept)
-        self._rows[self._end : self._end + len(rows)] = rows
-        self._end += len(rows)
+_STARTS_ANEW = 'so the drift starts at the steady state of the present temperatures'
 
 
 class DriftTracker:
@@ -69,9 +44,11 @@ class DriftTracker:
         self.drift = no_drift()
         #: Where the drift comes from, a sentence; it changes when the drift starts or goes on.
         self.origin = _NOT_YET
-        #: Whether a thermal state could not be used after a gap.
+        #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
-        self.timestamp_filter = TimestampFilter(thermometers)
+        self.clocks = SourceClocks(thermometers, patience_s)
+        #: Of each thermometer.
+        self.spikes = [SpikeFilter() for _ in range(thermometers)]
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
         #: What is known of the thermometers; None where the model does not predict them.
         self.thermometers: ThermometerState | None = None
@@ -88,7 +65,8 @@ class DriftTracker:
 
     def _forget(self) -> None:
         """Let the sensor have soaked at the temperatures of the next cell."""
-        self.history = History(self._count, self._most_cells())
+        most = max(round(self._history_s * NANOSECONDS / self.grid.period_ns), 1)
+        self.history = History(self._count, most)
         #: The cell that comes next; None before the first.
         self._next: int | None = None
         #: Cells that the model has not run through, °C, (n, J).
@@ -96,21 +74,11 @@ class DriftTracker:
         #: The cells that the model starts from, °C, (n, J).
         self._start_c: FloatArray = self._waiting
 
-    def _most_cells(self) -> int:
-        """Count the cells that are kept for a later model."""
-        return max(round(self._history_s * NANOSECONDS / self.grid.period_ns), 1)
-
     @property
-    def _longest(self) -> int:
-        """Longest gap, cells, after which the drift goes on from its state."""
-        if self.model is None:
-            return int(MOST_GAP_S * NANOSECONDS / self.grid.period_ns)
-        return longest_gap_cells(self.model)
-
-    @property
-    def _block_cells(self) -> int:
-        """Count the cells over which a saved history is averaged."""
-        return max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 1)
+    def _longest_gap_s(self) -> float:
+        """Longest gap, s, in whole cells, after which the drift goes on from its state."""
+        period_ns = self.grid.period_ns
+        return longest_gap_cells(self.model, period_ns) * period_ns / NANOSECONDS
 
     @property
     def following(self) -> bool:
@@ -129,14 +97,61 @@ class DriftTracker:
             return []
         return [int(j) for j in np.flatnonzero(self.thermometers.replaced)]
 
-    def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[ThermalCell]:
-        """Take one temperature, °C; step the model by the cells that it completes."""
-        samples = self.timestamp_filter.admit(thermometer, stamp_ns, temperature_c)
-        completed = [cell for sample in samples for cell in self.grid.add(*sample)]
-        for cell in completed:
-            self._take(cell)
-        self._follow(_CELLS_AT_ONCE)
+    @property
+    def remembered_jumps_k(self) -> list[float]:
+        """How far each thermometer jumped, K, while the model remembers that; else 0."""
+        time_constant_s = 0.0 if self.model is None else slowest_time_constant_s(self.model)
+        return [spikes.remembered_k(self.end_ns, time_constant_s) for spikes in self.spikes]
+
+    def add(self, sample: Sample) -> list[ThermalCell]:
+        """Take one temperature; step the model by the cells that it completes."""
+        samples = self.clocks.admit(sample)
+        if self.clocks.leap is not None:
+            self._follow_clock(self.clocks.leap)
+        completed = []
+        for source, at_ns, value_c, _ in samples:
+            spikes = self.spikes[source]
+            wrong_starts = spikes.wrong_starts
+            if not spikes.admit(at_ns, value_c):
+                continue
+            if spikes.wrong_starts > wrong_starts:
+                self._start_anew(source, at_ns)
+            for cell in self.grid.add(source, at_ns, value_c):
+                self._take(cell)
+                completed.append(cell)
+        self._run(_CELLS_AT_ONCE)
         return completed
+
+    def _follow_clock(self, leap: Leap) -> None:
+        """Go on where the clock does: what is remembered moves along if it is known how far."""
+        period_ns = self.grid.period_ns
+        cell = leap.to_ns // period_ns
+        if leap.passed_ns is not None:
+            cells = cell - leap.from_ns // period_ns - leap.passed_ns // period_ns
+            for spikes in self.spikes:
+                spikes.shift(cells * period_ns)
+            if self._next is not None:
+                self._next += cells
+                self.end_ns += cells * period_ns
+                cell = self._next
+            if self.following:
+                leapt_s, passed_s = (leap.to_ns - leap.from_ns) / 1e9, leap.passed_ns / 1e9
+                self.origin = (
+                    f'stamps of the temperatures leapt by {leapt_s:.0f} s while {passed_s:.0f} s '
+                    'passed: their clock was set, and the drift goes on'
+                )
+        self.grid.move_to(cell)
+
+    def _start_anew(self, thermometer: int, stamp_ns: int) -> None:
+        """Start where the first readings of a thermometer are known to be wrong."""
+        self._forget()
+        self.grid.begin_at(stamp_ns // self.grid.period_ns)
+        if self.following:
+            wrong_c, self.forgot = self.spikes[thermometer].strange_c, True
+            self.origin = (
+                f'the first readings of thermometer {thermometer + 1}, such as {wrong_c:.1f} °C, '
+                f'were wrong; {_STARTS_ANEW}'
+            )
 
     def _take(self, cell: ThermalCell) -> None:
         """Let a cell wait for the model, and those of the gap before it."""
@@ -148,12 +163,10 @@ class DriftTracker:
         if self._next is None or before_c is None:  # there is nothing before it
             gap, before_c = 0, believed_c
         gap = max(gap, 0)
-        prediction = None if self.model is None else self.model.prediction
-        if prediction is not None:
+        if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
-                reasons = () if state is None else state.reasons
-                state = thermometer_prediction.start(prediction, believed_c, reasons)
+                state = thermometer_prediction.start(prediction, believed_c, state)
             readings = Readings(believed_c, np.array(cell.measured), period_s, gap * period_s)
             self.thermometers = thermometer_prediction.step(prediction, state, readings)
             believed_c = self.thermometers.believed_c
@@ -169,22 +182,21 @@ class DriftTracker:
 
     def _cross(self, gap: int) -> None:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
-        period_s = self.grid.period_ns / NANOSECONDS
+        gap_s = gap * self.grid.period_ns / NANOSECONDS
         memory, by_clock_s = self._awaited or (None, 0.0)
         self._awaited = None
-        problem = doubt(gap * period_s, self._longest * period_s, by_clock_s)
+        problem = doubt(gap_s, self._longest_gap_s, by_clock_s)
         if problem:
             self._forget()
-        if self.model is None or (0 <= gap * period_s < _REPORTED_GAP_S and not memory):
+        if self.model is None or (0 <= gap_s < _REPORTED_GAP_S and not memory):
             return
         if problem:
-            start = 'the drift starts at the steady state of the present temperatures'
-            self.origin, self.forgot = f'{problem}; so {start}', True
+            self.origin, self.forgot = f'{problem}; {_STARTS_ANEW}', True
         elif memory:
-            before_s, self.forgot = max(gap, 0) * period_s, False
+            before_s, self.forgot = max(gap_s, 0.0), False
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
 
-    def _follow(self, most: int) -> None:
+    def _run(self, most: int) -> None:
         """Run the model through the cells that wait, or through the first ones of them."""
         model = self.model
         if model is None or not len(self._waiting):
@@ -204,29 +216,30 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            counted = self.grid.rejected, self.grid.restarts, self.grid.spikes
+            rejected = self.grid.rejected
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
-            self.grid.rejected, self.grid.restarts, self.grid.spikes = counted
+            self.grid.rejected = rejected
             self._forget()
         before, self.thermometers = self.thermometers, None
-        self.model, self._state, self._awaited = model, None, None
-        self.origin = 'no model is live' if model is None else _NOT_YET
-        self.forgot = False
+        self.model, self._state, self._awaited, self._memory = model, None, None, None
+        self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = self._waiting = np.zeros((0, self._count))
-        self._memory = None
         if model is None or not len(self.history):
             return
         self._waiting = self.history.temperature_c.copy()
-        self._follow(len(self._waiting))
+        self._run(len(self._waiting))
         self.origin = f'the drift was found from {len(self.history)} thermal cells before'
         if model.prediction is not None and self.reading_c is not None:
-            # Those that were replaced stay so.
-            reasons = () if before is None else before.reasons
-            blocks = blocks_of(self.history.temperature_c, self._block_cells)
+            past_c = np.stack([block.temperature_c for block in self._blocks()])
             self.thermometers = thermometer_prediction.start(
-                model.prediction, self.reading_c, reasons, np.stack([c for c, _ in blocks]), SPAN_S
+                model.prediction, self.reading_c, before, past_c, SPAN_S
             )
+
+    def _blocks(self) -> tuple[Block, ...]:
+        """Average the history over blocks of SPAN_S."""
+        cells = max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 1)
+        return blocks_of(self.history.temperature_c, cells)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """
@@ -238,14 +251,12 @@ class DriftTracker:
             return self._awaited[0]
         if len(self._waiting) > _CELLS_AT_ONCE:
             return self._memory
-        self._follow(_CELLS_AT_ONCE)
+        self._run(_CELLS_AT_ONCE)
         if self._state is None or self.reading_c is None:
             return None
-        period_ns = self.grid.period_ns
         self._memory = ThermalMemory(
-            self.end_ns, period_ns, self.reading_c, self._silent, self._state, compensation,
-            self._start_c, blocks_of(self.history.temperature_c, self._block_cells),
-            self.thermometers)  # fmt: skip
+            self.end_ns, self.grid.period_ns, self.reading_c, self._silent, self._state,
+            compensation, self._start_c, self._blocks(), self.thermometers)  # fmt: skip
         return self._memory
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
@@ -260,19 +271,22 @@ class DriftTracker:
         if self.model is None:
             return
         self._awaited = memory, by_clock_s
-        self.timestamp_filter.expect(memory.end_ns)
+        self.clocks.expect(memory.end_ns)
         for temperature_c, count in memory.history:
             self.history.add(np.tile(temperature_c, (count, 1)))
         self._next, self._silent = memory.end_ns // memory.period_ns, memory.silent
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
+        for spikes, value_c, cells in zip(
+            self.spikes, memory.temperature_c.tolist(), memory.silent, strict=True
+        ):
+            spikes.go_on(memory.end_ns - cells * memory.period_ns - 1, value_c)
         self.temperature_c = self.reading_c = memory.temperature_c
         self.thermometers = memory.thermometers
         if self.thermometers is not None:
             self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
         self._state, self.drift = memory.filters, memory.compensation
-        longest_s = self._longest * memory.period_ns / NANOSECONDS
-        if problem := doubt(max(by_clock_s, 0.0), longest_s, by_clock_s):
+        if problem := doubt(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s):
             self.origin, self.forgot = f'{problem}; {_HELD}', True
             return
         cells = round(by_clock_s * NANOSECONDS / memory.period_ns)

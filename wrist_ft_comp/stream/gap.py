@@ -19,6 +19,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream.clock import LEAP_S
 
 #: A model's memory in slowest time constants: after three, 5 % of a change are left.
 TIME_CONSTANTS = 3.0
@@ -29,8 +30,6 @@ MOST_GAP_S = 6 * 3600.0
 #: All thermometers were out when none reported for longer, s; and after an outage one is waited
 #: for as long. It is the default of temperature_timeout, which the stream uses.
 OUTAGE_S = 5.0
-#: Two clocks disagree where their times since the save differ by more than this, s.
-_SLIP_S = 60.0
 
 
 def slowest_time_constant_s(model: DriftModel) -> float:
@@ -46,9 +45,10 @@ def longest_gap_s(model: DriftModel) -> float:
     return max(remembered_s, LEAST_GAP_S, model.start_s)
 
 
-def longest_gap_cells(model: DriftModel) -> int:
-    """Compute ``longest_gap_s`` in whole cells."""
-    return int(longest_gap_s(model) * NANOSECONDS / model.period_ns)
+def longest_gap_cells(model: DriftModel | None, period_ns: int) -> int:
+    """Compute ``longest_gap_s`` in whole cells; without a model, as many as the stream keeps."""
+    longest_s = MOST_GAP_S if model is None else longest_gap_s(model)
+    return int(longest_s * NANOSECONDS / period_ns)
 
 
 def outage_cells(period_ns: int, outage_s: float = OUTAGE_S) -> int:
@@ -91,17 +91,17 @@ def doubt(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:
     The gap is ``gap_s`` long by the stamps and ``by_clock_s`` by the system's clock, s, negative
     where they ran back, 0 without such a clock. The state can be used for ``longest_s``.
     """
-    if by_clock_s < -_SLIP_S:
+    if by_clock_s < -LEAP_S:
         return (
             f'the saved state is from {-by_clock_s:.0f} s in the future: the system clock was set '
             'back'
         )
-    if gap_s < -_SLIP_S:
+    if gap_s < -LEAP_S:
         return (
             f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
             'another clock, or time ran back'
         )
-    if gap_s < by_clock_s - _SLIP_S:
+    if gap_s < by_clock_s - LEAP_S:
         return (
             f'the stamps of the temperatures moved on by {gap_s:.0f} s while {by_clock_s:.0f} s '
             'passed since the thermal state was saved: their clock was set'

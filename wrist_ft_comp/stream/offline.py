@@ -11,7 +11,6 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.signals import (
     AXES,
-    BoolArray,
     FloatArray,
     IntArray,
     Recording,
@@ -41,8 +40,8 @@ def simulate_drift(
     RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     """
     if recording.thermometers != model.thermometers:
-        channels = [temperature_channel(j) for j in range(model.thermometers)]
-        absent = tuple(channels[recording.thermometers :])
+        numbers = range(recording.thermometers, model.thermometers)
+        absent = tuple(map(temperature_channel, numbers))
         empty = [warning for warning in recording.warnings if warning.startswith(absent)]
         remedy = 'Name the topics, or keep the columns, that it was calibrated with.'
         if empty:
@@ -57,32 +56,27 @@ def simulate_drift(
             f'{recording.name} is on thermal cells of {recording.period_s} s, the model runs on '
             f'{model.period_ns / 1e9} s. Read it with the period of the model.'
         )
-    if before is None:
-        return _simulate(model, recording.temperature_c, recording.measured)
-    between = max(recording.first_cell - before.first_cell - len(before), 0)
-    line = np.linspace(before.temperature_c[-1], recording.temperature_c[0], between + 2)[1:-1]
-    silent = np.zeros((between, recording.thermometers), dtype=bool)
-    drift = _simulate(
-        model,
-        np.concatenate((before.temperature_c, line, recording.temperature_c)),
-        np.concatenate((before.measured, silent, recording.measured)),
-    )
-    return Drift(*(part[-len(recording) :] for part in drift))
+    temperature_c, measured = recording.temperature_c, recording.measured
+    if before is not None:
+        between = max(recording.first_cell - before.first_cell - len(before), 0)
+        line_c = np.linspace(before.temperature_c[-1], temperature_c[0], between + 2)[1:-1]
+        temperature_c = np.concatenate((before.temperature_c, line_c, temperature_c))
+        silent = np.zeros(line_c.shape, dtype=bool)
+        measured = np.concatenate((before.measured, silent, measured))
 
-
-def _simulate(model: DriftModel, temperature_c: FloatArray, measured: BoolArray) -> Drift:
-    """Run a model freely over N cells, (N, J), as the stream does: drift (N, 6)."""
     cells = reporting_cells(measured, model.period_ns)
     believed_c = [state.believed_c for state in judge(model, temperature_c, measured)]
     if believed_c:
         columns, every = np.stack(believed_c, axis=1), np.arange(len(measured))
         temperature_c = np.stack([np.interp(every, cells, column) for column in columns], axis=1)
-    soaked = cells[1:][np.diff(cells) > longest_gap_cells(model) + 1]
+    longest = longest_gap_cells(model, model.period_ns)
+    soaked = cells[1:][np.diff(cells) > longest + 1].tolist()
     parts = [
         run_from_rest(model, temperature_c[begin:end])[1]
-        for begin, end in pairwise([0, *soaked.tolist(), len(measured)])
+        for begin, end in pairwise([0, *soaked, len(measured)])
     ]
-    return Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    zero, sensitivity = map(np.concatenate, zip(*parts, strict=True))
+    return Drift(zero[-len(recording) :], sensitivity[-len(recording) :])
 
 
 def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:

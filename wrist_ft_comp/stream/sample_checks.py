@@ -1,4 +1,4 @@
-"""Which samples a sensor can have measured: one set of limits for files and for the node."""
+"""Which samples of a file a sensor can have measured; limits are those of the node."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -7,20 +7,12 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.signals import (
-    BoolArray,
-    IntArray,
-    LARGEST,
-    NANOSECONDS,
-    PLAUSIBLE_C,
-    Samples,
-    temperature_channel,
-)
+from wrist_ft_comp.signals import LARGEST, NANOSECONDS, PLAUSIBLE_C, Samples, temperature_channel
+from wrist_ft_comp.stream.clock import in_order, NO_TIME
 from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
-from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.wire.units import unit_remedy
 
-#: The stamp of a sample that came without one.
-NO_TIME = int(np.iinfo(np.int64).min)
 #: No force/torque sensor samples faster: the fastest that robots carry do 8 kHz, Hz.
 _FASTEST_HZ = 50_000.0
 #: Up to this many samples may lie closer together: a burst.
@@ -49,7 +41,7 @@ class Tally:
     last_ns: int = NO_TIME
     least: float = math.inf
     largest: float = -math.inf
-    #: Of a thermometer: readings that stand alone.
+    #: Of a thermometer: readings that metal cannot have gone to.
     spikes: SpikeFilter = field(default_factory=SpikeFilter)
 
 
@@ -69,15 +61,15 @@ class SampleChecks:
         low, high = np.array([_limits(channel) for channel in samples.channels]).T
         finite = np.isfinite(values).all(axis=1)
         plausible = ((values > low) & (values < high)).all(axis=1)
-        in_order = _in_order(stamps_ns, tally.last_ns)
+        ordered = in_order(stamps_ns, tally.last_ns)
         tally.samples += len(values)
-        tally.out_of_order += int(np.count_nonzero(~in_order))
-        tally.not_finite += int(np.count_nonzero(in_order & ~finite))
-        strange = values[in_order & finite & ~plausible]
+        tally.out_of_order += int(np.count_nonzero(~ordered))
+        tally.not_finite += int(np.count_nonzero(ordered & ~finite))
+        strange = values[ordered & finite & ~plausible]
         if len(strange) and not tally.implausible:
             tally.first_implausible = float(strange[0][np.argmax(np.abs(strange[0]))])
         tally.implausible += len(strange)
-        usable = in_order & plausible
+        usable = ordered & plausible
         if not usable.all():
             stamps_ns, values = stamps_ns[usable], values[usable]
         if _is_temperature(samples.channels) and values.shape[1] == 1 and len(values):
@@ -93,53 +85,51 @@ class SampleChecks:
     def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
         """Give sentences about dropped and doubtful samples; True where they are too many."""
         for channels, tally in self.tallies.items():
-            if _is_temperature(channels) and not tally.samples:
-                yield f'{_title(channels)} of {self._name} holds no sample; it is left out.', False
-            dropped = tally.not_finite + tally.out_of_order + tally.implausible
+            of_temperature = _is_temperature(channels)
+            title = channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'
+            title = f'{title} of {self._name}'
+            if of_temperature and not tally.samples:
+                yield f'{title} holds no sample; it is left out.', False
+
+            reasons = (
+                (tally.not_finite, 'are not finite'),
+                (tally.out_of_order, 'have a stamp that does not increase'),
+                (tally.implausible, f'are {why_unusable(channels[0], tally.first_implausible)}'),
+            )
+            dropped = sum(count for count, _ in reasons)
             if dropped:
-                yield self._describe_dropped(channels, tally, dropped, max_bad_share)
+                (first, why), *others = [pair for pair in reasons if pair[0]]
+                counts = [why, *(f'{count} {reason}' for count, reason in others)]
+                sentence = f'{title}: {first} of {tally.samples} samples {" and ".join(counts)}; '
+                if dropped <= max_bad_share * tally.samples:
+                    yield f'{sentence}they were dropped.', False
+                else:
+                    remedy = 'Record again, or remove those samples.'
+                    if of_temperature and 2 * tally.implausible > dropped:
+                        remedy = self._remedy(channels, tally.first_implausible)
+                    yield f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}', True
+
             if tally.spikes.first:
                 stamp_ns, reading_c = tally.spikes.first
                 sentence = (
-                    f'{_title(channels)} of {self._name} stands out alone in '
-                    f'{tally.spikes.dropped} of {tally.samples} samples, first at stamp '
-                    f'{stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} °C; left out.'
+                    f'{title}: {tally.spikes.dropped} of {tally.samples} samples are where metal '
+                    f'cannot have gone, first at stamp {stamp_ns / NANOSECONDS:.0f} s with '
+                    f'{reading_c:.1f} °C; left out.'
                 )
                 yield sentence, False
             used, span_ns = tally.samples - dropped, tally.last_ns - tally.first_ns
             if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
                 sentence = (
-                    f'{_title(channels)} of {self._name}: {used} samples within '
-                    f'{span_ns / NANOSECONDS:.3g} s; no sensor makes more than {_FASTEST_HZ:g} a '
-                    f'second. {UNIT_OF_STAMPS}'
+                    f'{title}: {used} samples within {span_ns / NANOSECONDS:.3g} s; no sensor '
+                    f'makes more than {_FASTEST_HZ:g} a second. {UNIT_OF_STAMPS}'
                 )
                 yield sentence, True
-            if _is_temperature(channels) and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
+            if of_temperature and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
                 sentence = (
-                    f'{_title(channels)} of {self._name} is hot throughout: {tally.least:.1f} to '
-                    f'{tally.largest:.1f} °C. {self._remedy(channels, tally.least)}'
+                    f'{title} is hot throughout: {tally.least:.1f} to {tally.largest:.1f} °C. '
+                    f'{self._remedy(channels, tally.least)}'
                 )
                 yield sentence, False
-
-    def _describe_dropped(
-        self, channels: tuple[str, ...], tally: Tally, dropped: int, max_bad_share: float
-    ) -> tuple[str, bool]:
-        """Say what was dropped of a group, and whether it is too much."""
-        strange = why_unusable(channels[0], tally.first_implausible)
-        reasons = (
-            (tally.not_finite, 'are not finite'),
-            (tally.out_of_order, 'have a stamp that does not increase'),
-            (tally.implausible, f'are {strange}'),
-        )
-        first, *others = [(count, reason) for count, reason in reasons if count]
-        sentence = f'{_title(channels)} of {self._name}: {first[0]} of {tally.samples} samples '
-        sentence += ' and '.join([first[1], *(f'{count} {reason}' for count, reason in others)])
-        if dropped <= max_bad_share * tally.samples:
-            return f'{sentence}; they were dropped.', False
-        remedy = 'Record again, or remove those samples.'
-        if _is_temperature(channels) and 2 * tally.implausible > dropped:
-            remedy = self._remedy(channels, tally.first_implausible)
-        return f'{sentence}; at most {max_bad_share:.1%} may be unusable. {remedy}', True
 
     def _remedy(self, channels: tuple[str, ...], value: float) -> str:
         """Say how to name a temperature that is probably in another unit."""
@@ -156,15 +146,6 @@ def why_unusable(channel: str, value: float) -> str:
     return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
 
 
-def _in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:
-    """Mark the stamps, (n,), that are later than all before them but single strays."""
-    before = np.concatenate(([last_ns], stamps_ns))
-    this, following, second = stamps_ns[:-2], stamps_ns[1:-1], stamps_ns[2:]
-    ahead = (this > following) & (this > second) & (following > before[:-3])
-    before[1:-2][ahead] = NO_TIME
-    return np.asarray(before[1:] > np.maximum.accumulate(before)[:-1])
-
-
 def _limits(channel: str) -> tuple[float, float]:
     """Return what a channel can read, exclusive."""
     return PLAUSIBLE_C if _is_temperature((channel,)) else (-LARGEST, LARGEST)
@@ -173,8 +154,3 @@ def _limits(channel: str) -> tuple[float, float]:
 def _is_temperature(channels: tuple[str, ...]) -> bool:
     """Whether a group is a thermometer."""
     return channels[0].startswith('temperature')
-
-
-def _title(channels: tuple[str, ...]) -> str:
-    """Name a group of channels."""
-    return channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'

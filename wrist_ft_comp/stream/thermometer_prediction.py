@@ -11,7 +11,7 @@ stream and in files. No earlier cell is changed: the drift follows a wrong readi
 found, and ``Limits`` bounds how fast it moves then.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -102,22 +102,23 @@ class ThermometerState:
 def start(
     prediction: ThermometerPrediction,
     reading_c: FloatArray,
-    reasons: Sequence[str] = (),
+    before: ThermometerState | None = None,
     past_c: FloatArray | None = None,
     time_s: float = 0.0,
 ) -> ThermometerState:
     """
     Begin as the thermometers read, (J,): soaked, or after a past of means over some time, (n, J).
 
-    Those that have been replaced before stay so, for the reasons that are given.
+    Those that were replaced in a state before stay so.
     """
     past_c = reading_c[np.newaxis] if past_c is None else past_c
     relaxed_c = np.tile(past_c[0], (len(prediction.time_constants_s), 1))
     for mean_c in past_c:
         relaxed_c = prediction.relax(relaxed_c, mean_c, time_s)
-    reasons = tuple(reasons) or ('',) * len(reading_c)
-    replaced, predicted_c = np.array([bool(why) for why in reasons]), prediction.predict(relaxed_c)
-    relaxed_c[:, replaced] = predicted_c[replaced]
+    predicted_c, reasons = prediction.predict(relaxed_c), ('',) * len(reading_c)
+    if before is not None:
+        reasons = before.reasons
+        relaxed_c[:, before.replaced] = predicted_c[before.replaced]
     none = np.zeros(len(reading_c))
     return ThermometerState(
         reading_c=reading_c, together_c=np.tile(reading_c, (len(reading_c), 1)),
@@ -161,7 +162,7 @@ def step(
         reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
         still_s, before.agreed_s, age_s, before.reasons)  # fmt: skip
     if age_s < _START_S:
-        return replace(start(prediction, reading_c, before.reasons), age_s=age_s)
+        return replace(start(prediction, reading_c, before), age_s=age_s)
 
     # Replace those that are dead or frozen, where another one is there to predict them. Believe
     # those that have agreed.
@@ -195,12 +196,13 @@ def judge(
     prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
     if prediction is None or not _stands_still(temperature_c, max(round(STILL_S / period_s), 1)):
         return
-    cells, longest = reporting_cells(measured, model.period_ns), longest_gap_cells(model)
+    cells = reporting_cells(measured, model.period_ns)
+    longest = longest_gap_cells(model, model.period_ns)
     state, last = start(prediction, temperature_c[cells[0]]), int(cells[0]) - 1
     for cell in cells.tolist():
         reading_c, missing = temperature_c[cell], cell - last - 1
         if missing > longest:
-            state, missing = start(prediction, reading_c, state.reasons), 0
+            state, missing = start(prediction, reading_c, state), 0
         readings = Readings(reading_c, measured[cell], period_s, missing * period_s)
         state = step(prediction, state, readings)
         last = cell

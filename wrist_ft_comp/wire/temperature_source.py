@@ -7,34 +7,25 @@ An entry of ``temperature_topics``, or of ``--temperature-topic``, is one of::
     /bota/bota_frame:temperature              a field of any message, °C
     /joint_states_extra:data[5]:K             an element of an array, in kelvin
     /drives:joints[2].motor.temperature:F     any depth, in degrees Fahrenheit
+    /plc/state:data[3]*0.1                    in tenths of °C; with :K behind it, of a kelvin
 
-An index may also be written like a field: ``data.5``. Units are never guessed.
+An index may also be written like a field: ``data.5``.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 import difflib
-from functools import reduce
-from itertools import islice
-import math
-from numbers import Real
 import re
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.wire.message_layout import Layout, Path
+from wrist_ft_comp.wire.units import split_scale, TEMPERATURE_UNITS, to_celsius
 
 _Number = TypeVar('_Number', float, FloatArray)
-Path = tuple[str | int, ...]
 #: The field of a sensor_msgs/Temperature.
 _PLAIN: Path = ('temperature',)
-#: Factor and offset to °C of every unit.
-_UNITS = {'C': (1.0, 0.0), 'K': (1.0, -273.15), 'F': (5 / 9, -160 / 9)}
-#: Other units, in which a reading may be that is implausible in °C.
-_OTHER_UNITS = {'degrees Fahrenheit': 'F', 'kelvins': 'K'}
-#: Usual temperatures of a robot's wrist, °C: a reading is probably in another unit if conversion
-#: from that unit brings it into this range.
-_LIKELY_C = (-40.0, 85.0)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 #: Names of topics as ROS allows them.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
@@ -47,8 +38,8 @@ _NAMED = 8
 #: Most elements of an array that are examined.
 _LOOKED_AT = 100
 _FORM = (
-    'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD or TOPIC:FIELD:UNIT, such as '
-    '/driver/state:joints[2].temperature:K'
+    'expected TOPIC of sensor_msgs/Temperature, or TOPIC:FIELD, TOPIC:FIELD*FACTOR or '
+    'TOPIC:FIELD:UNIT, such as /driver/state:joints[2].temperature:K'
 )
 
 
@@ -57,116 +48,87 @@ class TemperatureSource:
     """One thermometer: a topic, and where in its messages the temperature is."""
 
     topic: str
-    #: Names of fields, and indices; empty for a topic of sensor_msgs/Temperature.
+    #: Empty for a topic of sensor_msgs/Temperature.
     path: Path = ()
     #: ``C``, ``K`` or ``F``.
     unit: str = 'C'
+    #: What the number is multiplied with, before it is in the unit.
+    factor: float = 1.0
     #: As it was written.
     entry: str = field(default='', compare=False)
 
+    @property
+    def number(self) -> Path:
+        """Path of the number, also in a sensor_msgs/Temperature."""
+        return self.path or _PLAIN
+
     def in_unit(self, unit: str) -> str:
         """Write the entry that reads the same number in another unit."""
-        return f'{self.topic}:{path_text(self.path or _PLAIN)}:{unit}'
+        factor = '' if self.factor == 1 else f'*{self.factor:g}'
+        return f'{self.topic}:{path_text(self.number)}{factor}:{unit}'
 
-    def read(self, message: Any) -> float:
-        """Read the temperature, °C, from a message; SettingsError, with why, if there is none."""
-        path, value = self.path or _PLAIN, message
-        for depth, step in enumerate(path):
-            if not _has(value, step):
-                raise self._refusal(message, value, path[:depth], step)
-            value = _part(value, step)
-        if not _is_number(value):
-            raise self._refusal(message, value, path)
-        if not math.isfinite(value):
-            raise SettingsError(
-                f'The temperature {self.entry!r} is {float(value)}; expected a finite number.'
-            )
-        return to_celsius(float(value), self.unit)
+    def celsius(self, numbers: _Number) -> _Number:
+        """Convert the number, or an array of them, to °C."""
+        return to_celsius(numbers * self.factor, self.unit)
 
-    def _refusal(
-        self, message: Any, value: Any, path: Path, step: str | int | None = None
-    ) -> SettingsError:
-        """Say that the value at a path is no number, or lacks the next step of the path."""
-        name = path_text(path) or 'the message'
-        if _is_array(value):
-            missing = 'no index is named' if step is None else f'there is no element {step}'
-            found = f'{name} is an array of {len(value)}, and {missing}'
-            found += f'; expected an index from 0 to {len(value) - 1}' if len(value) else ''
-        elif step is None:
-            found = f'{name} is no number'
+    def missing(self, layout: Layout) -> str:
+        """Say that a message holds no finite number at the path, and which numbers it has."""
+        path = self.number
+        if layout.find(path) is not None:
+            return f'The temperature {self.entry!r} is NaN or infinite; expected a finite number.'
+        depth = max(n for n in range(len(path) + 1) if n == 0 or path[:n] in layout.sizes)
+        present, size = path_text(path[:depth]) or 'the message', layout.sizes.get(path[:depth])
+        if size is not None:
+            found = f'{present} is an array of {size}'
+            found += f'; expected an index from 0 to {size - 1}' if size else ''
+        elif depth == len(path):
+            found = f'{present} is no number'
         else:
-            found = f'{name} has no {"field" if isinstance(step, str) else "element"} {step}'
-        present = _numbers_of(message, self.path or _PLAIN)
-        return SettingsError(f'The temperature {self.entry!r} is not there: {found}. {present}')
-
-
-def to_celsius(numbers: _Number, unit: str) -> _Number:
-    """Convert a number, or an array of numbers, from C, K or F to °C."""
-    factor, offset = _UNITS[unit]
-    return numbers if unit == 'C' else numbers * factor + offset
-
-
-def other_unit(value: float, lower_c: float, upper_c: float) -> str:
-    """Guess the unit in which a temperature that is far off would lie as expected, or empty."""
-    names = _OTHER_UNITS.items()
-    return next((n for n, unit in names if lower_c <= to_celsius(value, unit) <= upper_c), '')
-
-
-def unit_remedy(value: float, in_unit: Callable[[str], str]) -> str:
-    """
-    Say what to do about a temperature, °C, that is probably in another unit.
-
-    ``in_unit`` writes the name, a column or an entry, that reads the same number in unit K or F.
-    """
-    if not (name := other_unit(value, *_LIKELY_C)):
-        return 'Check it and its unit.'
-    unit = _OTHER_UNITS[name]
-    return f'In {name} it would be {to_celsius(value, unit):.1f} °C: then name it {in_unit(unit)}.'
+            found = f'{present} has no {path_text(path[depth:])}'
+        return f'The temperature {self.entry!r} is not there: {found}. {_listed(layout, path)}'
 
 
 def parse_source(entry: str) -> TemperatureSource:
     """Parse one entry; SettingsError with what was expected where it is wrong."""
     entry = entry.strip()
-    topic, *rest = split_entry(entry, 'temperature', _FORM)
-    if not rest:
+    topic, inside = split_entry(entry, 'temperature', _FORM)
+    if inside is None:
         return TemperatureSource(topic, entry=entry)
-    inside, unit = rest[0], (rest[1:] or ['C'])[0]
-    if len(rest) > 2 or not inside:
-        raise SettingsError(f'The temperature {entry!r} cannot be understood; {_FORM}.')
-    if unit not in _UNITS:
-        raise SettingsError(
-            f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
-            'for °C.'
-        )
-    if inside in _UNITS:
+    name, factor, unit = split_scale(inside)
+    if inside in TEMPERATURE_UNITS:
         raise SettingsError(
             f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
             f'sensor_msgs/Temperature that is not in °C, name {topic}:temperature:{inside}.'
         )
-    return TemperatureSource(topic, parse_path(inside, entry, 'temperature'), unit, entry)
+    if unit not in {'', *TEMPERATURE_UNITS}:
+        raise SettingsError(
+            f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
+            'for °C.'
+        )
+    path = parse_path(name, entry, 'temperature', _FORM)
+    return TemperatureSource(topic, path, unit or 'C', factor, entry)
 
 
-def split_entry(entry: str, what: str, form: str) -> list[str]:
-    """Split an entry at its colons; SettingsError where it does not begin with a topic."""
-    topic, *rest = entry.split(':')
+def split_entry(entry: str, what: str, form: str) -> tuple[str, str | None]:
+    """Split an entry at its first colon; SettingsError where it does not begin with a topic."""
+    topic, colon, inside = entry.partition(':')
     if not _TOPIC.fullmatch(topic):
-        name, dot, inside = topic.partition('.')
-        meant = f' Did you mean {name}:{inside}?' if dot and _TOPIC.fullmatch(name) else ''
+        name, dot, field_name = topic.partition('.')
+        meant = f' Did you mean {name}:{field_name}?' if dot and _TOPIC.fullmatch(name) else ''
         raise SettingsError(
             f'The {what} {entry!r} does not begin with the name of a topic; {form}.{meant}'
         )
-    return [topic, *rest]
+    return topic, inside if colon else None
 
 
-def parse_path(inside: str, entry: str, what: str) -> Path:
+def parse_path(inside: str, entry: str, what: str, form: str) -> Path:
     """Parse the names of fields and the indices of an entry; SettingsError where it has others."""
     steps = re.sub(r'\[([0-9]+)\]', r'.\1', inside).split('.')
     for place, step in enumerate(steps):
         if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
             raise SettingsError(
-                f'The {what} {entry!r} holds {step!r} where the name of a field'
-                f'{" or an index from 0 on" if place else ""} is expected; write a path such as '
-                'joints[2].temperature.'
+                f'The {what} {entry!r} cannot be understood at {step!r}; {form}. A path is made '
+                'of names of fields and indices from 0 on.'
             )
     return tuple(int(step) if step.isdecimal() else step for step in steps)
 
@@ -178,7 +140,7 @@ def parse_sources(
     sources = tuple(parse_source(entry) for entry in entries)
     seen: dict[tuple[str, Path], str] = {}
     for source in sources:
-        key = resolve(source.topic), source.path or _PLAIN
+        key = resolve(source.topic), source.number
         if key in seen:
             raise SettingsError(
                 f'The temperatures {seen[key]!r} and {source.entry!r} are one and the same, '
@@ -186,12 +148,6 @@ def parse_sources(
             )
         seen[key] = source.entry
     return sources
-
-
-def header_stamp_ns(message: Any) -> int | None:
-    """Read the stamp of a message's header, ns, 0 if it was not filled; None without a header."""
-    stamp = getattr(getattr(message, 'header', None), 'stamp', None)
-    return None if stamp is None else int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def path_text(path: Path) -> str:
@@ -205,20 +161,18 @@ def may_be_temperature(path: Path) -> bool:
     return any(_TEMPERATURE_NAME.search(step) for step in path if isinstance(step, str))
 
 
-def numbers_in(message: Any, path: Path = ()) -> Iterator[tuple[Path, float]]:
-    """List the numbers of a message, without its header and the ends of long arrays."""
-    if _is_number(message):
-        yield path, float(message)
-    elif _is_array(message):
-        for index, element in enumerate(islice(message, _LOOKED_AT)):
-            yield from numbers_in(element, (*path, index))
-    else:
-        for name in _fields_of(message):
-            if name != 'header':
-                yield from numbers_in(getattr(message, name), (*path, name))
+def numbers_in(layout: Layout) -> list[Path]:
+    """List the numbers of a message, without its headers and the ends of long arrays."""
+    found: list[Path] = []
+    for path, place in layout.places.items():
+        far = any(isinstance(step, int) and step >= _LOOKED_AT for step in path)
+        if 'header' not in path and not far:
+            indices = range(min(place.size or 0, _LOOKED_AT))
+            found += [path] if place.size is None else [(*path, index) for index in indices]
+    return found
 
 
-def temperatures_in(message: Any, topic: str = '') -> list[Path]:
+def temperatures_in(layout: Layout, topic: str) -> list[Path]:
     """
     Find the numbers of a message that are probably temperatures, in the order of its fields.
 
@@ -226,40 +180,20 @@ def temperatures_in(message: Any, topic: str = '') -> list[Path]:
     array of texts beside it, as in control_msgs/DynamicJointState. Where there are none, and the
     topic has the name of a temperature, all numbers of the message may be one.
     """
-    paths = [path for path, _ in numbers_in(message) if path[:1] != ('layout',)]
-    named = [path for path in paths if may_be_temperature(path) or _named_beside(message, path)]
-    return named or (paths if _TEMPERATURE_NAME.search(topic) else [])
+
+    def beside(path: Path) -> tuple[Path, str | int, int | None]:
+        return path[:-2], path[-1], layout.sizes.get(path[:-1])
+
+    texts = [path for path in layout.texts if isinstance(path[-1], int)]
+    named = {beside(path) for path in texts if _TEMPERATURE_NAME.search(layout.text(path))}
+    paths = [path for path in numbers_in(layout) if path[0] != 'layout']
+    found = [path for path in paths if may_be_temperature(path) or beside(path) in named]
+    return found or (paths if _TEMPERATURE_NAME.search(topic) else [])
 
 
-def _named_beside(message: Any, path: Path) -> bool:
-    """Whether an array of texts beside the one that a path ends in names a temperature."""
-    *above, array, index = ('', *path)
-    if isinstance(index, str):
-        return False
-    part = reduce(_part, above[1:], message)
-    size = len(_part(part, array))
-    return any(
-        isinstance(texts, (list, tuple))
-        and len(texts) == size
-        and isinstance(texts[index], str)
-        and _TEMPERATURE_NAME.search(texts[index]) is not None
-        for texts in (getattr(part, name) for name in _fields_of(part))
-    )
-
-
-def _has(value: Any, step: str | int) -> bool:
-    if isinstance(step, int):
-        return _is_array(value) and step < len(value)
-    return step in _fields_of(value)
-
-
-def _part(value: Any, step: str | int) -> Any:
-    return value[step] if isinstance(step, int) else getattr(value, step)
-
-
-def _numbers_of(message: Any, wanted: Path) -> str:
+def _listed(layout: Layout, wanted: Path) -> str:
     """Name numbers of a message: first the most similar one, then those that may be meant."""
-    paths = {path_text(path): path for path, _ in numbers_in(message)}
+    paths = {path_text(path): path for path in numbers_in(layout)}
     temperatures = [text for text, path in paths.items() if may_be_temperature(path)]
     alike = difflib.get_close_matches(path_text(wanted), paths, _NAMED, 0.5)
     named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
@@ -267,18 +201,3 @@ def _numbers_of(message: Any, wanted: Path) -> str:
         return 'The message holds no number at all; name another topic.'
     more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
     return f'Its numbers are {", ".join(named[:_NAMED])}{more}.'
-
-
-def _is_number(value: Any) -> bool:
-    """Whether a value is a number; true and false are none."""
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _is_array(value: Any) -> bool:
-    """Whether a value is an array, of whatever type; a text is none."""
-    return hasattr(value, '__len__') and not isinstance(value, (str, bytes))
-
-
-def _fields_of(value: Any) -> list[str]:
-    """List the fields of a message as rclpy makes it; empty for any other value."""
-    return list(getattr(value, 'get_fields_and_field_types', dict)())

@@ -83,8 +83,6 @@ class Rig:
             **({'model_file': str(model.path)} if model else {}),
             **options.pop('parameters', {}),
         }
-        #: Whether wrenches come on a topic of their own.
-        self.own_wrench = 'wrench_topic' not in options['parameters']
         #: What was published on ``wrench``, as bytes or messages, and nobody took yet.
         self.outputs: queue.Queue[Any] = queue.Queue()
         #: What was published on ``wrench_external``, as bytes.
@@ -256,8 +254,7 @@ class WiredRig(Rig):
         self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
         bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
         self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
-        if self.own_wrench:
-            self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
+        self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
         self._temperatures = [
             bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
         ]
@@ -392,7 +389,7 @@ def haste(monkeypatch):
     """Let calibrations take the quickest method, and states be saved often."""
     quickest = IdentificationSettings(method='pls')
     settings = partial(CalibrationSettings, identification=quickest)
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.CalibrationSettings', settings)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.CalibrationSettings', settings)
     monkeypatch.setattr('wrist_ft_comp.node.state_keeper.SAVE_PERIOD_S', 0.1)
 
 

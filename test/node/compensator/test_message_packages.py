@@ -3,16 +3,11 @@
 import ctypes
 from importlib import import_module
 from pathlib import Path
-import shlex
 import sys
 
 from geometry_msgs.msg import TransformStamped
-import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-import yaml
-
-from wrist_ft_comp.cli.main import main
 
 BUILT = Path(__file__).parents[3] / 'build/messages'
 pytestmark = pytest.mark.skipif(
@@ -56,73 +51,14 @@ def packages(ros_domain):  # noqa: ARG001
             del sys.modules[name]
 
 
-def test_show_calibrate_and_the_node_take_wrench_and_temperature_out_of_one_message(  # noqa: PLR0913, PLR0917
-    packages, wired, messages, tmp_path, monkeypatch, capsys
-):
-    """What show prints for a bag makes a model, and lets the node run on the same messages."""
-    kind, make = _definition(messages), messages.make
-
-    def day():
-        for k in range(900):
-            inside = 22 + 12 * (1 - np.exp(-k / 250)) + 2 * np.sin(k / 90)
-            halves = (
-                make('geometry_msgs/msg/Vector3', 1.0, 2.0, 3.0 * (inside - 22)),
-                make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0),
-            )
-            whole = make('geometry_msgs/msg/Wrench', *halves)
-            data = messages.pack(kind, (START + k) * SECOND, 0, whole, inside)
-            yield '/flange/state', kind, (START + k) * SECOND, data
-
-    messages.write(tmp_path / 'day', day(), 'mcap')
-    monkeypatch.chdir(tmp_path)
-    assert main(['show', 'day']) == 0
-    calibrate, _, node = (shlex.split(c) for c in capsys.readouterr().out.splitlines()[-3:])
-    assert main(calibrate[1:]) == 0
-    given = dict(word.split(':=') for word in node if ':=' in word)
-    assert set(given) == {'model_file', 'wrench_topic', 'temperature_topics'}
-    given['temperature_topics'] = yaml.safe_load(given['temperature_topics'])
-    given['model_file'] = str(tmp_path / given['model_file'])
-    given['max_drift_rate'] = 1000.0
-    running = wired(topics=given['temperature_topics'], parameters=given)
-    state = running.bench.publisher(packages[0], '/flange/state')
-    message, outputs = packages[0](), []
-    message.header.stamp.sec, message.header.frame_id = START, 'flange'
-    message.wrench.force.x = 1.0
-
-    def at(celsius):
-        message.temperature, message.wrench.force.z = celsius, 3.0 * (celsius - 22.0)
-        message.header.stamp.sec += 1
-        state.publish(message)
-        while running.outputs.qsize():
-            outputs.append(running.take()[0])
-        held = running.node.compensator.tracker.temperature_c
-        if held is None or held[0] != celsius:
-            outputs.clear()  # of another drift
-        return len(outputs) > 9
-
-    running.wait_until(lambda: at(24.0), 'wrenches without their drift')
-    before = outputs[-1]
-    assert (before.header.frame_id, before.wrench.force.x) == ('flange', 1.0)
-    running.wait_until(
-        lambda: at(34.0) and abs(outputs[-1].wrench.force.z - before.wrench.force.z) < 0.5,
-        'the wrench of before, with 30 N more of drift',
-    )
-    running.diagnosis('temperature', 'all thermometers report')
-
-
-def _definition(messages):
-    text = Path(__file__).parents[2] / 'support/messages/flange_msgs/State.msg'
-    return messages.learn('flange_msgs/msg/State', text.read_text('utf-8'))
-
-
 @pytest.mark.usefixtures('packages')
 def test_a_message_of_another_version_is_a_warning_and_not_read(wired, executable):
     topic = '/other/state'
     executable('', source=OLDER.format(load=LOAD, topic=topic))
-    node = wired(topics=[f'{topic}:temperature'], parameters={'wrench_topic': f'{topic}:wrench'})
-    for status in ('input', 'temperature'):
-        assert 'flange_msgs/State of another version' in node.diagnosis(status, 'version').message
-    assert node.node.counts.wrenches == node.node.inputs.usable == 0
+    node = wired(topics=[f'{topic}:temperature'])
+    said = node.diagnosis('temperature', 'version').message
+    assert 'flange_msgs/State of another version' in said
+    assert node.node.inputs.usable == 0
 
 
 def test_gravity_comes_by_tf_from_real_transforms(packages, wired, bench):

@@ -1,5 +1,6 @@
 """A node knows whether its model is of its sensor."""
 
+from functools import partial
 import math
 from pathlib import Path
 import shutil
@@ -14,7 +15,7 @@ from wrist_ft_comp.ros.diagnostics import OK, WARN
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-TOPICS = ['/a/temperature', '/b/state:motors[0]']
+TOPICS = ['/a/temperature', '/b/state:motors[0]*0.1:K']
 
 
 @pytest.fixture
@@ -76,7 +77,8 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
         at = START + k * SECOND // 10
         warm = 5 * math.sin(k / 20)
         node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
-        node.put_temperature(at, 20.0 + warm, 20.0)
+        for thermometer, celsius in enumerate((20.0 + warm, 20.0)):
+            node.node.inputs._take(thermometer, at, celsius)
     assert node.call('record', False).success
     recording = read_recording(path, period_s=0.1)
     assert recording.warnings == ()
@@ -103,11 +105,12 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
 
 def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp_path):
     for hour, topics in enumerate((TOPICS, TOPICS, TOPICS[::-1])):
-        days = DayFiles(tmp_path, ('force_z', 'temperature_c', 'temperature_2_c'), 1e9)
-        days.sensor = lambda topics=topics: {'temperature_topics': topics}
+        channels = ('force_z', 'temperature_c', 'temperature_2_c')
+        sensor = partial(dict, temperature_topics=topics)
+        days = DayFiles(tmp_path, channels, 1e9, sensor=sensor)
         for minute in range(60):
             days.append(START + (60 * hour + minute) * 60 * SECOND, [1.0, 20.0, 25.0])
         days.close()
     first, second = sorted((tmp_path / 'days').iterdir())
     assert first.read_text().count('\n') == 121
-    assert 'temperature_topics=/b/state:motors[0]&' in second.read_text()
+    assert 'temperature_topics=/b/state:motors[0]%2A0.1:K&' in second.read_text()

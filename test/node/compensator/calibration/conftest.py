@@ -88,7 +88,7 @@ class Gate:
         self._end = os.open(path, os.O_RDWR)
         source = (
             f'import runpy; open({str(path)!r}, "rb", 0).read(1); '
-            'runpy.run_module("wrist_ft_comp.jobs.calibration", run_name="__main__")'
+            'runpy.run_module("wrist_ft_comp.jobs.entry", run_name="__main__")'
         )
         self.command = (sys.executable, '-c', source)
 
@@ -105,6 +105,6 @@ class Gate:
 def gate(tmp_path, monkeypatch):
     """Hold calibration processes back."""
     result = Gate(tmp_path / 'gate')
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', result.command)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', result.command)
     yield result
     result.close()

@@ -92,7 +92,7 @@ def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate
 )
 def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, words):
     node = ready()
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 

@@ -6,11 +6,13 @@ import sys
 
 import pytest
 
+from wrist_ft_comp.learning import day_files
+
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-#: Length of a thermal cell; a day has 144 of them.
-CELL_S = 600.0
 NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
+#: Times of days, which are shorter here by this factor: a day has 144 thermal cells of 1 s.
+TIMES, SHORTER = ('DAY_NS', 'SILENCE_NS', 'SHORTEST_NS'), 600
 #: Stands for the learning job: keeps what it was asked, copies a model, answers.
 JOB = """
 import json, os, shutil, sys
@@ -31,13 +33,12 @@ print(json.dumps(answer))
 class Learner:
     """A node that learns, what it hears, and what its job answers."""
 
-    def __init__(self, rig, folder, clock, period_s=CELL_S, mode='propose', **parameters):
+    def __init__(self, rig, folder, clock, mode='propose', **parameters):
         self._folder, self._clock = folder, clock
         self.answer(success=True, message='no better model')
         self.rig = rig(
-            namespace='/learner', period_s=period_s,
-            parameters={**NEEDED, 'learning.mode': mode, **parameters},
-        )  # fmt: skip
+            namespace='/learner', parameters={**NEEDED, 'learning.mode': mode, **parameters}
+        )
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **fields):
@@ -63,7 +64,7 @@ class Learner:
         """Send cells, some of them later than the last: wrench, specific force, temperature."""
         self._clock[0] += later
         for _ in range(cells):
-            stamp = START + round((self._clock[0] + 0.5) * CELL_S) * SECOND
+            stamp = START + self._clock[0] * SECOND + SECOND // 2
             self.rig.put(stamp, [12.3456789, 0.5, 123.456789, 0.1, 0.2, 0.3])
             self.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), 0.01)
             warmth = 25.0 + 0.01 * self._clock[0]
@@ -94,6 +95,8 @@ class Learner:
 def learner(rig, tmp_path, monkeypatch):
     """Start nodes that learn, all with the same data_directory."""
     command = (sys.executable, '-c', JOB, str(tmp_path))
-    monkeypatch.setattr('wrist_ft_comp.node.calibrate.COMMAND', command)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
+    for name in TIMES:
+        monkeypatch.setattr(day_files, name, getattr(day_files, name) // SHORTER)
     return partial(Learner, rig, tmp_path, [0])

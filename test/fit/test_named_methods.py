@@ -1,17 +1,17 @@
-"""Candidates of one axis compete: the choice, the sentence that says why, and hats."""
+"""Candidates of one axis compete: the choice, why, the constants, and hats of a chamber test."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import relaxation, static_gain
+from wrist_ft_comp.drift.arx import relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.competition import anchor, finish
 from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
+from wrist_ft_comp.fit.named_methods import anchor, finish
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
@@ -39,80 +39,52 @@ def lag(outputs=1, mean=0.0):
     return AxisModel(features, dynamics, (relaxation(300.0, 10.0),))
 
 
-class TestChoice:
-    @pytest.mark.parametrize('parts', [1, 5])
-    @pytest.mark.parametrize(
-        ('errors', 'chosen'),
-        [((9.0, 4.0, 1.0), 2), ((1.0, 0.86), 0), ((1.0, 0.84), 1), ((2.0, 1.0, 1.01), 1)],
-    )
-    def test_the_best_wins_unless_it_gains_less_than_15_percent(self, errors, chosen, parts):
-        """A single part has no standard error."""
-        assert simplest_good([np.full(parts, error) for error in errors]) == chosen
-
-    def test_the_simplest_within_one_standard_error_of_the_best_wins(self):
-        best = np.ones(4)
-        wavering = best + np.array([0.9, -0.5, 0.9, -0.5])
-        steady = best + 0.9
-        assert simplest_good([best + 5, wavering, best]) == 1
-        assert simplest_good([best + 5, steady, best]) == 2
-
-    def test_candidates_are_compared_part_by_part(self):
-        """Parts differ a thousandfold in difficulty, candidates by half in every one."""
-        best = 10.0 ** np.arange(-3, 4)
-        assert simplest_good([1.5 * best, best]) == 1
-        # The same errors, but not of the same parts: nobody knows.
-        assert simplest_good([1.5 * best[::-1], best]) == 0
+STEADY, WAVERING = np.full(4, 0.9), np.array([0.9, -0.5, 0.9, -0.5])
+#: Parts differ a thousandfold in difficulty.
+HARD = 10.0 ** np.arange(-3, 4)
 
 
-def choose(problem, errors, chosen, competing=None, model=None):
-    """Finish from the mean squares of each candidate, in parts of a bin."""
+@pytest.mark.parametrize(
+    ('errors', 'chosen'),
+    [
+        *(([np.full(parts, error) for error in errors], chosen)
+          for parts in (1, 5)  # a single part has no standard error
+          for errors, chosen in (
+              ((9.0, 4.0, 1.0), 2), ((1.0, 0.86), 0), ((1.0, 0.84), 1), ((2.0, 1.0, 1.01), 1))),
+        ([np.full(4, 6.0), 1 + WAVERING, np.ones(4)], 1),
+        ([np.full(4, 6.0), 1 + STEADY, np.ones(4)], 2),
+        ([1.5 * HARD, HARD], 1),
+        ([1.5 * HARD[::-1], HARD], 0),
+    ],
+)  # fmt: skip
+def test_the_simplest_wins_within_15_percent_or_one_standard_error_of_the_best(errors, chosen):
+    """Of the difference, part by part."""
+    assert simplest_good(errors) == chosen
+
+
+@pytest.mark.parametrize(
+    ('errors', 'chosen', 'competing', 'why'),
+    [
+        ((4.0, 1.0, 0.25), 'lag', ['none', 'line', 'lag'], 'of 3 candidates it is the best'),
+        ((9.0, 1.0, 0.9), 'line', ['none', 'line', 'lag'], 'the best of 3, lag, is better by no'),
+        ((1.0, 4.0, 9.0), 'line', ['line'], 'nothing else competed'),
+    ],
+)
+def test_the_winner_says_what_it_leaves_and_why(make_problem, errors, chosen, competing, why):
     bins = {}
-    for name, squares in errors.items():
-        left = np.sqrt(squares)
-        bins[name] = [FoldBins(i, i, np.arange(len(left)), left, left) for i in range(2)]
-    return finish(problem, (model, ('mended',)), chosen, bins, competing or list(errors))
-
-
-class TestReasons:
-    def test_the_reason_says_that_the_best_won(self, make_problem):
-        errors = {'none': np.full(4, 4.0), 'line': np.full(4, 1.0), 'lag': np.full(4, 0.25)}
-        fit = choose(replace(make_problem(), axis='torque_z'), errors, 'lag')
-        assert fit.reason == (
-            'lag leaves 0.5 N m RMS on held-out data, no compensation 2 N m; of 3 candidates it '
-            'is the best.'
-        )
-        assert (fit.chosen, fit.rms_before, fit.rms_after) == ('lag', 2.0, 0.5)
-        assert {candidate.name: candidate.rms for candidate in fit.candidates} == pytest.approx(
-            {'none': 2.0, 'line': 1.0, 'lag': 0.5}
-        )
-
-    def test_the_reason_says_that_a_simpler_one_is_as_good(self, make_problem):
-        best = np.ones(4)
-        line = best + np.array([0.95, -0.45, 0.95, -0.45])
-        errors = {'none': np.full(4, 9.0), 'line': line, 'lag': best}
-        assert choose(make_problem(), errors, 'line').reason == (
-            'line leaves 1.12 N RMS on held-out data, no compensation 3 N; the best of 3, lag, '
-            'is better by no more than chance, or than 15 % in mean square, and less simple.'
-        )
-
-    def test_the_reason_says_that_nothing_else_competed(self, make_problem):
-        errors = {'none': np.ones(4), 'line': np.full(4, 4.0)}
-        assert choose(make_problem(), errors, 'line', ['line']).reason == (
-            'line leaves 2 N RMS on held-out data, no compensation 1 N; nothing else competed.'
-        )
-
-
-class TestFinish:
-    ERRORS = {'none': np.ones(4), 'lag': np.full(4, 0.1)}  # noqa: RUF012 -- never changed
-
-    def test_a_mended_model_is_noted_and_time_constants_are_read_from_the_poles(
-        self, make_problem
-    ):
-        fit = choose(make_problem(), self.ERRORS, 'lag', model=lag())
-        assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
-        assert fit.time_constants_s == pytest.approx((300.0,))
-        assert fit.time_constant_errors_s == pytest.approx((np.nan,), nan_ok=True)
-        assert fit.terms == ()
+    for name, square in zip(('none', 'line', 'lag'), errors, strict=True):
+        left = np.full(4, np.sqrt(square))
+        bins[name] = [FoldBins(i, i, np.arange(4), left, left) for i in range(2)]
+    problem = replace(make_problem(), axis='torque_z')
+    fit = finish(problem, (lag(), ('mended',)), chosen, bins, competing)
+    rms = {candidate.name: candidate.rms for candidate in fit.candidates}
+    assert rms == pytest.approx(dict(zip(bins, np.sqrt(errors), strict=True)))
+    assert (fit.chosen, fit.rms_before, fit.rms_after) == (chosen, rms['none'], rms[chosen])
+    assert fit.reason.startswith(f'{chosen} leaves {rms[chosen]:.3g} N m RMS on held-out data, no')
+    assert why in fit.reason
+    assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
+    assert fit.time_constants_s == pytest.approx((300.0,)), 'read from the poles'
+    assert np.isnan(fit.time_constant_errors_s).all()
 
 
 @pytest.mark.parametrize('error', [None, 0.0, 0.03, -0.2])

@@ -1,9 +1,9 @@
-"""The parts that feed the node's own recordings, and that answer ~/record."""
+"""The parts that average what the node's own recordings get, and that answer ~/record."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +19,7 @@ from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import (
+    AXES,
     FORCE_CHANNELS,
     LARGEST,
     NANOSECONDS,
@@ -27,13 +28,11 @@ from wrist_ft_comp.signals import (
 )
 from wrist_ft_comp.stored.documents import writing
 from wrist_ft_comp.stored.model_store import ModelStore
-from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
+from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
-#: What to do, in every message about a disk that refuses.
-REMEDY = 'Make room or choose another data_directory'
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
 
@@ -50,46 +49,23 @@ class Writer(Protocol):
 
 @dataclass(eq=False)
 class OwnRecording:
-    """A recording in progress, a row per thermal cell; RecordingError when the disk refuses."""
+    """A recording in progress."""
 
-    _writer: Writer
-    averager: CellAverager
-    period_ns: int
+    writer: Writer
     #: Called when the disk refuses; nothing more is written after that.
     on_failure: Callable[[RecordingError], None]
-    #: Called when a new model has thermal cells of another length.
-    on_period: Callable[[], None]
-    #: Names of a row's values.
-    channels: Sequence[str]
     rows: int = 0
     #: By channel, how many of the newest rows have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
 
-    def lacking_s(self, channel: str) -> float:
-        """Find for how long nothing of a channel was recorded, s."""
-        return self.lacking[channel] * self.period_ns / NANOSECONDS
-
-    def write(self, *, final: bool = False) -> None:
-        """Append the rows that are complete; all there are when nothing more will come."""
-        try:
-            for stamp_ns, values in self.averager.rows(final=final):
-                self._writer.append(stamp_ns, values)
-                self.rows += 1
-                for channel, value in zip(self.channels, values, strict=True):
-                    self.lacking[channel] = self.lacking[channel] + 1 if math.isnan(value) else 0
-        except RecordingError:
-            with suppress(RecordingError):  # what the disk took stays, the rest is lost
-                self._writer.close()
-            raise
-
-    def close(self) -> None:
-        """Write what is left, and close, also when the disk refuses."""
-        self.write(final=True)
-        self._writer.close()
-
 
 class Recorder(Part):
-    """Feeds the recordings that run; while there is none, it does not listen to wrenches."""
+    """
+    Averages over cells for all recordings that run; while there is none, it hears no wrenches.
+
+    Its cells have the length that thermal cells have without a model, and keep it, whichever model
+    goes live.
+    """
 
     title = 'recorder'
     hub: Hub
@@ -97,18 +73,31 @@ class Recorder(Part):
     def __init__(
         self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
     ) -> None:
-        self.thermometers = compensator.thermometers
         #: Names of a row's values.
-        self.channels = row_channels(self.thermometers, with_force=with_force)
+        self.channels = row_channels(compensator.thermometers, with_force=with_force)
         #: Gives the names of the sensor.
         self.sensor = sensor
-        self._compensator = compensator
-        self._with_force = with_force
+        #: Length of a row's cell, ns.
+        self.period_ns = round(NANOSECONDS * compensator.settings.thermal_period_s)
+        self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
+        #: Averages for all recordings that run.
+        self.averager = self._new_averager()
 
-    def _listen(self) -> None:
-        """Listen to wrenches while a recording runs."""
-        self.hub.listen(self, wanted=bool(self._running))
+    def _new_averager(self) -> CellAverager:
+        thermometers = self._compensator.thermometers
+        return CellAverager(self.period_ns, thermometers, with_force=self._with_force)
+
+    def _flush(self) -> list[Row]:
+        """Take all rows, and begin anew: no row waits for a reference that has ended."""
+        rows = self.averager.rows(final=True)
+        self.averager = self._new_averager()
+        return rows
+
+    @property
+    def thermal_period_ns(self) -> int:
+        """Length of the live model's thermal cells, ns; without a model, that of a row's cell."""
+        return self._compensator.tracker.grid.period_ns
 
     @property
     def records_force(self) -> bool:
@@ -118,68 +107,85 @@ class Recorder(Part):
     @property
     def lacking_force(self) -> bool:
         """Whether a recording has got no specific force for LACKING_S."""
-        return any(one.lacking_s(FORCE_CHANNELS[0]) >= LACKING_S for one in self._running)
+        force = FORCE_CHANNELS[0]
+        return any(self.lacking_s(recording, force) >= LACKING_S for recording in self._running)
 
-    @property
-    def period_ns(self) -> int:
-        """Length of a row's thermal cell, ns."""
-        return self._compensator.tracker.grid.period_ns
+    def lacking_s(self, recording: OwnRecording, channel: str) -> float:
+        """Find for how long nothing of a channel was recorded, s."""
+        return recording.lacking[channel] * self.period_ns / NANOSECONDS
 
-    def begin(
-        self,
-        writer: Writer,
-        on_failure: Callable[[RecordingError], None],
-        on_period: Callable[[], None],
-    ) -> OwnRecording:
-        """Feed a new recording from now on; OwnRecording says when the callbacks are called."""
-        period_ns = self.period_ns
-        averager = CellAverager(period_ns, self.thermometers, with_force=self._with_force)
-        recording = OwnRecording(writer, averager, period_ns, on_failure, on_period, self.channels)
+    def begin(self, writer: Writer, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
+        """Feed a new recording from now on."""
+        self._share(self._flush())  # what was before is none of its
+        recording = OwnRecording(writer, on_failure)
         self._running.append(recording)
-        self._listen()
+        self.hub.listen(self, wanted=True)
         return recording
 
-    def leave(self, recording: OwnRecording) -> None:
-        """Feed a recording no longer; its owner closes it."""
+    def finish(self, recording: OwnRecording) -> None:
+        """Write all that a recording gets, and close it; RecordingError when the disk refuses."""
+        rows = self._flush()
+        self._leave(recording)
+        self._share(rows)
+        if error := self._write(recording, rows):
+            raise error
+        recording.writer.close()
+
+    def _leave(self, recording: OwnRecording) -> None:
         self._running.remove(recording)
-        self._listen()
+        self.hub.listen(self, wanted=bool(self._running))
+
+    def _share(self, rows: Sequence[Row]) -> None:
+        """Write rows into all recordings; a full disk ends a recording, not the stream."""
+        for recording in tuple(self._running):
+            if error := self._write(recording, rows):
+                self._leave(recording)
+                recording.on_failure(error)
+
+    def _write(self, recording: OwnRecording, rows: Sequence[Row]) -> RecordingError | None:
+        """Write rows into a recording; it is closed where the disk refuses, for which reason."""
+        try:
+            for stamp_ns, values in rows:
+                recording.writer.append(stamp_ns, values)
+                recording.rows += 1
+                for channel, value in zip(self.channels, values, strict=True):
+                    count = recording.lacking[channel] + 1 if math.isnan(value) else 0
+                    recording.lacking[channel] = count
+        except RecordingError as error:
+            with suppress(RecordingError):  # what the disk took stays, the rest is lost
+                recording.writer.close()
+            return error
+        return None
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
-        for recording in self._running:
-            recording.averager.add_raw(stamp_ns, raw)
+        self.averager.add_raw(stamp_ns, raw)
 
     def on_specific_force(
         self, stamp_ns: int, specific_force: Vector, speed: float | None
     ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        for recording in self._running:
-            recording.averager.add_force(stamp_ns, specific_force, speed)
+        if self._running:
+            self.averager.add_force(stamp_ns, specific_force, speed)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
-        """Append rows for thermal cells."""
-        for recording in self._running:
-            recording.averager.add_cells(cells)
+        """Take the temperatures of thermal cells, which the live model may have made longer."""
+        if not self._running:
+            return
+        thermal_ns = self.thermal_period_ns
+        if thermal_ns != self.period_ns:
+            middles = [cell.number * thermal_ns + thermal_ns // 2 for cell in cells]
+            cells = [
+                replace(cell, number=middle_ns // self.period_ns)
+                for cell, middle_ns in zip(cells, middles, strict=True)
+            ]
+        self.averager.add_cells(cells)
         self.poll()
 
     def poll(self) -> None:
-        """Append the rows there are; a full disk ends a recording, not the stream."""
-        for recording in tuple(self._running):
-            self._write(recording)
-
-    def _write(self, recording: OwnRecording) -> None:
-        """Append what is complete, or end the recording."""
-        try:
-            recording.write()
-        except RecordingError as error:
-            self.leave(recording)
-            recording.on_failure(error)
-
-    def on_model(self) -> None:
-        """Call on_period of recordings with other thermal cells than the new model has."""
-        for recording in tuple(self._running):
-            if recording.period_ns != self.period_ns:
-                recording.on_period()
+        """Write the rows there are."""
+        if self._running:
+            self._share(self.averager.rows())
 
 
 @dataclass(eq=False)
@@ -229,13 +235,13 @@ class RecordService(Part):
             with writing(self._store.directory):
                 path = self._store.new_recording_path()
                 origin = csv_file.origin_column(self._recorder.sensor())
-                columns = *self._recorder.channels, origin
-                writer = csv_file.CsvRecordingWriter(path, columns)
+                writer = csv_file.CsvRecordingWriter(path, (*self._recorder.channels, origin))
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
-            raise RecordingError(f'{error} {REMEDY}.') from error
+            remedy = 'Make room or choose another data_directory.'
+            raise RecordingError(f'{error} {remedy}') from error
         self._reference, self.path, self.failure, self._heard = reference, path, '', False
-        self.current = self._recorder.begin(writer, self._fail, self._follow_period)
+        self.current = self._recorder.begin(writer, self._fail)
         return f'recording into {path}'
 
     def _finish(self) -> str:
@@ -243,13 +249,12 @@ class RecordService(Part):
         recording = self.current
         if recording is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
-        self._recorder.leave(recording)
         self._forget()
         try:
-            recording.close()
+            self._recorder.finish(recording)
         except RecordingError as error:
             raise RecordingError(_ended(error, recording.rows)) from error
-        seconds = recording.rows * recording.period_ns / NANOSECONDS
+        seconds = recording.rows * self._recorder.period_ns / NANOSECONDS
         return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
 
     def _forget(self) -> None:
@@ -267,12 +272,20 @@ class RecordService(Part):
             self._counts.bad_references += 1
         elif self.current is not None:
             self._heard = True
-            at_ns = stamp_ns or self.hub.now_ns()
-            self.current.averager.add_reference(at_ns, reference)
+            self._recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def doubt(self) -> str:
-        """Say that the reference was heard and is not recorded any more; empty where it is."""
-        lacking_s = self.current.lacking_s(REFERENCE_CHANNELS[0]) if self.current else 0.0
+        """Say that wrenches or a heard reference are not recorded; empty where all are."""
+        if self.current is None:
+            return ''
+        lacking_s = min(self._recorder.lacking_s(self.current, axis) for axis in AXES)
+        if lacking_s >= LACKING_S:
+            return (
+                f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are silent, '
+                'or their stamps are of another clock than those of the temperatures. Nothing can '
+                'be learnt from that; set one clock, then record again'
+            )
+        lacking_s = self._recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
         if not self._heard or lacking_s < LACKING_S:
             return ''
         return (
@@ -286,15 +299,6 @@ class RecordService(Part):
         self._forget()
         self.failure = _ended(error, rows)
         self._log.error(self.failure)
-
-    def _follow_period(self) -> None:
-        """End the recording, because a new model has brought another thermal period."""
-        self.end()
-        self.failure = (
-            f'The recording into {self.path} has ended: the new model has thermal cells of '
-            f'{self._recorder.period_ns / NANOSECONDS:g} s. Record again.'
-        )
-        self._log.warning(self.failure)
 
     def end(self) -> bool:
         """Close the recording that runs, if one does, and log what it holds."""

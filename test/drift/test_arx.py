@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx_filter import Arx, free_run, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx import Arx, free_run, mean_relaxation, relaxation
 
 #: n, m, first lag; with a direct term (0), without (1), as the paper's first H(z) (2), and later.
 ORDERS = [(0, 1, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 2, 1), (2, 2, 2), (3, 2, 0), (1, 3, 4)]

@@ -1,0 +1,149 @@
+"""
+Contacts on a sensor that drifts: what people do about the drift today, and this package.
+
+``python bench/accuracy/contacts.py [SEEDS]``, 6 by default. A heat-conducting wrist works for
+2.5 h with duty cycles that no method has seen. Every ten minutes it touches something for 60 s
+with 20 N along z; in the last hour it holds 20 N all the time. Methods that learn were given four
+other, unloaded days. The error is measured minus true force, in N.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from judging import block_means
+import numpy as np
+from peers import Day, PEERS
+from scipy.signal import butter, lfilter
+from wrist import warm_up
+
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.signals import AXES, FloatArray, Recording
+from wrist_ft_comp.stream.offline import simulate_drift
+
+Z = AXES.index('force_z')
+HOURS = 2.5
+CONTACT_N = 20.0
+#: When a short contact begins, and how long it lasts, s.
+STARTS_S = tuple(range(600, 5400, 600))
+CONTACT_S = 60
+#: When the long contact begins and ends, s.
+HOLD_S = (5400, 9000)
+#: A sensor is zeroed on this time before a contact, s.
+REZERO_S = 5
+#: Which run of the wrist is judged; the first four are learnt from.
+JUDGED_RUN = 99
+#: Estimates the true force of a day, shape (N,), from its readings and other days.
+Practice = Callable[[Sequence[Recording], Recording], FloatArray]
+
+
+def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording:
+    """Warm a wrist up; a contact pushes along z."""
+    return warm_up(np.random.default_rng([seed, run]), seed, HOURS, contact_n=contact_n)
+
+
+def median_worst(errors_n: Sequence[float]) -> str:
+    """Write the median and the worst of all seeds."""
+    return f'{np.median(errors_n):.2f} ({np.max(errors_n):.2f})'
+
+
+def contacts() -> FloatArray:
+    """Draw the contact force, N, shape (N,)."""
+    force: FloatArray = np.zeros(HOLD_S[1])
+    for start in STARTS_S:
+        force[start : start + CONTACT_S] = CONTACT_N
+    force[slice(*HOLD_S)] = CONTACT_N
+    return force
+
+
+def zeroed(force: FloatArray) -> FloatArray:
+    """Zero on the first minute."""
+    return np.asarray(force - force[:60].mean())
+
+
+def zero_once(_: Sequence[Recording], day: Recording) -> FloatArray:
+    """Zero at the start of the day only."""
+    return zeroed(day.wrench[:, Z])
+
+
+def rezero(_: Sequence[Recording], day: Recording) -> FloatArray:
+    """Zero on the last seconds before every contact, as sensor vendors advise."""
+    force = zeroed(day.wrench[:, Z])
+    for start in (*STARTS_S, HOLD_S[0]):
+        force[start:] -= force[start - REZERO_S : start].mean()
+    return force
+
+
+def high_pass(cut_off_hz: float, _: Sequence[Recording], day: Recording) -> FloatArray:
+    """Pass the force through a first-order high-pass."""
+    b, a = butter(1, cut_off_hz, 'highpass', fs=1.0)
+    return np.asarray(lfilter(b, a, zeroed(day.wrench[:, Z])))
+
+
+def cubic(training: Sequence[Recording], day: Recording) -> FloatArray:
+    """Subtract a cubic polynomial of the thermometer in the sensor."""
+    learnt = [
+        Day(one.temperature_c, one.wrench, np.zeros_like(one.wrench), one.period_s)
+        for one in training
+    ]
+    judged = Day(day.temperature_c, day.wrench, np.zeros_like(day.wrench), day.period_s)
+    return zeroed(day.wrench[:, Z] - PEERS['cubic'](learnt, judged)[:, Z])
+
+
+def ours(training: Sequence[Recording], day: Recording) -> FloatArray:
+    """Calibrate with this package, by default settings."""
+    zero, sensitivity = simulate_drift(calibrate(training).model, day)
+    return zeroed((day.wrench[:, Z] - zero[:, Z]) / (1.0 + sensitivity[:, Z]))
+
+
+PRACTICES: dict[str, Practice] = {
+    'zeroed once': zero_once,
+    'zeroed before every contact': rezero,
+    'high-pass, 0.01 Hz': partial(high_pass, 0.01),
+    'high-pass, 0.001 Hz': partial(high_pass, 0.001),
+    'high-pass, 0.0001 Hz': partial(high_pass, 0.0001),
+    'cubic polynomial': cubic,
+    'this package': ours,
+}
+
+
+def contact_errors(estimate: FloatArray, day: Recording) -> list[float]:
+    """Measure RMS in short contacts, RMS in between, and the worst of the long one, N."""
+    error = estimate - day.reference[:, Z]
+    touching, hold = contacts() > 0, slice(*HOLD_S)
+    short = touching & (np.arange(len(error)) < HOLD_S[0])
+    # Means of 10 s, because noise is no drift.
+    in_contact, free, held = (
+        block_means(error[rows, np.newaxis], 10) for rows in (short, ~touching, hold)
+    )
+    rms = [float(np.sqrt(np.mean(means**2))) for means in (in_contact, free)]
+    return [*rms, float(np.max(np.abs(held)))]
+
+
+def print_contacts(seeds: range) -> None:
+    """Print the errors of practices during contacts."""
+    found: dict[str, list[list[float]]] = {name: [] for name in PRACTICES}
+    for seed in seeds:
+        training = [wrist(seed, run) for run in range(4)]
+        test = wrist(seed, JUDGED_RUN, contacts())
+        for name, practice in PRACTICES.items():
+            found[name].append(contact_errors(practice(training, test), test))
+    print(f'error of force z, contacts of {CONTACT_N:g} N, N: median (worst)')
+    titles = ('60 s contacts, RMS', 'free, RMS', '1 h contact, worst')
+    print(f'{"":28}' + ''.join(f'{title:>20}' for title in titles))
+    for name, rows in found.items():
+        print(
+            f'{name:28}'
+            + ''.join(f'{median_worst(of_kind):>20}' for of_kind in zip(*rows, strict=True))
+        )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('seeds', nargs='?', type=int, default=6)
+    print_contacts(range(parser.parse_args().seeds))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,157 @@
+"""Stamps that leap: one stray is dropped, a new time is followed; arrival shows what passed."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks, StampWatch
+
+SECOND = 1_000_000_000
+HOUR = 3600 * SECOND
+
+
+def make(sources=1):
+    return SourceClocks(sources, patience_s=5.0)
+
+
+def feed(clocks, stamps, source=0):
+    samples = [Sample(source, stamp, 20.0) for stamp in stamps]
+    return [given.stamp_ns for sample in samples for given in clocks.admit(sample)]
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(steps=st.lists(st.integers(-5 * SECOND, 60 * SECOND), min_size=1, max_size=50))
+def test_steps_that_are_no_leaps_pass_at_once_if_they_are_later(steps):
+    clocks, last = make(), 0
+    feed(clocks, [0])
+    for step in steps:
+        assert feed(clocks, [last + step]) == ([last + step] if step > 0 else [])
+        last += max(step, 0)
+    assert (clocks.strays, clocks.leaps) == (0, 0)
+    assert clocks.rejected == sum(step <= 0 for step in steps)
+
+
+START = [k * SECOND for k in range(5)]
+GOES_ON = [k * SECOND for k in range(5, 10)]
+
+
+@pytest.mark.parametrize('leap', [90 * SECOND, 5 * HOUR, -90 * SECOND, -5 * HOUR, -20 * SECOND])
+@pytest.mark.parametrize(
+    ('strays', 'followed', 'leaps'),
+    [
+        ([1.0], [], 0),  # one stray, two that rise, two that do not
+        ([1.0, 1.8], [], 0),
+        ([2.0, 1.0], [], 0),
+        ([], [1.0], 1),  # a leap, and a stray ahead of it
+        ([2.0], [1.0], 1),
+        ([], [1.0, 0.0], 2),  # there and back
+        ([2.0], [1.0, 0.0], 2),
+    ],
+)
+def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
+    leap, strays, followed, leaps
+):
+    """Times are shares of the leap; those that are followed go on for five samples."""
+    if abs(leap) < 60 * SECOND and (strays or len(followed) != 1):
+        return  # back is a leap from 5 s on, ahead from 60 s on
+    clocks, dropped = make(), 0
+    assert feed(clocks, START) == START
+    for share in followed or [0.0]:
+        offset = round(share * leap)
+        sent = [3 * SECOND + round(stray * leap) for stray in strays]
+        moved = [offset + stamp for stamp in GOES_ON]
+        assert feed(clocks, [*sent, *moved]) == moved
+        dropped += len(strays)
+        assert clocks.strays == dropped
+    assert clocks.leaps == leaps
+
+
+@pytest.mark.parametrize(
+    ('before', 'step_s', 'heard'),
+    [
+        (1, 100, [1, 0, 2, 1, 1, 1]),
+        (5, 100, [1] * 5 + [0, 0, 3, 1]),
+        (5, 1000, [1] * 5 + [0, 0, 3, 1]),
+    ],
+    ids=['slow', 'becomes slow', 'becomes very slow'],
+)
+def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard):
+    """Or a simulation that is hundreds of times as fast as the clock."""
+    clocks = make()
+    stamps = [k * SECOND for k in range(before)]
+    stamps += [(before - 1 + k * step_s) * SECOND for k in range(1, len(heard) - before + 1)]
+    assert [len(feed(clocks, [stamp])) for stamp in stamps] == heard
+    assert clocks.strays == 0
+
+
+@pytest.mark.parametrize('gap_s', [10, 100, 5000, -18_000])
+def test_first_samples_are_compared_with_where_another_stream_ended(gap_s):
+    """A slow thermometer does not leap after a restart, and one stray stamp is dropped."""
+    for strays in ([], [9 * HOUR]):
+        clocks = make()
+        clocks.expect(HOUR)
+        stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
+        assert feed(clocks, [*strays, *stamps]) == stamps
+        assert (clocks.strays, clocks.leaps) == (len(strays), 0)
+
+
+def test_thermometers_do_not_confirm_each_other():
+    clocks = make(2)
+    for second in range(5):
+        for source in range(2):
+            feed(clocks, [second * SECOND], source)
+    assert feed(clocks, [HOUR]) == []
+    assert feed(clocks, [HOUR + SECOND], 1) == []
+    assert feed(clocks, [5 * SECOND]) == [5 * SECOND]
+
+
+@pytest.mark.parametrize('set_s', [-18_000, -30, 100, 18_000])
+@pytest.mark.parametrize('silent_s', [1, 600])
+def test_arrival_shows_how_long_it_took_while_a_clock_was_set(set_s, silent_s):
+    """Of several sources the first one that is heard shows it, and the others follow."""
+    clocks, seen = make(2), []
+    for second in (*range(10), *range(9 + silent_s, 20 + silent_s)):
+        at = (second + (second > 9 or silent_s == 1 == second - 8) * set_s) * SECOND
+        for source in range(2):
+            clocks.admit(Sample(source, at, 20.0, second * SECOND))
+            seen += [clocks.leap] * (clocks.leap is not None)
+    (leap,) = seen
+    assert leap.passed_ns == pytest.approx(silent_s * SECOND, abs=SECOND)
+    assert leap.to_ns - leap.from_ns - leap.passed_ns == set_s * SECOND
+    assert clocks.restarts == (leap.to_ns < leap.from_ns)
+
+
+def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_back():
+    clocks, seen = make(2), []
+    for second in (*range(100, 110), *range(5000, 5010), *range(10)):
+        for source in range(2):
+            feed(clocks, [second * SECOND], source)
+            seen += [clocks.leap] * (clocks.leap is not None)
+    assert seen == [Leap(5009 * SECOND, 0, None)]
+
+
+def test_stamps_of_wrenches_are_judged_by_their_steps():
+    """A simulation that runs hundreds of times as fast as the clock does not leap."""
+    watch, at = StampWatch(), 3600 * SECOND
+    for step_ns, ran_back, leapt in (
+        (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
+        (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (400 * SECOND, 1, 2),
+        (-1, 2, 2),
+    ):  # fmt: skip
+        at += step_ns
+        watch.look_at_stamp(at)
+        assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
+        assert not watch.stamps_stand_still
+    for stamp_ns, unstamped in ((0, True), (at, False)):
+        watch.look_at_stamp(stamp_ns)
+        assert watch.unstamped == unstamped
+
+
+def test_stamps_stand_still_from_the_sixth_at_the_same_time():
+    watch = StampWatch()
+    for stamps in ([7] * 6, [8] * 6):
+        seen = []
+        for stamp_ns in stamps:
+            watch.look_at_stamp(stamp_ns)
+            seen.append(watch.stamps_stand_still)
+        assert seen == [False] * 5 + [True]

@@ -1,0 +1,118 @@
+"""
+The calibration job: read recordings, fit, save the model and its payloads.
+
+The command line runs it in its own process, the node in another one (``entry``).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.report.view import calibration_view, ReportView
+from wrist_ft_comp.signals import part_of, Progress, Recording
+from wrist_ft_comp.stored.model_file import save_model
+from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
+
+
+@dataclass(frozen=True, eq=False)
+class JobOutcome:
+    """The result of a calibration job."""
+
+    calibration: Calibration
+    stored: StoredModel
+    recordings: tuple[Recording, ...]
+    #: Recordings that were left out, and why, in sentences.
+    left_out: tuple[str, ...]
+
+    def view(self, job: CalibrationJob) -> ReportView:
+        """Make the content of its report."""
+        reference = job.settings.reference
+        return calibration_view(self.calibration, self.recordings, self.stored, reference)
+
+
+def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
+    """Read, fit and save the model, or raise and change nothing; a report is written apart."""
+    report = progress or (lambda _: None)
+    recordings: list[Recording] = []
+    paths: dict[str, Path] = {}
+    left_out: list[str] = []
+    for number, path in enumerate(job.recordings):
+        part = part_of(report, number, 2 * len(job.recordings))
+        try:
+            recording, sha256 = _read(job, path, paths, part)
+        except RecordingError as error:
+            none_is_left = number + 1 == len(job.recordings) and not recordings
+            if not job.skip_unusable or none_is_left:
+                raise
+            left_out.append(f'{path.name} was left out: {error}')
+        else:
+            recordings.append(recording)
+            paths[sha256] = path
+    found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
+    calibration, stored = save(job, found, paths)
+    return JobOutcome(calibration, stored, tuple(recordings), tuple(left_out))
+
+
+def _read(
+    job: CalibrationJob, path: Path, earlier: Mapping[str, Path], progress: Progress
+) -> tuple[Recording, str]:
+    """Read and hash a recording; refuse a copy of an earlier one, and one that is unusable."""
+    recording = read_recording(path, period_s=job.period_s, topics=job.topics, progress=progress)
+    sha256 = hash_recording(path)
+    if sha256 in earlier:
+        raise RecordingError(f'{path} is a copy of {earlier[sha256]}; name one of them only.')
+    if not job.skip_unusable:
+        return recording, sha256
+    thermometers = len(job.topics.temperatures)
+    if recording.thermometers != thermometers:
+        raise RecordingError(
+            f'{path.name} has {recording.thermometers} thermometers; {thermometers} are expected. '
+            'Record again with these, or name the recordings to calibrate from.'
+        )
+    if job.settings.reference == 'recorded' and not np.isfinite(recording.reference).any():
+        raise RecordingError(
+            f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
+            'wrench, or declare the reference unloaded or constant.'
+        )
+    return recording, sha256
+
+
+def save(
+    job: CalibrationJob, found: Calibration, paths: Mapping[str, Path]
+) -> tuple[Calibration, StoredModel]:
+    """
+    Save a model that was learnt from recordings, by hash, and then payloads beside it.
+
+    Gives the calibration with the payloads' names in their file. The model is not given up where
+    its payloads cannot be saved: that is one more warning.
+    """
+    sources = [{'path': str(path), 'sha256': sha256} for sha256, path in paths.items()]
+    stored, learnt = save_model(job.output, found, {'recordings': sources}), found.payloads
+    if learnt is None:
+        return found, stored
+    # Columns of a file do not show what measured specific force; only that by TF needs no frame.
+    source = job.topics.force_source or ('' if learnt.frame.does_nothing else 'imu')
+    wrench_frame = next(iter(found.sensor.get('frame_id', ())), job.topics.wrench_frame)
+    frame = learnt.frame.learnt_by(source, replace(job.topics, wrench_frame=wrench_frame))
+    payloads, path = learnt.payloads.values(), job.output.with_name(PAYLOADS)
+    try:
+        names = add_payloads(path, job.output.stem, payloads, frame)
+    except WristFtCompError as error:
+        lost = f'The model is saved, but its payloads are not: {error}'
+        return replace(found, warnings=(*found.warnings, lost)), stored
+    named = dict(zip(names, payloads, strict=True))
+    return replace(found, payloads=replace(learnt, payloads=named)), stored
+
+
+def model_values(stored: StoredModel) -> dict[str, Any]:
+    """Put a model into plain values, of which ``restore_model`` makes it again."""
+    return {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}

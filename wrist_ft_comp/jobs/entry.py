@@ -1,0 +1,95 @@
+"""What runs in the process of a job: it reads the job, does it, and answers in plain values."""
+
+import json
+import os
+import signal
+import sys
+from threading import Thread
+import time
+from typing import Any
+
+import numpy as np
+
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.jobs.calibration_job import model_values, run_job
+from wrist_ft_comp.jobs.learning_job import learn
+from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute
+from wrist_ft_comp.payload.learnt import payload_line
+from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
+from wrist_ft_comp.payload.set_payload_commands import driver_lines
+from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.report.outputs import REPORT
+from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.summary import summarise
+from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
+
+#: Nice value of a job for which somebody waits.
+_LOW_PRIORITY = 10
+#: How often the process looks whether the one that started it still runs, s.
+_WATCHED_EVERY_S = 0.5
+
+
+def answer(job: CalibrationJob) -> dict[str, Any]:
+    """Run a job; give its outcome or its refusal in plain values."""
+    try:
+        if job.learning is not None:
+            return learn(job, job.learning)
+        return _calibrate(job) if job.minute is None else _identify(job, job.minute)
+    except (WristFtCompError, OSError) as error:
+        return {'success': False, 'message': str(error)}
+
+
+def _calibrate(job: CalibrationJob) -> dict[str, Any]:
+    """Calibrate; a model is not given up because its report could not be written."""
+    outcome = run_job(job)
+    lines = [
+        summarise(outcome.calibration),
+        *(f'warning: {sentence}' for sentence in outcome.left_out),
+        f'saved as {outcome.stored.path}',
+    ]
+    if job.report is not None:
+        try:
+            REPORT.write(job.report, page(outcome.view(job)))
+            lines.append(f'report: {job.report}')
+        except WristFtCompError as error:
+            lines.append(f'warning: {error}')
+    return {'success': True, 'message': '\n'.join(lines), **model_values(outcome.stored)}
+
+
+def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
+    """Find the payload in a minute of motion, and keep it."""
+    cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
+    sensor = None
+    if minute.sensor is not None:
+        bias, scale = np.array(minute.sensor)
+        sensor = ForceFrame(bias=bias, scale=scale)
+    found = identify(cells, minute.period_s, sensor)
+    frame = found.frame.learnt_by(job.topics.force_source, job.topics)
+    (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)
+    message = (
+        f"{payload_line(name, found.payload)} in the wrench's frame. Contact was taken for "
+        f'{found.contact:.0%} of the time, {found.fast:.0%} was too fast.'
+    )
+    return {
+        'success': True, 'message': message, 'name': name, 'rotation': frame.rotation.tolist(),
+        'driver_lines': driver_lines(found.payload),
+    }  # fmt: skip
+
+
+def main() -> int:
+    """Run one job from standard input, at low priority, and write its outcome; gives 0."""
+    os.nice(_LOW_PRIORITY)
+    Thread(target=_end_with, args=(int(sys.argv[1]),), daemon=True).start()
+    json.dump(answer(decode_job(sys.stdin.read())), sys.stdout)
+    return 0
+
+
+def _end_with(parent: int) -> None:
+    """End the process when the one that started it has ended: nobody waits for it any more."""
+    while os.getppid() == parent:
+        time.sleep(_WATCHED_EVERY_S)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,187 @@
+"""
+Clocks, by stamp and by arrival: stray stamps, clocks that leap, run back or stand still.
+
+A stamp is by the clock of a driver, which may be set, or begin anew after a power cycle. Arrival
+is by the steady clock of the receiver, which nobody sets; files and simulations have none.
+
+    not later    up to some seconds behind the stamp before: the sample is dropped
+    stray        far from the stamps around it: the sample is dropped
+    silence      stamps go on elsewhere, and that time passed by arrival, if arrival is known
+    clock set    stamps go on elsewhere, and another time passed by arrival
+    ran back     stamps go on earlier, and arrival is not known
+"""
+
+from dataclasses import dataclass, field
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.signals import BoolArray, IntArray, NANOSECONDS
+
+#: The stamp of a sample that came without one.
+NO_TIME = int(np.iinfo(np.int64).min)
+#: Stamps leap where they step by more than this, s ...
+LEAP_S = 60.0
+#: ... and by more usual steps than this, because those of a slow sensor are long.
+_LEAP_STEPS = 4
+#: Samples that ascend confirm a leap from this number on, however far apart they are.
+_CONFIRMING_SAMPLES = 3
+#: Stamps stand still after this many looks in a row at the same one.
+_STAMP_LOOKS = 5
+
+
+def leaps(step_ns: int, usual_step_ns: int) -> bool:
+    """Whether a step between stamps is longer than a silence that needs no proof."""
+    return step_ns > max(LEAP_S * NANOSECONDS, _LEAP_STEPS * usual_step_ns)
+
+
+class Sample(NamedTuple):
+    """A temperature, °C, of a source, counted from 0; arrival is None where it is not known."""
+
+    source: int
+    stamp_ns: int
+    temperature_c: float
+    arrival_ns: int | None = None
+
+
+class Leap(NamedTuple):
+    """Stamps that go on elsewhere; the time that passed is None where nothing shows it."""
+
+    from_ns: int
+    to_ns: int
+    passed_ns: int | None
+
+
+@dataclass
+class _Clock:
+    """What is known of the clock of one source."""
+
+    last: Sample | None = None
+    #: Step between the last two samples; None before the second.
+    step_ns: int | None = None
+    #: Samples far from the last one, in the order of their stamps.
+    kept: list[Sample] = field(default_factory=list)
+
+
+class SourceClocks:
+    """
+    Checks the stamps of several sources, each against its own last one.
+
+    A sample whose stamp leaps is kept back until the next ones of its source show whether time
+    goes on from it (the next one is near it, or three in a row ascend) or from the time before.
+    """
+
+    def __init__(self, sources: int, patience_s: float) -> None:
+        #: Samples that were dropped as strays, and because their stamp was not later, or no number
+        #: in them.
+        self.strays = self.rejected = 0
+        #: How often stamps went on elsewhere, and how often that was earlier.
+        self.leaps = self.restarts = 0
+        #: A leap of the clock of all sources, at the sample that was taken last.
+        self.leap: Leap | None = None
+        self._patience_ns = round(patience_s * NANOSECONDS)
+        self._clocks = [_Clock() for _ in range(sources)]
+        #: The stamp that counted last, and where another stream ended.
+        self._newest_ns = 0
+        self._expected_ns: int | None = None
+
+    def expect(self, stamp_ns: int) -> None:
+        """Set the stamp where another stream ended, with which first samples are compared."""
+        self._expected_ns = self._newest_ns = stamp_ns
+
+    def admit(self, sample: Sample) -> list[Sample]:
+        """Take a sample; give those that count now: none, this one, or also some kept back."""
+        if not math.isfinite(sample.temperature_c):
+            self.rejected += 1
+            return []
+        clock, self.leap = self._clocks[sample.source], None
+        last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
+        step_ns = None if last_ns is None else sample.stamp_ns - last_ns
+        if step_ns is None or not self._leaps(step_ns, clock):
+            self.strays += len(clock.kept)
+            clock.kept = []
+            if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
+                self.rejected += 1
+                return []
+            return self._take(clock, [sample])
+
+        if clock.kept and sample.stamp_ns <= clock.kept[-1].stamp_ns:
+            self.strays += len(clock.kept)
+            clock.kept = []
+        clock.kept.append(sample)
+        if len(clock.kept) == 1:
+            return []
+        if not leaps(sample.stamp_ns - clock.kept[-2].stamp_ns, clock.step_ns or 0):
+            self.strays += len(clock.kept) - 2
+            clock.kept = clock.kept[-2:]
+        elif clock.step_ns is not None and len(clock.kept) < _CONFIRMING_SAMPLES:
+            return []
+        self._follow(clock, last_ns or 0)
+        return self._take(clock, clock.kept)
+
+    def _leaps(self, step_ns: int, clock: _Clock) -> bool:
+        return step_ns < -self._patience_ns or leaps(step_ns, clock.step_ns or 0)
+
+    def _follow(self, clock: _Clock, last_ns: int) -> None:
+        """Find out whether the clock of all was set; one source after the other notices that."""
+        first, last, passed_ns = clock.kept[0], clock.last, None
+        self.leaps += clock.step_ns is not None
+        if abs(first.stamp_ns - self._newest_ns) <= self._patience_ns + (clock.step_ns or 0):
+            return  # others are there already
+        step_ns = first.stamp_ns - last_ns
+        if last and first.arrival_ns is not None and last.arrival_ns is not None:
+            passed_ns = first.arrival_ns - last.arrival_ns
+            is_silence = not self._leaps(step_ns - passed_ns, clock)
+        else:
+            is_silence = step_ns > 0
+        if not is_silence:
+            self.restarts += step_ns < 0
+            self.leap = Leap(last_ns, first.stamp_ns, passed_ns)
+
+    def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
+        """Give samples of a source, and continue from them."""
+        for sample in samples:
+            clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
+            clock.last, self._newest_ns = sample, sample.stamp_ns
+        clock.kept = []
+        return samples
+
+
+class StampWatch:
+    """Watches the stamps of a source that are used as they come, such as those of a wrench."""
+
+    def __init__(self) -> None:
+        #: How often stamps ran back, and leapt ahead.
+        self.ran_back = self.leapt = 0
+        #: Whether the newest message had no stamp.
+        self.unstamped = False
+        self._stamp_ns: int | None = None
+        self._step_ns = self._same_stamps = 0
+
+    def look_at_stamp(self, stamp_ns: int) -> None:
+        """Compare a stamp, ns, with the one before; 0 is none."""
+        self.unstamped = not stamp_ns
+        if not stamp_ns:
+            return
+        if self._stamp_ns is not None:
+            step_ns = stamp_ns - self._stamp_ns
+            self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
+            self.ran_back += step_ns < 0
+            self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
+            self._step_ns = max(step_ns, 1)
+        self._stamp_ns = stamp_ns
+
+    @property
+    def stamps_stand_still(self) -> bool:
+        """Whether new messages come with an old stamp."""
+        return self._same_stamps >= _STAMP_LOOKS
+
+
+def in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:
+    """Mark the stamps of a file, (n,), that are later than all before them but single strays."""
+    before = np.concatenate(([last_ns], stamps_ns))
+    this, following, second = stamps_ns[:-2], stamps_ns[1:-1], stamps_ns[2:]
+    ahead = (this > following) & (this > second) & (following > before[:-3])
+    before[1:-2][ahead] = NO_TIME
+    return np.asarray(before[1:] > np.maximum.accumulate(before)[:-1])

@@ -1,0 +1,269 @@
+"""
+Numbers inside messages of any type: definition, layout, number by path, for bags and nodes alike.
+
+Where a number lies depends on nothing but the lengths of the texts and arrays before it. So one
+message is followed field by field, and its layout holds for all messages of the same size that
+have the same lengths at the same bytes: for each one that arrives, or for many at once.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+from operator import itemgetter
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
+
+#: What a field is, and how often: once (None), a fixed number of times, or SEQUENCE.
+FieldType = tuple[str, int | None]
+SEQUENCE = -1
+#: Fields of every type in their order, by the type's name, such as ``std_msgs/msg/Header``.
+Definitions = Mapping[str, Sequence[tuple[str, FieldType]]]
+#: Names of fields, and indices, from a message down to a number in it.
+Path = tuple[str | int, ...]
+#: Bytes of n messages, one per row, shape (n, size).
+Rows = NDArray[np.uint8]
+_Made = TypeVar('_Made')
+#: numpy's letter of every number, by its name in ROS and, where that differs, in IDL.
+_CODES = {
+    'bool': '?', 'boolean': '?', 'byte': 'B', 'octet': 'B', 'char': 'B', 'uint8': 'B', 'int8': 'b',
+    'uint16': 'H', 'int16': 'h', 'uint32': 'I', 'int32': 'i', 'uint64': 'Q', 'int64': 'q',
+    'float32': 'f', 'float': 'f', 'float64': 'd', 'double': 'd',
+}  # fmt: skip
+#: A stamp of a message's header.
+_STAMP: tuple[Path, Path] = ('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec')
+#: A message that claims to hold more than this is damaged.
+_MOST_PARTS = 100_000
+#: Most sizes of messages with remembered layouts: new texts in every message must not fill memory.
+_MOST_SIZES = 100
+#: Most remembered layouts of one size: a topic has a publisher or two.
+_MOST_OF_A_SIZE = 4
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a number lies, or an array of numbers."""
+
+    #: Byte of the message, counted from its beginning.
+    offset: int
+    code: np.dtype[Any]
+    #: None for a single number.
+    size: int | None
+
+    def value(self, data: bytes) -> float:
+        """Read the number out of a message."""
+        return float(np.frombuffer(data, self.code, 1, self.offset)[0])
+
+    def values(self, rows: Rows) -> FloatArray:
+        """Read the number out of n messages, shape (n,)."""
+        bytes_ = rows[:, self.offset : self.offset + self.code.itemsize]
+        with np.errstate(invalid='ignore'):  # a signalling NaN is one as any other
+            return np.ascontiguousarray(bytes_).view(self.code)[:, 0].astype(float)
+
+
+@dataclass(eq=False)
+class Layout:
+    """What a message holds, by path, and where."""
+
+    data: bytes
+    #: Numbers and arrays of numbers; true and false are none.
+    places: dict[Path, Place] = field(default_factory=dict)
+    #: Bytes of texts, with the NUL behind them.
+    texts: dict[Path, slice] = field(default_factory=dict)
+    #: How many elements each array has; None for what is no array.
+    sizes: dict[Path, int | None] = field(default_factory=dict)
+    #: Bytes that hold the lengths of arrays and texts.
+    lengths: list[slice] = field(default_factory=list)
+
+    def find(self, path: Path) -> Place | None:
+        """Find a number, which may be an element of an array."""
+        place = self.places.get(path)
+        if place is not None:
+            return place if place.size is None else None
+        array, index = self.places.get(path[:-1]), path[-1]
+        if array is None or array.size is None or isinstance(index, str) or index >= array.size:
+            return None
+        return Place(array.offset + index * array.code.itemsize, array.code, None)
+
+    def text(self, path: Path) -> str:
+        """Read a text."""
+        return self.data[self.texts[path]].rstrip(b'\0').decode(errors='replace')
+
+
+def follow(definitions: Definitions, kind: str, data: bytes) -> Layout:
+    """Follow a message through; RecordingError, without a topic, when it is none of this type."""
+    if data[:2] not in {b'\0\0', b'\0\1'}:
+        raise RecordingError(
+            'Expected CDR encapsulation 00 00 or 00 01 at the start of the message; '
+            f'got {data[:2].hex(" ") or "nothing"}.'
+        )
+    follower = _Follower(Layout(data), definitions)
+    follower.message(kind, ())
+    left = len(data) - 4 - follower.at
+    if left > follower.slack:
+        raise RecordingError(f'{left} of its {len(data)} bytes are left behind its last field.')
+    return follower.layout
+
+
+@dataclass
+class _Follower:
+    """Goes through the bytes of a message, field by field."""
+
+    layout: Layout
+    definitions: Definitions
+    #: Counted from byte 4, as alignment is.
+    at: int = 0
+    #: Bytes that may be left behind the last field: senders fill up to a multiple of four, and
+    #: ROS 2's own serialize_message sizes empty arrays of 8-byte numbers as if they were aligned.
+    slack: int = 3
+
+    def message(self, kind: str, path: Path) -> None:
+        fields = self.definitions.get(kind)
+        if fields is None:
+            raise RecordingError(f'The definition of {kind} is missing.')
+        if not fields:
+            self._step(1, 1)  # a message without fields is sent as one byte
+        for name, (part, times) in fields:
+            self._field(part, times, (*path, name))
+
+    def _field(self, kind: str, times: int | None, path: Path) -> None:
+        size = self._length() if times == SEQUENCE else times
+        self.layout.sizes[path] = size
+        if len(self.layout.sizes) > _MOST_PARTS:
+            raise RecordingError(f'It holds more than {_MOST_PARTS} parts.')
+        if kind in _CODES:
+            code = np.dtype(f'{"<" if self.layout.data[1] else ">"}{_CODES[kind]}')
+            count = 1 if size is None else size
+            self.slack += 8 if size == 0 and code.itemsize == 8 else 0
+            offset = self._step(count * code.itemsize, code.itemsize if count else 1)
+            if code.kind != 'b':
+                self.layout.places[path] = Place(offset, code, size)
+        elif size is not None:
+            for index in range(size):
+                self._field(kind, None, (*path, index))
+        elif kind == 'string':
+            length = self._length()
+            begin = self._step(length, 1)
+            self.layout.texts[path] = slice(begin, begin + length)
+        else:
+            self.message(kind, path)
+
+    def _length(self) -> int:
+        """Read the length of the array or text that follows."""
+        offset = self._step(4, 4)
+        where = slice(offset, offset + 4)
+        self.layout.lengths.append(where)
+        data = self.layout.data
+        return int.from_bytes(data[where], 'little' if data[1] else 'big')
+
+    def _step(self, size: int, alignment: int) -> int:
+        """Step over the next bytes; returns where they begin."""
+        begin = -(-self.at // alignment) * alignment
+        self.at = begin + size
+        if 4 + self.at > len(self.layout.data):
+            size = len(self.layout.data)
+            raise RecordingError(f'Its {size} bytes end before its last field.')
+        return 4 + begin
+
+
+@dataclass(frozen=True, eq=False)
+class _Known(Generic[_Made]):
+    """A layout that is remembered: how to tell the messages that have it, and what was made."""
+
+    #: Picks the bytes that all messages of the layout share out of one; and these bytes.
+    pick: Callable[[bytes], object]
+    shared: object
+    #: Where these bytes are.
+    at: IntArray
+    made: _Made
+
+
+class Layouts(Generic[_Made]):
+    """
+    Remembers what ``make`` made of the layouts of a type's messages.
+
+    With ``same_texts``, messages of one layout have the same texts, too. Methods raise
+    RecordingError, which names neither file nor topic, when a message is none of the type.
+    """
+
+    def __init__(
+        self, definitions: Definitions, kind: str, make: Callable[[Layout], _Made], *,
+        same_texts: bool = False,
+    ) -> None:  # fmt: skip
+        self._definitions, self._kind, self._make = definitions, kind, make
+        self._same_texts = same_texts
+        self._of_size: dict[int, list[_Known[_Made]]] = {}
+
+    def find(self, data: bytes) -> _Made:
+        """Find what was made of the layout of a message."""
+        return self._find(data).made
+
+    def _find(self, data: bytes) -> _Known[_Made]:
+        of_size = self._of_size.get(len(data), [])
+        for known in of_size:
+            if known.pick(data) == known.shared:
+                return known
+        layout = follow(self._definitions, self._kind, data)
+        shared = [slice(0, 2), *layout.lengths]
+        shared += layout.texts.values() if self._same_texts else []
+        pick = itemgetter(*shared)
+        at = np.concatenate([np.arange(part.start, part.stop) for part in shared])
+        known = _Known(pick, pick(data), at, self._make(layout))
+        if len(self._of_size) >= _MOST_SIZES:
+            self._of_size.clear()
+        self._of_size[len(data)] = [known, *of_size][:_MOST_OF_A_SIZE]
+        return known
+
+    def group(self, messages: Sequence[bytes]) -> Iterator[tuple[_Made, IntArray, Rows]]:
+        """Group messages by layout: what was made of it, their numbers from 0, and their bytes."""
+        sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+        for size in np.unique(sizes):
+            numbers = np.flatnonzero(sizes == size)
+            joined = b''.join([messages[number] for number in numbers])
+            rows: Rows = np.frombuffer(joined, np.uint8).reshape(len(numbers), size)
+            while len(numbers):
+                known = self._find(messages[numbers[0]])
+                alike = (rows[:, known.at] == rows[0, known.at]).all(axis=1)
+                yield known.made, numbers[alike], rows[alike]
+                numbers, rows = numbers[~alike], rows[~alike]
+
+
+class NumberReader:
+    """Reads P numbers, by their paths, out of messages of a type."""
+
+    def __init__(self, definitions: Definitions, kind: str, paths: Sequence[Path]) -> None:
+        #: Whether messages of the type have a header.
+        self.has_header = any(name == 'header' for name, _ in definitions.get(kind, ()))
+        self._paths = [*_STAMP, *paths]
+        self._layouts = Layouts(definitions, kind, self._find_all)
+
+    def _find_all(self, layout: Layout) -> list[Place | None]:
+        return [layout.find(path) for path in self._paths]
+
+    def read_one(self, data: bytes) -> tuple[int, list[float]]:
+        """Read the stamp, ns, and the numbers of one message, as ``read`` does of many."""
+        seconds, nanoseconds, *numbers = (
+            math.nan if place is None else place.value(data) for place in self._layouts.find(data)
+        )
+        stamp_ns = 0 if math.isnan(seconds) else int(seconds) * NANOSECONDS + int(nanoseconds)
+        return stamp_ns, numbers
+
+    def read(self, messages: Sequence[bytes]) -> tuple[IntArray, FloatArray]:
+        """
+        Read the numbers of n messages.
+
+        Gives the stamps of their headers, ns, shape (n,), 0 where there is none, and the numbers,
+        shape (n, P), NaN where a message has none at a path. RecordingError, which names neither
+        file nor topic, when a message is none of the type.
+        """
+        values = np.full((len(messages), len(self._paths)), np.nan)
+        for places, numbers, rows in self._layouts.group(messages):
+            for column, place in enumerate(places):
+                if place is not None:
+                    values[numbers, column] = place.values(rows)
+        seconds, nanoseconds = np.nan_to_num(values[:, :2]).astype(np.int64).T
+        return seconds * NANOSECONDS + nanoseconds, values[:, 2:]
