@@ -31,18 +31,27 @@ def stand_in(monkeypatch, name, *classes):
 
 
 @pytest.fixture
-def launch(monkeypatch):
-    """Give the declared arguments, and a function that makes the node from some that are given."""
+def load(monkeypatch):
+    """Run a launch file, and give what it declares."""
     stand_in(monkeypatch, 'launch', 'LaunchDescription')
     stand_in(monkeypatch, 'launch.actions', 'DeclareLaunchArgument', 'OpaqueFunction')
     stand_in(monkeypatch, 'launch.substitutions', 'LaunchConfiguration')
     stand_in(monkeypatch, 'launch_ros', '')
     stand_in(monkeypatch, 'launch_ros.actions', 'Node')
-    scope = {}
-    source = (ROOT / 'launch/compensator.launch.py').read_text('utf-8')
-    exec(compile(source, 'compensator.launch.py', 'exec'), scope)  # noqa: S102 -- our own file
-    (actions,) = scope['generate_launch_description']().values
-    *declared, made = actions
+
+    def run(name):
+        scope = {}
+        source = (ROOT / 'launch' / name).read_text('utf-8')
+        exec(compile(source, name, 'exec'), scope)  # noqa: S102 -- our own file
+        return scope['generate_launch_description']().values[0]
+
+    return run
+
+
+@pytest.fixture
+def launch(load):
+    """Give the declared arguments, and a function that makes the node from some that are given."""
+    *declared, made = load('compensator.launch.py')
     defaults = {argument.values[0]: argument.named['default_value'] for argument in declared}
 
     def node(**given):
@@ -51,6 +60,15 @@ def launch(monkeypatch):
         return result.named
 
     return declared, node
+
+
+def test_two_wrists_are_two_nodes_in_namespaces_of_their_own(load):
+    left, right = (node.named for node in load('two_wrists.launch.py'))
+    assert (left['namespace'], right['namespace']) == ('left', 'right')
+    for node in (left, right):
+        assert f'{node["executable"]} = ' in (ROOT / 'setup.py').read_text('utf-8')
+        assert parse_sources(node['parameters'][0]['temperature_topics'], str)
+    assert left['remappings'] != right['remappings']
 
 
 def test_every_argument_has_a_default_and_says_what_it_is(launch):

@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from stream_roles import wrench_bytes
 from warm_up import keep, make_model
 
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.signals import NANOSECONDS
 
 TEMPERATURE_HZ = 10

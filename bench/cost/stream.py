@@ -321,7 +321,7 @@ def with_a_payload(
 def while_learning(folder: Path, seconds: float) -> list[Any]:
     """Measure at 1 kHz while the node learns from days that it finds, and afterwards."""
     write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
-    given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning:=auto'
+    given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning.mode:=auto'
     with ExitStack() as stack:
         line = Line(stack, {'learns': with_model(folder, 'learns', *given)})
 

@@ -19,13 +19,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState, Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.ros import qos
 from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.signals import NANOSECONDS
 
@@ -148,7 +149,7 @@ class Receiver:
 
     def run(self, context: Any) -> None:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
-        executor = make_executor('auto', context)
+        executor = make_executor(context)
         executor.add_node(self._node)
         threading.Thread(target=self._listen, daemon=True).start()
         while 'end' not in self._orders:
@@ -216,7 +217,7 @@ def relay(context: Any, kind: str) -> None:
     node.create_subscription(
         WrenchStamped, 'wrench_raw', publisher.publish, qos.FAST_SENSOR, raw=raw
     )
-    executor = make_executor('auto' if raw else 'default', context)
+    executor = make_executor(context) if raw else SingleThreadedExecutor(context=context)
     executor.add_node(node)
     for _ in _until_signal():
         executor.spin_once(timeout_sec=0.2)

@@ -47,7 +47,7 @@ from stand import make_model, message, write_warm_up
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -60,8 +60,8 @@ HANG_S = 20.0
 WARN = 1
 #: Verbs of a part that are sabotaged.
 VERBS = (
-    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
-    'poll', 'statuses',
+    'on_model', 'on_wrench', 'on_cells', 'on_specific_force', 'check_parameters',
+    'apply_parameters', 'poll', 'statuses',
 )  # fmt: skip
 SERVICES = (
     'calibrate', 'tare', 'reset_tare', 'identify_payload', 'record', 'rollback', 'adopt',
@@ -77,7 +77,7 @@ PARAMETERS: tuple[tuple[str, tuple[Any, ...]], ...] = (
     ('tare.max_deviation', (1e6, 0.001, math.nan)),
     ('calibration.recordings', (['recordings/a.csv'], [], ['/etc/passwd'])),
     ('calibration.reference', ('payload', 'unloaded', 'none')),
-    ('thermal_period', (2.0,)),
+    ('max_drift', (2.0,)),
 )
 FILES = (
     'models/m.yaml', 'models/payloads.json', 'state.json', 'active.json', 'learning.json',
@@ -150,7 +150,7 @@ class HostileRobot(RuleBasedStateMachine):
         HostileRobot.lives += 1
         self.stack = ExitStack()
         self.data = self.folder / 'data'
-        for module in ('calibrate', 'learner'):
+        for module in ('jobs', 'learner'):
             patched = f'wrist_ft_comp.node.{module}.start_job'
             self.stack.enter_context(mock.patch(patched, FakeProcess))
         self.stack.enter_context(mock.patch('os.fsync', self._fsync))
@@ -178,8 +178,7 @@ class HostileRobot(RuleBasedStateMachine):
         given = {
             'data_directory': str(self.data), 'model_file': 'models/m.yaml',
             'temperature_topics': ['temperature'],
-            'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning': 'auto',
-            'save_period': 0.1,
+            'gravity.source': 'imu', 'calibration.reference': 'payload', 'learning.mode': 'auto',
         }  # fmt: skip
         untyped: Any = Parameter
         overrides = [untyped(name, value=value) for name, value in given.items()]
@@ -285,8 +284,8 @@ class HostileRobot(RuleBasedStateMachine):
     def _imu(self, force: Sequence[float]) -> None:
         """Give a specific force to what reads them: an Imu, the other numbers of which are 0."""
         doubles = [*[0.0] * 25, *force, *[0.0] * 9]
-        gravity = self.node.gravity
-        self.node.do(gravity, gravity.on_imu, message(self.now_ns, doubles))
+        source = self.node.specific_force
+        self.node.do(source, source.on_imu, message(self.now_ns, doubles))
 
     @step(
         force=st.lists(st.floats(-20.0, 20.0), min_size=3, max_size=3),
@@ -383,7 +382,7 @@ class HostileRobot(RuleBasedStateMachine):
     @step()
     def housekeeping(self) -> None:
         """Do what the node does ten times a second."""
-        self.node._keep_house()
+        self.node.broadcast('poll')
 
     # What must hold
 

@@ -22,7 +22,17 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
-from stand import COLD_C, GAINS, message, NOISE, Sensor, Stand, tell, write_warm_up
+from stand import (
+    COLD_C,
+    GAINS,
+    HASTE,
+    message,
+    NOISE,
+    Sensor,
+    Stand,
+    tell,
+    write_warm_up,
+)
 from std_srvs.srv import SetBool
 
 from wrist_ft_comp.errors import WristFtCompError
@@ -51,6 +61,14 @@ LONGEST_WAIT_S, LONGEST_LEARNING_S = 12.0, 40.0
 START_S = 1_700_000_000
 #: Thermal cell, day, and time in a pose, s, and how many days a life finds.
 CELL_S, DAY_S, POSE_S, DAYS = 10, 9000, 60, 4
+#: A node with such cells that keeps three days.
+FEW_LONG_DAYS = f"""
+from wrist_ft_comp.node import compensator_node
+compensator_node.StreamSettings = partial(
+    compensator_node.StreamSettings, thermal_period_s={CELL_S:.1f}
+)
+
+"""
 MASS_KG, CENTRE_M = 1.2, np.array([0.01, -0.02, 0.08])
 #: What is loaded: its name, its pattern in the data directory, and what loads a path.
 FILES: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
@@ -175,10 +193,9 @@ def kill_recording(arguments: argparse.Namespace, folder: Path) -> bool:
     victim = Victim(data, np.random.default_rng(arguments.seed))
     newest_ns = START_S * NANOSECONDS
     given = (
-        f'calibration.recordings:=[{warm_up}]', 'calibration.method:=pls', 'thermal_period:=1.0',
-        'save_period:=0.1', 'tare.duration:=0.5',
+        f'calibration.recordings:=[{warm_up}]', 'tare.duration:=0.5',
     )  # fmt: skip
-    with closing(Stand(data, *given)) as stand:
+    with closing(Stand(data, *given, source=HASTE)) as stand:
         ends = (
             stand.talker.create_publisher(WrenchStamped, 'wrench_raw', 100),
             stand.talker.create_publisher(Temperature, 'temperature', 100),
@@ -263,15 +280,13 @@ def kill_learning(arguments: argparse.Namespace, folder: Path) -> bool:
         live_before = ModelStore(data).history()[-1:]
         mode = 'propose' if number < arguments.kills / 2 else 'auto'
         given = (
-            f'learning:={mode}', 'learning.keep_days:=3', 'calibration.reference:=payload',
-            'calibration.method:=pls', 'gravity.source:=imu', f'thermal_period:={CELL_S:.1f}',
-            'save_period:=0.1',
+            f'learning.mode:={mode}', 'calibration.reference:=payload', 'gravity.source:=imu',
         )  # fmt: skip
         aim = LEARNING_AIMS[number % len(LEARNING_AIMS)]
         life_s = LONGEST_LEARNING_S
         if not aim:
             life_s = float(victim.rng.uniform(0.5, LONGEST_LEARNING_S / 2))
-        with closing(Stand(data, *given)) as stand:
+        with closing(Stand(data, *given, source=f'{HASTE}{FEW_LONG_DAYS}')) as stand:
             victim.live(stand, life_s, aim, busy_learning(stand))
         victim.check_files()
         with suppress(WristFtCompError):

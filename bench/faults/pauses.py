@@ -17,7 +17,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from stand import keep, make_model, Sensor, write_warm_up
 
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model, restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_HISTORY
@@ -67,7 +67,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
             lambda: node.compensator.go_live(stored.model), 5,
         ),
         'model: remember it (callback)': (lambda: node.store.activate(history), 50),
-        'housekeeping, 10 times a second': (node._keep_house, 200),  # noqa: SLF001
+        'housekeeping, 10 times a second': (lambda: node.broadcast('poll'), 200),
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip
     measured = {}

@@ -20,6 +20,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import Temperature
 from stand import (
+    HASTE,
     keep,
     make_model,
     message,
@@ -35,7 +36,7 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SPEED = 50.0
 #: The parameter's default, 5 s, in stamps.
-SAVE_PERIOD_S = 5.0 / SPEED
+SAVE_PERIOD_S = 0.1
 START_NS = 1_700_000_000 * NANOSECONDS
 #: Stamps from a look for the node to the next one.
 LOOK_NS = 10_000_000
@@ -128,8 +129,7 @@ def kill_once(folder: Path, model_path: Path, rng: np.random.Generator) -> dict[
     for second in range(len(celsius)):
         sensor.advance(float(second))
         celsius[second] = sensor.celsius
-    given = (f'model_file:={model_path}', f'save_period:={SAVE_PERIOD_S}')
-    with closing(Stand(folder, *given)) as stand:
+    with closing(Stand(folder, f'model_file:={model_path}', source=HASTE)) as stand:
         day = Day(stand, celsius)
         day.live(-SOAKS_S, killed)
         day.heard.clear()

@@ -19,12 +19,14 @@ from typing import Any
 
 import numpy as np
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
-from wrist_ft_comp.ros.running import make_executor, spin, Stop
+from wrist_ft_comp.ros.rclpy_internals import Stop
+from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
 
 BENCH = Path(__file__).resolve().parents[1]
@@ -105,6 +107,17 @@ def message(stamp_ns: int, doubles: Sequence[float], frame: bytes = b'tool0\0\0\
     return head + struct.pack(f'<{len(doubles)}d', *doubles)
 
 
+#: Makes a node hasty: its thermal state is saved every 0.1 s, and the quickest method calibrates.
+HASTE = """
+from functools import partial
+from wrist_ft_comp.fit.settings import IdentificationSettings
+from wrist_ft_comp.node import jobs, state_keeper
+state_keeper.SAVE_PERIOD_S = 0.1
+quickest = IdentificationSettings(method='pls')
+jobs.CalibrationSettings = partial(jobs.CalibrationSettings, identification=quickest)
+"""
+
+
 class Stand:
     """
     The compensator's process, and nodes that talk to it and listen to it.
@@ -115,20 +128,22 @@ class Stand:
         The compensator's data_directory.
     *parameters : str
         Further parameters, as NAME:=VALUE.
+    source : str
+        What the process does before it becomes a node, such as HASTE.
 
     """
 
-    def __init__(self, data: Path, *parameters: str) -> None:
+    def __init__(self, data: Path, *parameters: str, source: str = '') -> None:
         self.data = data
         self.log = data / 'node.log'
         self.process: subprocess.Popen[bytes] | None = None
-        self._parameters = parameters
+        self._parameters, self._source = parameters, source
         self._context: Any = Context()
         self._context.init([])
         self.node: Any = Node('stand_helper', context=self._context)
         #: Publishes; no executor waits for its publishers, so they may come and go.
         self.talker: Any = Node('stand_sensor', context=self._context)
-        self._executor = make_executor('default', self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._stop = Stop()
         arguments = (self._executor, self._context, self._stop)
@@ -141,12 +156,13 @@ class Stand:
         words = ['-r', f'__node:={NODE}']
         for parameter in (f'data_directory:={self.data}', *self._parameters):
             words += ['-p', parameter]
-        module = 'wrist_ft_comp.node.compensator'
+        main = 'from wrist_ft_comp.node.compensator_node import main\nmain()'
         self.data.mkdir(parents=True, exist_ok=True)
         with self.log.open('ab') as log:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', module, '--ros-args', *words], stderr=log, stdout=log
-            )
+                [sys.executable, '-c', f'{self._source}\n{main}', '--ros-args', *words],
+                stderr=log, stdout=log,
+            )  # fmt: skip
 
     def end_node(self, number: int = signal.SIGKILL) -> int:
         """Send the compensator a signal; return its exit code."""

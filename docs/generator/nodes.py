@@ -1,7 +1,7 @@
 """
 What the nodes offer: topics, services and diagnostics, asked of running ones, and parameters.
 
-Only what a topic or service is for is written here; one without such words is an error.
+What they are for is written in the parts; a topic or service without such words is an error.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -19,8 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.node.parameters import PARAMETERS
+from wrist_ft_comp.node.compensator_node import CompensatorNode, PARAMETERS, SERVICES, TOPICS
 from wrist_ft_comp.node.simulated_sensor import PARAMETERS as SIMULATED
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
 from wrist_ft_comp.ros.parameters import descriptor, Parameter
@@ -32,32 +31,13 @@ COMMON = {'/rosout', '/parameter_events', '/clock', '/tf_static'}
 COMMON_SERVICES = ('logger_levels', 'parameter', 'type_description')
 #: So that whatever it may say is said.
 _LEARNING = {
-    'learning': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
+    'learning.mode': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
 }  # fmt: skip
+#: What the topics and services are for.
 PURPOSE = {
-    'wrench_raw': 'raw wrench of the driver',
-    'temperature': 'one per entry of `temperature_topics`; `topic:field` hears messages of any '
-    'type, best effort, the newest ten times a second',
-    'wrench_reference': 'true wrench; subscribed to while recording only',
-    'imu': 'with `gravity.source` imu only: specific force at the sensor; with tf it hears `/tf` '
-    'and `/tf_static` (tf2_msgs/TFMessage) instead',
-    'wrench': "compensated and tared wrench, with the input's header",
-    'wrench_external': 'the same without the payload, with a tare of its own: what the world does '
-    'to the tool; only while a payload is active and specific force is fresh',
-    '~/drift': 'zero drift being subtracted, once per thermal cell',
-    '~/correction': 'compensated minus raw wrench of the newest one, `correction.rate` times a '
-    'second; for controllers that add it to what they measure',
-    '/diagnostics': 'state of the node, once a second',
+    **TOPICS,
+    **SERVICES,
     'temperature_2': 'second thermometer, at the motor',
-    '~/calibrate': 'fits the recordings, saves the model and makes it live; answers when done',
-    '~/record': "starts (`data: true`) or ends (`data: false`) the node's own recording",
-    '~/identify_payload': 'learns what is mounted from a minute of motion, while the drift model '
-    'runs; answers with its name',
-    '~/tare': 'makes the present wrench zero, and `wrench_external` where a payload is active; '
-    'refused while the load moves',
-    '~/reset_tare': 'forgets both tares',
-    '~/rollback': 'goes back to the model before the last calibration or adoption',
-    '~/adopt': 'makes the better model live that `learning` offers; refused when there is none',
 }
 
 

@@ -11,17 +11,20 @@ import socket
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 from typing import Any
 import warnings
 
 import pytest
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
-from wrist_ft_comp.ros.running import make_executor, spin, Stop
+from wrist_ft_comp.ros.rclpy_internals import Stop
+from wrist_ft_comp.ros.running import make_executor, spin
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0
@@ -92,6 +95,82 @@ def ros_context(ros_domain):
     context.try_shutdown()
 
 
+class FakeHub:
+    """Stands for the hub beside one part: its parameters, what it logs, opens and hands out."""
+
+    def __init__(self, part, **chosen):
+        self.values = {row.name: row.default for row in part.parameters} | chosen
+        self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
+        self.frame, self.listening, self.publishers = 'tool0', False, 1
+        note = self.logged.append
+        self.log = SimpleNamespace(info=note, warning=note, error=note)
+        part.hub = self
+
+    def chosen(self):
+        return dict(self.values)
+
+    def set(self, part, **changed):
+        """Set parameters, as the hub does: checked first, then followed."""
+        given = [SimpleNamespace(name=name, value=value) for name, value in changed.items()]
+        part.check_parameters(given)
+        self.values |= changed
+        part.apply_parameters(given)
+
+    def hardware_id(self):
+        return self.frame
+
+    def do(self, _part, verb, *arguments):
+        return verb(*arguments)
+
+    def guarded(self, _part, callback):
+        return callback
+
+    def broadcast(self, *verb_and_arguments):
+        self.sent.append(verb_and_arguments)
+
+    def listen(self, _part, *, wanted):
+        self.listening = wanted
+
+    def advertise(self, _kind, topic, **_):
+        self.topics[topic] = []
+        return SimpleNamespace(publish=self.topics[topic].append)
+
+    def subscribe(self, _kind, topic, callback, _qos):
+        self.topics[topic] = callback
+
+    def subscribe_unserved(self, _kind, topic, qos):
+        return self.topics.setdefault(topic, KeptMessages(topic, qos))
+
+    def count_publishers(self, _topic):
+        return self.publishers
+
+    def get_publishers_info_by_topic(self, _topic):
+        return []
+
+
+class KeptMessages:
+    """A subscription that only keeps messages."""
+
+    def __init__(self, topic, qos):
+        self.handle, self.msg_type, self.topic_name, self.qos_profile = self, None, topic, qos
+        self.messages = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def take_message(self, *_):
+        return (self.messages.pop(0), None) if self.messages else None
+
+
+@pytest.fixture
+def fake_hub():
+    """Give the class, which test modules cannot import."""
+    return FakeHub
+
+
 class Bench:
     """Runs nodes in threads of their own, beside a helper that listens, publishes and calls."""
 
@@ -113,15 +192,13 @@ class Bench:
         return node
 
     def start(self, factory, *args, **kwargs):
-        """Make a node and spin it until the test ends; ``executor`` is as in make_executor."""
-        return self.start_all(lambda **options: [factory(*args, **options)], **kwargs)[0]
-
-    def start_all(self, factory, **kwargs):
-        """Make nodes as ``factory(context=…, **kwargs)`` and spin them in one thread."""
-        executor = make_executor(kwargs.pop('executor', 'default'), self.context)
-        nodes = factory(context=self.context, **_node_arguments(kwargs))
-        for node in nodes:
-            executor.add_node(node)
+        """Make a node and spin it until the test ends; ``executor`` is default or events."""
+        if kwargs.pop('executor', 'default') == 'events':
+            executor = make_executor(self.context)
+        else:
+            executor = SingleThreadedExecutor(context=self.context)
+        node = factory(*args, context=self.context, **_node_arguments(kwargs))
+        executor.add_node(node)
         stop = Stop()
         self._stops.append(stop)
         thread = threading.Thread(target=spin, args=(executor, self.context, stop))
@@ -130,13 +207,12 @@ class Bench:
         def take_down():
             stop.set()
             thread.join(TIMEOUT_S)
-            assert not thread.is_alive(), f'{nodes[0].get_name()} did not stop'
+            assert not thread.is_alive(), f'{node.get_name()} did not stop'
             executor.shutdown()
-            for node in nodes:
-                node.destroy_node()
+            node.destroy_node()
 
         self._stack.callback(take_down)
-        return nodes
+        return node
 
     def listen(self, message_type, topic, qos=None):
         """Subscribe; without qos it is best effort, which hears every publisher, and deep."""

@@ -2,7 +2,8 @@
 
 import pytest
 
-from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, STALE, Status, WARN
+from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status, WARN
+from wrist_ft_comp.ros.node_log import NodeLog
 
 WELL = Status('input', OK, '999 wrenches per second')
 NAN = Status('input', WARN, 'some wrenches are unusable and dropped; check the driver')
@@ -34,7 +35,7 @@ def logged():
     def tell(*statuses):
         logger.lines.clear()
         for status in statuses:
-            log.tell([status])
+            log.report([status])
         return list(logger.lines)
 
     return tell
@@ -69,7 +70,3 @@ def test_an_error_is_one_in_the_log(logged):
 def test_a_driver_may_take_its_time_to_start(logged):
     assert logged(*[SILENT] * 5) == []
     assert logged(SILENT) == [('warning', 'input: no raw wrenches arrive')]
-
-
-def test_warnings_that_are_logged_elsewhere_are_not_repeated(logged):
-    assert logged(Status('model', ERROR, 'broken'), Status('calibration', WARN, 'refused')) == []

@@ -3,7 +3,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ros.parameters import declare, Parameter, values
+from wrist_ft_comp.ros.parameters import Parameter, Parameters
 
 TABLE = (
     Parameter('flag', False, 'Whether.'),
@@ -22,7 +22,7 @@ DEFAULTS = {row.name: row.default for row in TABLE}
 class Example(Node):
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)
-        declare(self, TABLE)
+        self.table = Parameters(self, TABLE)
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def set_parameter(node, name, value, type_=None):
 
 
 def test_without_overrides_every_parameter_has_its_default(make):
-    assert values(make(), TABLE) == DEFAULTS
+    assert make().table.values() == DEFAULTS
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_without_overrides_every_parameter_has_its_default(make):
     ],
 )
 def test_values_are_taken_as_people_type_them(make, name, text, expected):
-    value = values(make(*given(**{name: text})), TABLE)[name]
+    value = make(*given(**{name: text})).table.values()[name]
     assert value == expected
     assert type(value) is type(expected)
 
@@ -87,8 +87,8 @@ def test_change_at_run_time_is_accepted_and_converted(make):
     node = make()
     assert set_parameter(node, 'speed', 7).successful
     assert set_parameter(node, 'levels', [], RosParameter.Type.STRING_ARRAY).successful
-    assert values(node, TABLE)['speed'] == 7.0
-    assert values(node, TABLE)['levels'] == ()
+    assert node.table.values()['speed'] == 7.0
+    assert node.table.values()['levels'] == ()
     assert isinstance(node.get_parameter('speed').value, float)
 
 
@@ -105,14 +105,14 @@ def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value
     result = set_parameter(node, name, value)
     assert not result.successful
     assert word in result.reason
-    assert values(node, TABLE) == DEFAULTS
+    assert node.table.values() == DEFAULTS
 
 
 def test_one_bad_value_refuses_the_whole_atomic_set(make):
     node = make()
     wanted = [RosParameter('speed', value=5.0), RosParameter('mode', value='medium')]
     assert not node.set_parameters_atomically(wanted).successful
-    assert values(node, TABLE) == DEFAULTS
+    assert node.table.values() == DEFAULTS
 
 
 def test_describe_shows_unit_range_and_time_of_change(make):

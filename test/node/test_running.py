@@ -1,3 +1,5 @@
+"""How a node starts, runs and ends: on signals, wrong arguments, a wrong environment, faults."""
+
 from functools import partial
 import signal
 import sys
@@ -5,13 +7,14 @@ import threading
 import time
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, Parameter
-from wrist_ft_comp.ros.running import make_executor, run_nodes, spin, Stop
+from wrist_ft_comp.ros.parameters import Parameter, Parameters
+from wrist_ft_comp.ros.rclpy_internals import Stop
+from wrist_ft_comp.ros.running import make_executor, run_node, spin
 
-MODULE = 'example'
 TIMEOUT_S = 20.0
 
 
@@ -20,48 +23,32 @@ class Example(Node):
 
     def __init__(self, line, **kwargs):
         super().__init__('example', **kwargs)
-        speed = Parameter('speed', 1.0, 'How fast.', minimum=0.0)
-        declare(self, [EXECUTOR_PARAMETER, speed])
+        Parameters(self, [Parameter('speed', 1.0, 'How fast.', minimum=0.0)])
         self.create_timer(0.01, lambda: line(self))
 
 
-def tell(node):
+def say(node):
     """Say what runs the node."""
     sys.stdout.write(f'{type(node.executor).__name__}\n')
     sys.stdout.flush()
 
 
-def example():
-    """Source of a program that runs until a signal."""
-    lines = (
-        'import runpy, sys',
-        f'names = runpy.run_path({__file__!r})',
-        "make = lambda **options: [names['Example'](names['tell'], **options)]",
-        "sys.exit(names['run_nodes'](make, sys.argv))",
-    )
-    return {'source': '\n'.join(lines)}
+#: A program that runs until a signal.
+PROGRAM = f"""
+import runpy, sys
+names = runpy.run_path({__file__!r})
+make = lambda **options: names['Example'](names['say'], **options)
+sys.exit(names['run_node'](make, sys.argv, str))
+"""
 
 
-@pytest.mark.parametrize(
-    ('choice', 'kind', 'number'),
-    [
-        ('auto', 'EventsExecutor', signal.SIGTERM),
-        ('events', 'EventsExecutor', signal.SIGINT),
-        ('default', 'SingleThreadedExecutor', signal.SIGTERM),
-    ],
-)
-def test_signal_ends_the_node_on_the_executor_that_was_chosen(executable, choice, kind, number):
-    node = executable(MODULE, '-p', f'executor:={choice}', **example())
-    assert node.process.stdout.readline().strip() == kind
-    assert node.end(number) == (0, '')
-
-
-def test_repeated_signals_end_the_node_as_quietly_as_one(executable):
-    node = executable(MODULE, **example())
-    assert node.process.stdout.readline()
-    node.process.send_signal(signal.SIGINT)
-    node.process.send_signal(signal.SIGINT)
-    assert node.end(signal.SIGTERM) == (0, '')
+@pytest.mark.parametrize('signals', [[signal.SIGTERM], [signal.SIGINT] * 2 + [signal.SIGTERM]])
+def test_signals_end_the_node_quietly_however_often(executable, signals):
+    node = executable('', source=PROGRAM)
+    assert node.process.stdout.readline().strip() == 'EventsExecutor'
+    for number in signals[:-1]:
+        node.process.send_signal(number)
+    assert node.end(signals[-1]) == (0, '')
 
 
 @pytest.fixture
@@ -70,41 +57,48 @@ def run(ros_domain, capfd):  # noqa: ARG001
 
     def start(line, *arguments):
         words = ['example', *(['--ros-args', *arguments] if arguments else [])]
-        code = run_nodes(lambda **options: [Example(line, **options)], words)
+        code = run_node(partial(Example, line), words, str)
         return code, capfd.readouterr().err
 
     return start
 
 
+def refuse(_):
+    raise WristFtCompError('The sensor is gone.')
+
+
 @pytest.mark.parametrize(
-    ('arguments', 'word'),
+    ('line', 'arguments', 'word'),
     [
-        (['-p', 'speed:=fast'], "Parameter speed must be a number of at least 0; got 'fast'."),
-        (['-p', 'speed'], 'The arguments behind --ros-args cannot be read'),
-        (['-p', 'speed:=[1, 2.5]'], 'decimal point'),
-        (['-p', 'topics:=[/state:data:K]'], 'need quotes: \'["/state:data[0]"]\'.'),
-        (['--nonsense'], '--nonsense'),
+        (pytest.fail, ['-p', 'speed:=fast'], "speed must be a number of at least 0; got 'fast'"),
+        (pytest.fail, ['-p', 'speed'], 'The arguments behind --ros-args cannot be read'),
+        (pytest.fail, ['-p', 'speed:=[1, 2.5]'], 'decimal point'),
+        (pytest.fail, ['-p', 'topics:=[/state:data:K]'], 'quotes: \'["/state:data[0]"]\'.'),
+        (pytest.fail, ['--nonsense'], "cannot be read: ['--nonsense']"),
+        (refuse, [], 'The sensor is gone.'),
     ],
 )
-def test_bad_argument_is_a_sentence_and_exit_code_1(run, arguments, word):
-    code, errors = run(pytest.fail, *arguments)
+def test_a_refusal_is_a_sentence_and_exit_code_1(run, line, arguments, word):
+    code, errors = run(line, *arguments)
     assert code == 1
     assert word in errors
     assert 'Traceback' not in errors
 
 
-@pytest.mark.parametrize('choice', ['auto', 'default'])
-def test_error_of_the_family_in_a_callback_is_a_sentence(run, choice):
-    def refuse(_):
-        raise WristFtCompError('The sensor is gone.')
-
-    code, errors = run(refuse, '-p', f'executor:={choice}')
+@pytest.mark.parametrize(
+    ('name', 'value'), [('ROS_LOG_DIR', '/proc/nowhere'), ('ROS_DOMAIN_ID', 'one')]
+)
+def test_a_wrong_environment_is_not_called_a_wrong_argument(executable, monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
+    code, errors = executable('', source=PROGRAM).result()
     assert code == 1
-    assert 'The sensor is gone.' in errors
+    assert 'ROS 2 does not begin: ' in errors
+    assert name in errors
+    assert 'arguments' not in errors
     assert 'Traceback' not in errors
 
 
-def test_fault_of_ours_keeps_its_traceback(run):
+def test_a_fault_of_ours_keeps_its_traceback(run):
     def fail(_):
         raise ValueError('a fault')
 
@@ -112,12 +106,12 @@ def test_fault_of_ours_keeps_its_traceback(run):
         run(fail)
 
 
-def test_shutdown_by_the_node_itself_is_a_normal_end(run):
+def test_a_shutdown_by_the_node_itself_is_a_normal_end(run):
     assert run(lambda node: node.context.shutdown()) == (0, '')
 
 
-@pytest.mark.parametrize('choice', ['events', 'default'])
-def test_an_overloaded_node_hears_that_it_is_to_stop(bench, choice):
+@pytest.mark.parametrize('make', [make_executor, lambda c: SingleThreadedExecutor(context=c)])
+def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
     """Its timer is due again before its callback has ended, so that the queue is never empty."""
     called = threading.Event()
 
@@ -126,7 +120,7 @@ def test_an_overloaded_node_hears_that_it_is_to_stop(bench, choice):
         time.sleep(0.015)
 
     node = bench.make(partial(Example, overload))
-    executor, stop = make_executor(choice, bench.context), Stop()
+    executor, stop = make(bench.context), Stop()
     executor.add_node(node)
     thread = threading.Thread(target=spin, args=(executor, bench.context, stop), daemon=True)
     thread.start()

@@ -32,7 +32,7 @@ def take(messages, count):
     return [messages.get(timeout=TIMEOUT_S) for _ in range(count)]
 
 
-@pytest.mark.parametrize('executor', ['default', 'auto'])
+@pytest.mark.parametrize('executor', ['default', 'events'])
 def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench, executor):
     before_ns = bench.helper.get_clock().now().nanoseconds
     remap = {'wrench_raw': '/arm/ft', 'temperature': '/arm/heat'}

@@ -1,16 +1,13 @@
 """Where down is, live: bytes of an IMU or of TF in, specific force out."""
 
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import Gravity, RecentForces
-from wrist_ft_comp.ros.messages import FAST_SENSOR
+from wrist_ft_comp.node.specific_force import RecentForces, SpecificForceInput
 from wrist_ft_comp.signals import GRAVITY
 
 SECOND = 1_000_000_000
@@ -20,49 +17,25 @@ TO_TOOL = 'arm', 'tool', NO_TURN
 UP, AWAY = (0.0, 0.0, 9.807), (9.807, 0.0, 0.0)
 
 
-class KeptMessages:
-    """A subscription that only keeps messages."""
+@pytest.fixture
+def start(fake_hub):
+    """Start an input beside a fake hub; gives both."""
 
-    def __init__(self):
-        self.handle, self.msg_type, self.qos_profile = self, Imu, FAST_SENSOR
-        self.messages = []
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-    def take_message(self, *_):
-        return (self.messages.pop(0), None) if self.messages else None
-
-
-class FakeHub:
-    """Stands for the hub: keeps the subscriptions and the samples of specific force."""
-
-    def __init__(self, source='tf', upper='world', frame='tool'):
-        self.on, self.samples, self.frame = {}, [], frame
-        self.log = SimpleNamespace(info=lambda _: None)
+    def make(source='tf', upper='world', frame='tool'):
         chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
-        self.source = Gravity(chosen)
-        self.source.hub = self
-        self.source.start()
+        part = SpecificForceInput(chosen)
+        hub = fake_hub(part, **chosen)
+        hub.frame = frame
+        part.start()
+        return part, hub
 
-    def hardware_id(self):
-        return self.frame
+    return make
 
-    def tell(self, verb, *values):
-        assert verb == 'on_force'
-        self.samples.append(values)
 
-    def guarded(self, _part, callback):
-        return callback
-
-    def subscribe(self, _kind, topic, callback, _qos):
-        self.on[topic] = callback
-
-    def subscribe_unserved(self, _kind, topic, _qos):
-        return self.on.setdefault(topic, KeptMessages())
+def samples(hub):
+    """Give the samples that were handed out."""
+    assert {verb for verb, *_ in hub.sent} <= {'on_specific_force'}
+    return [tuple(sample) for _, *sample in hub.sent]
 
 
 @pytest.fixture
@@ -84,7 +57,7 @@ def moving(messages):
     def send(hub, milliseconds, *more):
         at = START + round(milliseconds * 1e6)
         turned = Rotation.from_euler('x', milliseconds / 1000).as_quat()
-        hub.on['/tf'](messages.transforms(at, [('/world', 'arm', turned), *more]))
+        hub.topics['/tf'](messages.transforms(at, [('/world', 'arm', turned), *more]))
 
     return send
 
@@ -94,51 +67,51 @@ def true_force(seconds):
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_tf_gives_the_mounting_of_an_imu_once_it_has_both_frames(messages):
-    hub = FakeHub('imu', frame='')
-    assert list(hub.on) == ['imu', '/tf_static']
+def test_tf_gives_the_mounting_of_an_imu_once_it_has_both_frames(start, messages):
+    part, hub = start('imu', frame='')
+    assert list(hub.topics) == ['imu', '/tf_static']
     turned = Rotation.from_rotvec([0.1, -0.2, 1.0])
-    hub.on['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
-    hub.on['/tf_static'](b'nonsense')
-    assert hub.source.unreadable == 1
+    hub.topics['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
+    hub.topics['/tf_static'](b'nonsense')
+    assert part.unreadable == 1
     hub.frame = 'tool'
-    assert hub.source.mount() is None
-    hub.on['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
-    hub.source.poll()
-    np.testing.assert_allclose(hub.source.mount().rotation, turned.as_matrix(), atol=1e-12)
+    assert part.mount() is None
+    hub.topics['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
+    part.poll()
+    np.testing.assert_allclose(part.mount().rotation, turned.as_matrix(), atol=1e-12)
     for frame in ('', 'elsewhere'):
         hub.frame = frame
-        assert hub.source.mount() is None
-    assert FakeHub('tf').source.mount().rotation.tolist() == np.eye(3).tolist()
+        assert part.mount() is None
+    assert start('tf')[0].mount().rotation.tolist() == np.eye(3).tolist()
 
 
 @pytest.mark.usefixtures('without_tf2')
-def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(messages):
-    hub = FakeHub('imu')
-    assert list(hub.on) == ['imu']
-    hub.on['imu'].messages += [
+def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(start, messages):
+    part, hub = start('imu')
+    assert list(hub.topics) == ['imu']
+    hub.topics['imu'].messages += [
         messages.imu(START, [1, 2, 9], [0.3, 0, 0.4]),
         messages.imu(START + 1, [1, 2, 9], [0, 0, 0], little=False),
         messages.imu(START, [1, np.nan, 9], [0, 0, 0]),
         b'nonsense',
     ]
-    hub.source.poll()
-    assert hub.samples == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
-    assert hub.source.unreadable == 2
+    part.poll()
+    assert samples(hub) == [(START, (1, 2, 9), 0.5), (START + 1, (1, 2, 9), None)]
+    assert part.unreadable == 2
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_tf_gives_samples_where_all_transforms_are_there(messages, moving):
+def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving):
     """Two publishers: a sample waits for the slower one, and is interpolated."""
-    hub = FakeHub()
-    assert hub.source.problem().startswith('TF does not say how tool is turned against world: ')
+    part, hub = start()
+    assert part.problem().startswith('TF does not say how tool is turned against world: ')
     for milliseconds in range(0, 2000, 4):
         moving(hub, milliseconds)
         if milliseconds % 50 == 0:  # of the faster one some are there already
             at = START + (milliseconds - 2) * 10**6
-            hub.on['/tf'](messages.transforms(at, [TO_TOOL]))
-    assert hub.source.problem() == ''
-    at, forces, speeds = zip(*hub.samples, strict=True)
+            hub.topics['/tf'](messages.transforms(at, [TO_TOOL]))
+    assert part.problem() == ''
+    at, forces, speeds = zip(*samples(hub), strict=True)
     seconds = (np.array(at) - START) / 1e9
     np.testing.assert_allclose(forces, true_force(seconds), atol=1e-4)
     assert speeds[0] is None
@@ -148,53 +121,56 @@ def test_tf_gives_samples_where_all_transforms_are_there(messages, moving):
 
 @pytest.mark.usefixtures('with_tf2')
 def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memory(
-    messages, moving
+    start, messages, moving
 ):
-    hub = FakeHub(frame='')
-    hub.on['/tf_static'](messages.transforms(0, [TO_TOOL]))
+    part, hub = start(frame='')
+    hub.topics['/tf_static'](messages.transforms(0, [TO_TOOL]))
     for milliseconds in range(4500):
         hub.frame = 'tool' if milliseconds > 999 else ''
         moving(hub, milliseconds)
-    assert len(hub.samples) == 350
-    kept = hub.source._tree._links.values()
+    assert len(samples(hub)) == 350
+    kept = part._tree._links.values()
     assert max(len(link._columns[0]) + len(link._new) for link in kept) < 3300
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_a_joint_that_stops_ends_the_samples_and_a_clock_set_back_begins_anew(messages, moving):
-    hub = FakeHub()
-    hub.on['/tf_static'](messages.transforms(0, [('tool', 'unused', NO_TURN)]))
-    for milliseconds in range(0, 5000, 20):
-        moving(hub, milliseconds, *([TO_TOOL] if milliseconds <= 1000 else []))
-    assert hub.samples[-1][0] == START + SECOND
-    hub.samples.clear()
-    for milliseconds in range(-60_000, -59_000, 20):
-        moving(hub, milliseconds, TO_TOOL)
-    assert len(hub.samples) == 50
-    np.testing.assert_allclose(hub.samples[-1][1], true_force(-59.02), atol=1e-9)
-
-
-@pytest.mark.usefixtures('with_tf2')
-def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(messages, moving):
-    hub = FakeHub()
+def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start, messages, moving):
+    part, hub = start()
     for k in range(3000):
-        hub.on['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
-        hub.on['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
-        hub.on['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
-    tree = hub.source._tree
+        hub.topics['/tf'](messages.transforms(START, [('world', f'object_{k}', NO_TURN)]))
+        hub.topics['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
+        hub.topics['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
+    tree = part._tree
     assert len(tree._numbers) <= 1001
     assert sum(len(link._new) + len(link._columns[0]) for link in tree._links.values()) <= 1001
-    assert hub.source.problem().count(', ') < 30
+    assert part.problem().count(', ') < 30
     moving(hub, 0)
-    np.testing.assert_allclose(hub.samples[0][1], true_force(0), atol=1e-9)
+    np.testing.assert_allclose(samples(hub)[0][1], true_force(0), atol=1e-9)
 
 
 @pytest.mark.usefixtures('without_tf2')
-def test_without_tf2_msgs_or_a_frame_tf_is_refused():
+def test_without_tf2_msgs_or_a_frame_tf_is_refused(start):
     with pytest.raises(SettingsError, match='package tf2_msgs with this type is not installed'):
-        FakeHub()
+        start()
     with pytest.raises(SettingsError, match='is empty; expected the frame whose z'):
-        FakeHub(upper='')
+        start(upper='')
+
+
+@pytest.mark.usefixtures('without_tf2')
+def test_what_is_wrong_with_an_imu_is_said(start):
+    part, hub = start('imu')
+    assert part.doubt() == ''
+    hub.publishers = 2
+    assert part.doubt() == 'imu has 2 publishers; their readings are mixed'
+    hub.publishers, hub.incompatible = 1, {'imu': 'reliability'}
+    assert part.doubt().startswith('imu is not heard: a publisher offers less reliability')
+    hub.incompatible = {}
+    part.on_imu(b'nonsense')
+    assert (
+        part.doubt() == '1 messages of the IMU or transforms could not be read, or hold no numbers'
+    )
+    assert part.doubt() == ''
+    assert list(start('none')[1].topics) == []
 
 
 @pytest.fixture

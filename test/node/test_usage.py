@@ -1,40 +1,42 @@
+"""The ``--help`` of both nodes, and parameters that they do not have."""
+
+from types import SimpleNamespace
+
 import pytest
+from rclpy.node import Node
 
-from wrist_ft_comp.node import compensator as compensator_node
-from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node import compensator_node, simulated_sensor
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
+from wrist_ft_comp.ros.arguments import warn_of_unknown
+from wrist_ft_comp.ros.parameters import Parameter, Parameters
 
-NODES = pytest.mark.parametrize(
+#: What every node has.
+COMMON = ('/rosout', 'logger_levels', '/parameter_events', 'parameter', 'type_description')
+TABLE = (
+    Parameter('temperature_topics', ('temperature',), 'Topics.'),
+    Parameter('calibration.reference', 'unloaded', 'Reference.'),
+)
+
+
+@pytest.mark.parametrize(
     ('module', 'node', 'name'),
     [
         (compensator_node, CompensatorNode, 'compensator'),
-        (simulated_sensor_node, SimulatedSensor, 'simulated_sensor'),
+        (simulated_sensor, SimulatedSensor, 'simulated_sensor'),
     ],
 )
-#: What every node has.
-COMMON = ('/rosout', 'logger_levels', '/parameter_events', 'parameter', 'type_description')
-
-
-@NODES
-@pytest.mark.parametrize('words', [['--help'], ['-h'], ['--ros-args', '--help']])
-def test_help_explains_the_node_and_exits(capsys, module, node, name, words):
-    assert module.main([name, *words]) == 0
+@pytest.mark.parametrize('word', ['--help', '-h'])
+def test_help_names_what_the_node_has_and_exits(bench, capsys, module, node, name, word):  # noqa: PLR0913, PLR0917 -- fixtures
+    assert module.main([name, '--ros-args', word]) == 0
     shown = capsys.readouterr()
     assert shown.out.startswith(f'usage: {name} --ros-args ')
+    assert shown.err == ''
     lines = shown.out.splitlines()
+    assert max(map(len, lines)) <= 79
     marked = [f'  {row.name}{"" if row.read_only else " *"}' for row in module.PARAMETERS]
     assert [line for line in lines if line in marked] == marked
-    assert max(map(len, lines)) <= 79
-    assert shown.err == ''
-    assert node.__name__ not in shown.out, 'no word of classes'
-
-
-@NODES
-def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, capsys):
     made = bench.make(node, namespace='/shown')
-    assert module.main([name, '--help']) == 0
-    text = capsys.readouterr().out
     ends = [end.topic_name for end in (*made.subscriptions, *made.publishers)]
     ends += [service.srv_name for service in made.services]
     of_the_node = [end for end in ends if not any(word in end for word in COMMON)]
@@ -42,4 +44,46 @@ def test_help_names_what_the_node_has_on_the_graph(bench, module, node, name, ca
     for end in of_the_node:
         inside = f'/shown/{made.get_name()}/'
         asked = f'~/{end.removeprefix(inside)}' if end.startswith(inside) else end
-        assert asked.removeprefix('/shown/') in text
+        assert asked.removeprefix('/shown/') in shown.out
+
+
+@pytest.fixture
+def log_of(bench):
+    """Give a node arguments; what it logs about them, warnings and others."""
+
+    def tell(*arguments):
+        rules = [word for argument in arguments for word in ('-p', argument)]
+        node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
+        Parameters(node, TABLE)
+        lines = {'warning': [], 'info': []}
+        log = SimpleNamespace(**{level: of_level.append for level, of_level in lines.items()})
+        warn_of_unknown(node, ['/late'], log)
+        return lines['warning'], lines['info']
+
+    return tell
+
+
+@pytest.mark.parametrize(
+    ('given', 'meant'),
+    [
+        ('temprature_topics', 'temperature_topics'),
+        ('calibration_reference', 'calibration.reference'),
+        ('use_simtime', 'use_sim_time'),
+        ('qos_overrides./lte.subscription.depth', 'qos_overrides./late.subscription.depth'),
+    ],
+)
+def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(log_of, given, meant):
+    warnings, others = log_of(f'{given}:=x', 'use_sim_time:=true', 'temperature_topics:=[a]')
+    assert warnings == [
+        f'There is no parameter {given}, so its value is ignored. Did you mean {meant}?'
+    ]
+    assert others == []
+
+
+def test_parameters_of_another_node_are_one_line(log_of):
+    names = [f'joint_limits.joint_{k}.max_effort' for k in range(10)]
+    also = 'qos_overrides./tf.subscription.depth'
+    warnings, (line,) = log_of(*(f'{name}:=1' for name in [*names, also]))
+    assert warnings == []
+    assert line.startswith('Parameters that this node does not have are ignored: joint_limits')
+    assert line.endswith('joint_7.max_effort and 3 more.')

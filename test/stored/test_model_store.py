@@ -130,7 +130,7 @@ def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monke
 def test_a_node_without_a_folder_gets_one_below_ros_home(monkeypatch, home, base):
     monkeypatch.setenv('HOME', '/home/user')
     monkeypatch.setenv('ROS_HOME', home)
-    directory = model_store.node_directory('', '', '/left/arm/wrist_ft_comp')
+    directory = model_store.node_directory('', '/left/arm/wrist_ft_comp')
     assert directory == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
 
 
@@ -219,7 +219,7 @@ def test_checking_whether_a_folder_is_writable_leaves_no_trace(store, tmp_path):
 def test_a_nodes_folder_is_absolute(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', str(tmp_path))
-    assert node_directory('data', 'left') == tmp_path / 'data/left'
+    assert node_directory('data', 'left') == tmp_path / 'data'
     assert node_directory('~/data') == tmp_path / 'data'
     with pytest.raises(SettingsError, match='nobody here has a home of that name'):
         node_directory('~nobody_here/data')

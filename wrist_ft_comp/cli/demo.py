@@ -34,8 +34,6 @@ _END_TIMEOUT_S = 10.0
 _SILENCE_S = 30.0
 #: Temperatures per second of a thermometer: as many as a real one sends.
 _TEMPERATURE_RATE_HZ = 100.0
-#: Length of a thermal cell, s; at that rate and speed every cell has a temperature.
-_THERMAL_PERIOD_S = 5.0
 #: From the end of the first day to the beginning of the second, s.
 _NIGHT_S = 36_000
 #: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
@@ -174,7 +172,6 @@ def _play(arguments: argparse.Namespace, folder: Path) -> str:
         learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
     node = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
-        'thermal_period': _THERMAL_PERIOD_S,
     }  # fmt: skip
     with ExitStack() as stack:
         log = stack.enter_context(

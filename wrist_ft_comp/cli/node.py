@@ -16,28 +16,27 @@ from wrist_ft_comp.signals import AXES
 
 if TYPE_CHECKING:
     from wrist_ft_comp.cli.operate import Operator, Watch
-    from wrist_ft_comp.ros.node_log import Status
+    from wrist_ft_comp.ros.diagnostics import Status
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
 DESCRIPTION = """\
 Let a running compensator do something, wait for its answer, and print it. Exit
 code 0 when it was done, 1 when it was refused. status shows temperatures, drift
 and what is wrong: once a second in a terminal, until Ctrl-C; else once. Its exit
-code is 1 when something is an error or silent."""
+code is 1 when something is an error or silent. All services are actions; those
+of this node are listed where another one is asked for."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp node record
   wrist_ft_comp node stop
   wrist_ft_comp node calibrate
   wrist_ft_comp node tare --name left
+  wrist_ft_comp node reset_tare
+  wrist_ft_comp node identify_payload
+  wrist_ft_comp node adopt
+  wrist_ft_comp node rollback
   wrist_ft_comp node status
 """
-#: What a node is asked for, and whose status tells how far it is.
-ACTIONS = {
-    'record': 'calibration', 'stop': 'calibration', 'calibrate': 'calibration',
-    'identify_payload': 'payload', 'tare': 'output', 'reset_tare': 'output', 'status': '',
-    'adopt': 'calibration', 'rollback': 'model',
-}  # fmt: skip
 #: Columns of a terminal that every page fits into.
 WIDTH = 79
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
@@ -49,8 +48,8 @@ _CLEAR = '\x1b[2J\x1b[H'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        'action', choices=tuple(ACTIONS), metavar='ACTION',
-        help=f'one of {", ".join(ACTIONS)} (stop ends a recording)')  # fmt: skip
+        'action', metavar='ACTION',
+        help='status, record, stop (ends a recording), or another service of it')  # fmt: skip
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
@@ -60,13 +59,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
-    from wrist_ft_comp.cli.operate import operating, Watch  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli.operate import (  # noqa: PLC0415 -- loads rclpy
+        DISCOVERY_S,
+        operating,
+        Watch,
+    )
 
     with operating() as operator:
         name = operator.find(arguments.name)
         watch = Watch(operator, name)
         if arguments.action == 'status':
             return _show(operator, name, watch, as_json=arguments.json)
+        service = 'record' if arguments.action == 'stop' else arguments.action
+        if not operator.wait_for(lambda: service in operator.services(name), DISCOVERY_S / 10):
+            raise NodeError(
+                f'{name} has no service {arguments.action}. Ask for status, stop, or one of '
+                f'{", ".join(operator.services(name))}.'
+            )
         answer = _ask(operator, name, watch, arguments.action)
     if arguments.json:
         options.print_json({'node': name, 'action': arguments.action, 'answer': answer})
@@ -82,10 +91,9 @@ def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
     with tqdm(bar_format='{desc} {elapsed}', disable=None, leave=False) as line:
 
         def show() -> None:
-            status = watch.statuses.get(ACTIONS[action])
-            line.set_description_str(
-                f'{action}: {status.message if status else "asked"}'[: WIDTH - 8]
-            )
+            # What takes long has a status of its own, as payload for identify_payload.
+            said = [status.message for name, status in watch.statuses.items() if name in action]
+            line.set_description_str(': '.join([action, *said])[: WIDTH - 8])
 
         timer = operator.node.create_timer(0.5, show)
         try:

@@ -13,9 +13,8 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
-from wrist_ft_comp.ros.messages import OUTPUT, SLOW_SENSOR
-from wrist_ft_comp.ros.node_log import Status
-from wrist_ft_comp.ros.parameters import NODE_NAME
+from wrist_ft_comp.ros.diagnostics import Status
+from wrist_ft_comp.ros.qos import OUTPUT, SLOW_SENSOR
 from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.signals import NANOSECONDS
 
@@ -36,7 +35,7 @@ class Operator:
 
     def __init__(self, context: Context, name: str = 'wrist_ft_comp_operator') -> None:
         self.node: Any = Node(name, context=context, use_global_arguments=False)
-        self.executor = make_executor('auto', context)
+        self.executor = make_executor(context)
         self.executor.add_node(self.node)
 
     def close(self) -> None:
@@ -61,16 +60,28 @@ class Operator:
             if service.endswith(_KNOWN_BY) and types == ['std_srvs/srv/Trigger']
         )
 
+    def services(self, name: str) -> list[str]:
+        """Name the services of a node that a person may ask for."""
+        return sorted(
+            service.removeprefix(f'{name}/')
+            for service, types in self.node.get_service_names_and_types()
+            if service.startswith(f'{name}/') and types[0].startswith('std_srvs/')
+        )
+
     def find(self, wanted: str = '') -> str:
         """
         Find a compensator by its full name or its namespace, or the only one.
 
         NodeError when there is none of that name, or more than one without a name.
         """
-        names = {f'/{wanted.strip("/")}', f'/{wanted.strip("/")}/{NODE_NAME}'} if wanted else None
+        name_or_namespace = f'/{wanted.strip("/")}'
 
         def found() -> list[str]:
-            return [name for name in self.running() if names is None or name in names]
+            return [
+                name
+                for name in self.running()
+                if not wanted or name_or_namespace in {name, name.rpartition('/')[0]}
+            ]
 
         if not self.wait_for(found, DISCOVERY_S):
             others = ', '.join(self.running()) or 'none'
@@ -79,7 +90,7 @@ class Operator:
                 f'{DISCOVERY_S:.0f} s; running are: {others}. Start it, or look at ROS_DOMAIN_ID '
                 'and ROS_AUTOMATIC_DISCOVERY_RANGE, which must be as where it runs.'
             )
-        if names is None:
+        if not wanted:
             self.wait_for(lambda: False, _SETTLE_S)
         if len(several := found()) > 1:
             raise NodeError(

@@ -190,7 +190,7 @@ def compare(
     if not judged:
         raise CalibrationRefusedError(
             'The live model cannot be judged on these days; it is for other thermometers, or '
-            'another thermal_period. Call ~/calibrate.'
+            'other thermal cells. Call ~/calibrate.'
         )
     return float(np.exp(np.nanmean(judged))), len(judged)
 

@@ -4,13 +4,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 import time
+from typing import get_args
 
 from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.node.jobs import run_job
 from wrist_ft_comp.node.recorder import RecordService
-from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import LongService, Work
+from wrist_ft_comp.signals import Reference
 from wrist_ft_comp.stored.model_file import restore_model
 
 
@@ -24,7 +29,20 @@ class CalibrateService(LongService):
     _log: NodeLog
     _begun_s: float = 0.0
 
-    name, title, severe = '~/calibrate', 'calibration', True
+    title, name, severe = 'calibration', '~/calibrate', True
+    purpose = 'fits the recordings, saves the model and makes it live; answers when done'
+    parameters = (
+        Parameter(
+            'calibration.recordings', (),
+            "Recordings to calibrate from; empty takes the node's own, the newest ten. Set at run "
+            'time, they must lie inside data_directory.', element=str),
+        Parameter(
+            'calibration.reference', CalibrationSettings().reference,
+            'The true wrench while recording: zero (unloaded), unknown but constant (constant), '
+            'the weight of an unknown payload, found by the specific force (payload), or that on '
+            'wrench_reference (recorded).',
+            choices=get_args(Reference)),
+    )  # fmt: skip
     done, not_done = 'calibrated: ', 'not calibrated: '
     unchanged = '; the model is unchanged'
 

@@ -7,19 +7,19 @@ import sys
 
 def compensator() -> int:
     """Run the node that compensates; returns the exit code."""
-    return _run('compensator')
+    return _run('compensator', 'compensator_node')
 
 
 def simulated_sensor() -> int:
     """Run the simulated sensor; returns the exit code."""
-    return _run('simulated_sensor')
+    return _run('simulated_sensor', 'simulated_sensor')
 
 
-def _run(name: str) -> int:
-    """Run a node's main function, or say in a sentence why there can be no node."""
+def _run(name: str, module_name: str) -> int:
+    """Run the main function of an executable's module, or say why there can be no node."""
     gc.disable()  # what start-up makes lives as long as the node (running.py enables it)
     try:
-        module = import_module(f'wrist_ft_comp.node.{name}')
+        module = import_module(f'wrist_ft_comp.node.{module_name}')
     except ModuleNotFoundError as error:
         if (error.name or '').startswith('wrist_ft_comp'):
             raise

@@ -9,16 +9,17 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
-from wrist_ft_comp.node.specific_force import Gravity
+from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion import MotionCollector
-from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
+from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.node_log import doubtful, Growth, NodeLog, Status
+from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
@@ -46,7 +47,6 @@ _NORM_DEVIATION = 0.03
 #: It is doubted after this many reports in a row with such a deviation to the same side: motion
 #: makes larger ones, but to both sides.
 _DEVIATION_REPORTS = 10
-_NAMES = {'payload.active', 'payload.mass', 'payload.center_of_mass'}
 
 
 class PayloadFiles:
@@ -96,35 +96,30 @@ def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
 
 
-class _UnknownTurnError(SettingsError):
-    """It is not known how the IMU is mounted."""
-
-
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class ExternalWrench(Part):
-    """Subtracts the weight of the active payload from every wrench; judges payload and force."""
+    """
+    Subtracts the weight of the active payload from every wrench; judges payload and force.
 
-    _compensator: Compensator
-    _settings: Callable[[], Mapping[str, Any]]
-    _files: PayloadFiles
-    gravity: Gravity
-    _newest: Callable[[], Newest | None]
-    _recorder: Recorder
-    _log: NodeLog
+    ``newest`` gives the newest raw wrench.
+    """
+
+    compensator: Compensator
+    files: PayloadFiles
+    specific_force: SpecificForceInput
+    newest: Callable[[], Newest | None]
+    recorder: Recorder
     #: Wrenches that were published, and those that were not because specific force was too old.
     published: int = 0
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
-    #: Averages the minute in which a payload is being identified; and how many wrenches it took.
+    #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    collected: int = 0
-    #: How much of that minute has passed, 0 to 1; None when no payload is being identified.
-    identified_share: float | None = None
     #: The answer of ~/identify_payload to the last request.
     last_identification: str = ''
-    #: Why the payload that parameters name is not taken off yet: TF may take its time.
-    waiting: str = ''
+    #: Why the payload that parameters name is not taken off any more; empty while it is.
+    refusal: str = ''
     hub: Hub = field(init=False)
     #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
@@ -135,7 +130,23 @@ class ExternalWrench(Part):
     #: In how many reports in a row the norm was too large, or, negative, too small.
     _deviating: float = 0.0
 
-    title = 'payload'
+    title, logged = 'payload', True
+    parameters = (
+        Parameter(
+            'payload.active', '',
+            'What is mounted, and subtracted on wrench_external: the name of a payload that was '
+            'learnt, manual for what payload.mass and payload.center_of_mass say, or empty for '
+            'none.'),
+        Parameter(
+            'payload.mass', 0.0,
+            'With payload.active manual: mass of all that is mounted on the sensor.',
+            'kg', 0.0, MOST_KG),
+        Parameter(
+            'payload.center_of_mass', (0.0, 0.0, 0.0),
+            'With payload.active manual: its x, y and z in the frame of the wrench.',
+            'm', -FARTHEST_M, FARTHEST_M),
+    )  # fmt: skip
+    topics = (('wrench_external', 'what the world does to the tool, while a payload is active'),)
 
     def start(self) -> None:
         """Offer the topic wrench_external."""
@@ -143,9 +154,10 @@ class ExternalWrench(Part):
         self.output, self.publish = output, output.publish
 
     def on_model(self) -> None:
-        """Choose the payload as soon as the first model is live."""
+        """Choose the payload as soon as the first model is live; a refusal ends the node."""
         if self._chosen is None:
-            self._settle()
+            self._chosen = self.specific_force.frames()
+            self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -159,82 +171,80 @@ class ExternalWrench(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
-        forces = self.gravity.forces
+        forces = self.specific_force.forces
         if stamp_ns - forces.newest_ns > _FRESH_NS:
-            self.hub.do(self.gravity, self.gravity.poll)
+            self.hub.do(self.specific_force, self.specific_force.poll)
         force = forces.at(stamp_ns)
         if force is None:
             self.missed += 1
             return
-        external = self._compensator.correct(stamp_ns, raw, external=True)
+        external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
             self.published += 1
         if self.collector is not None and self.collector.share < 1:
-            self.collector.add(stamp_ns, external, force, self.gravity.speed)
-            self.collected += 1
+            self.collector.add(stamp_ns, external, force, self.specific_force.speed)
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
-        force = self.gravity.forces.at(stamp_ns)
+        force = self.specific_force.forces.at(stamp_ns)
         return None if self.payload is None or force is None else self.payload.weight(force)
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse payloads that cannot be chosen; change nothing."""
-        changed = {one.name: one.value for one in parameters if one.name in _NAMES}
-        try:
-            if changed:
-                self._choose({**self._settings(), **changed})
-        except _UnknownTurnError:
-            if not self.waiting or 'payload.active' in changed:
-                raise
+        if changed := self._changed(parameters):
+            self._choose({**self.hub.chosen(), **changed})
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
-        if not _NAMES.isdisjoint(parameter.name for parameter in parameters):
+        if self._changed(parameters):
             self._settle()
 
+    def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
+        """Pick the new values of the own parameters."""
+        names = {row.name for row in self.parameters}
+        return {one.name: one.value for one in parameters if one.name in names}
+
     def poll(self) -> None:
-        """Choose again where the rotation for a manual payload became known, or changed."""
+        """Choose a manual payload again where frame_ids have changed: another one may turn it."""
         by_hand = self.payload is not None and self.payload.name == MANUAL
-        renamed = (by_hand or self.waiting) and self.gravity.frames() != self._chosen
-        if renamed or (self.waiting and self.gravity.mount() is not None):
+        if (by_hand or self.refusal) and self.specific_force.frames() != self._chosen:
             self._settle()
 
     def _settle(self) -> None:
-        """Subtract the payload that parameters name, or wait until its rotation is known."""
-        self._chosen = self.gravity.frames()
+        """Subtract the payload that parameters name; none where that is refused now."""
+        self._chosen = self.specific_force.frames()
         try:
-            self._hold(self._choose(self._settings()))
-        except _UnknownTurnError as error:
+            self._hold(self._choose(self.hub.chosen()))
+        except WristFtCompError as error:
             self._hold(None)
-            self.waiting = str(error)
+            self.refusal = str(error)
 
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
-            self._log.info(f'payload: {now}')
-        self.payload, self.waiting = payload, ''
+            self.hub.log.info(f'payload: {now}')
+        self.payload, self.refusal = payload, ''
         self.collect(self.collector)
         if payload is None:
             return
         before, self._last = self._last or payload, payload
         apart_deg = payload.frame.apart_deg(before.frame)
-        if apart_deg > _CONTRADICTION_DEG and self._compensator.external_tare.any():
-            self._compensator.restore_tare(self._compensator.tare, np.zeros(len(AXES)))
-            self._log.warning(
+        if apart_deg > _CONTRADICTION_DEG and self.compensator.external_tare.any():
+            self.compensator.restore_tare(self.compensator.tare, np.zeros(len(AXES)))
+            self.hub.log.warning(
                 f'payload: specific force is turned otherwise than for {before.name}, by '
                 f'{apart_deg:.0f} degrees; the tare of wrench_external is zero again. Call ~/tare.'
             )
 
     def disagreement(self, frame: ForceFrame) -> str:
         """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
-        mounted = self.gravity.mount()
+        mounted = self.specific_force.mount()
         apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
         if apart_deg <= _CONTRADICTION_DEG:
             return ''
-        source = '/tf_static' if self._files.source == 'imu' else 'TF'
+        source = '/tf_static' if self.files.source == 'imu' else 'TF'
         return (
             f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
         )
@@ -258,14 +268,14 @@ class ExternalWrench(Part):
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
             return LivePayload(name, by_hand, *self._turn())
-        learnt = self._files.payloads()
+        learnt = self.files.payloads()
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        source, frame = self._files.source, learnt[name][1]
+        source, frame = self.files.source, learnt[name][1]
         # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
         learnt_by = frame.source
         if not learnt_by:
@@ -287,23 +297,24 @@ class ExternalWrench(Part):
         With TF no rotation is needed. That of an IMU is the learnt one, or else that of
         /tf_static, which people write.
         """
-        if self._files.source == 'tf':
+        if self.files.source == 'tf':
             return ForceFrame(source='tf'), 'as TF gives it'
-        learnt = self._files.frames(self.gravity.frames())
+        learnt = self.files.frames(self.specific_force.frames())
         if learnt:
             name, frame = list(learnt.items())[-1]
             return frame, f'learnt with {name}'
-        if (mounted := self.gravity.mount()) is not None:
+        if (mounted := self.specific_force.mount()) is not None:
             return mounted, 'by /tf_static'
-        raise _UnknownTurnError(
+        raise SettingsError(
             f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
             'wrench is not known: this sensor has learnt no payload yet, and /tf_static does not '
-            'link the two frames. Call ~/identify_payload, or publish that link on /tf_static.'
+            'link the two frames. Call ~/identify_payload, or set payload.active while the node '
+            'runs and /tf_static has that link.'
         )
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
-        forces, newest, payload = self.gravity.forces, self._newest(), self.payload
+        forces, newest, payload = self.specific_force.forces, self.newest(), self.payload
         grown, elapsed_s = self._growth.since(
             forces=forces.count, published=self.published, missed=self.missed
         )
@@ -319,14 +330,14 @@ class ExternalWrench(Part):
             'published': str(self.published),
             'last_identification': self.last_identification or 'none yet',
         }
-        for axis, value in zip(AXES, self._compensator.external_tare, strict=True):
+        for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
         yield doubtful(self.title, self._doubts(age_s, grown), self._well(), numbers)
 
     def _well(self) -> str:
         """Say what the part does, where nothing is wrong."""
-        if self.identified_share is not None:
-            return f'identifying a payload: {self.identified_share:.0%} of a minute'
+        if self.collector is not None:
+            return f'identifying a payload: {self.collector.share:.0%} of a minute'
         if self.payload is None:
             return 'no payload is active'
         other = self.disagreement(self.payload.frame)
@@ -334,17 +345,17 @@ class ExternalWrench(Part):
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
-        yield from filter(None, (self.waiting, self.gravity.doubt()))
-        newest, payload = self.gravity.forces.newest, self.payload
+        yield from filter(None, (self.refusal, self.specific_force.doubt()))
+        newest, payload = self.specific_force.forces.newest, self.payload
         rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
-        if not (self.wanted or self._recorder.records_force):
+        if not (self.wanted or self.recorder.records_force):
             return
         if newest is None:
-            yield f'{self.gravity.problem() or "no specific force has come"}; {rests}'
+            yield f'{self.specific_force.problem() or "no specific force has come"}; {rests}'
             return
         force, (before, count) = newest[1], self._same
         self._same = force, count + 1 if grown['forces'] and force == before else 0
-        if grown['missed'] or (self._recorder.lacking_force and not self.wanted):
+        if grown['missed'] or (self.recorder.lacking_force and not self.wanted):
             apart_s = abs(age_s or 0.0)
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
@@ -352,11 +363,11 @@ class ExternalWrench(Part):
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         if self.wanted:
             yield from self._off_gravity(np.array(force))
-        if self._same[1] >= _FROZEN_REPORTS and self._files.source == 'imu':
+        if self._same[1] >= _FROZEN_REPORTS and self.files.source == 'imu':
             yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
         if payload is None:
             return
-        if changed := changed_frames(payload.frame, self.gravity.frames()):
+        if changed := changed_frames(payload.frame, self.specific_force.frames()):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'

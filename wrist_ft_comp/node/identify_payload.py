@@ -12,82 +12,81 @@ from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.jobs import JobMaker, run_job
 from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.part import LongService, Reply, Work
+from wrist_ft_comp.ros.part import LongService, Work
+from wrist_ft_comp.ros.services import Reply
 from wrist_ft_comp.stream.compensator import Compensator
 
 #: It is refused when no wrench with specific force has come for this time, s.
 _PATIENCE_S = 10.0
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class IdentifyService(LongService):
     """Collects a minute of wrenches, lets a job identify the payload, and answers its name."""
 
-    _compensator: Compensator
-    _external: ExternalWrench
-    _files: PayloadFiles
-    _jobs: JobMaker
-    _node_name: str
-    _log: NodeLog
+    compensator: Compensator
+    external: ExternalWrench
+    files: PayloadFiles
+    jobs: JobMaker
 
-    name, title = '~/identify_payload', 'identification'
+    title, name = 'identification', '~/identify_payload'
+    purpose = (
+        'learns what is mounted from a minute of motion, while the drift model runs; answers with '
+        'its name'
+    )
     done = 'identified: '
 
     def _busy(self) -> str:
-        passed_s = DURATION_S * (self._external.identified_share or 0.0)
+        passed_s = DURATION_S * (self.external.collector.share if self.external.collector else 0.0)
         return f'A payload is being identified for {passed_s:.0f} of {DURATION_S:g} s'
 
     def _work(self) -> Work:
         """Collect a minute of stamps, let a job identify the payload, and say how to use it."""
-        if self._external.gravity.forces.newest is None:
+        if self.external.specific_force.forces.newest is None:
             raise CalibrationRefusedError(
                 'No specific force has come. Set gravity.source to imu or tf, and look whether '
                 'that is published.'
             )
-        if not self._compensator.compensating:
+        if not self.compensator.compensating:
             raise CalibrationRefusedError(
                 'No drift model runs, and drift would be taken for weight. Calibrate first, or '
                 'wait for the first temperature.'
             )
         collector = MotionCollector()
-        self._external.collect(collector)
+        self.external.collect(collector)
         try:
             yield from self._wait(collector)
+            sensor = self.files.sensor(self.external.specific_force.frames())
+            calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+            minute = Minute(collector.cells, CELL_S, tuple(self.files.payloads()), calibrated)
+            outcome = yield from run_job(self.jobs.identification(minute))
         finally:
-            self._external.collect(None)
-        sensor = self._files.sensor(self._external.gravity.frames())
-        calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
-        minute = Minute(collector.cells, CELL_S, tuple(self._files.payloads()), calibrated)
-        outcome = yield from run_job(self._jobs.identification(minute))
+            self.external.collect(None)
         frame = ForceFrame(np.array(outcome['rotation']))
-        other = self._external.disagreement(frame)
+        other = self.external.disagreement(frame)
         use = (
             f'{outcome["message"]} Specific force is {frame}{other and "; "}{other}. Use it: ros2 '
-            f'param set {self._node_name} payload.active {outcome["name"]}'
+            f'param set {self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])
 
     def _wait(self, collector: MotionCollector) -> Iterator[None]:
         """Wait until the minute is over; refuse where that cannot happen any more."""
-        external, tare = self._external, self._compensator.external_tare
-        count, heard_s = external.collected, time.monotonic()
-        while collector.share < 1 and self._compensator.external_tare is tare:
-            external.identified_share = collector.share
-            if external.collected != count:
-                count, heard_s = external.collected, time.monotonic()
+        tare, share, heard_s = self.compensator.external_tare, 0.0, time.monotonic()
+        while collector.share < 1 and self.compensator.external_tare is tare:
+            if collector.share != share:
+                share, heard_s = collector.share, time.monotonic()
             if time.monotonic() - heard_s > _PATIENCE_S:
                 raise CalibrationRefusedError(
                     f'Wrenches with specific force have stayed away for {_PATIENCE_S:g} s. Look '
                     'at the diagnostics, input and payload, then call again.'
                 )
             yield
-        external.identified_share = 1.0
-        if self._compensator.external_tare is not tare:  # the wrenches made a step
+        if self.compensator.external_tare is not tare:  # the wrenches made a step
             raise CalibrationRefusedError('The tare or the model changed meanwhile. Call again.')
 
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
         """Answer; every refusal begins with the same words."""
         answer = message if success else f'No payload was identified: {message}'
-        self._external.last_identification, self._external.identified_share = answer, None
+        self.external.last_identification = answer
         super()._answer(reply, answer, success=success)

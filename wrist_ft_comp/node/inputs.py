@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 import time
 from typing import TypeAlias
@@ -11,10 +11,10 @@ import numpy as np
 
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import TemperatureTopic
-from wrist_ft_comp.node.specific_force import Gravity
+from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.node_log import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
 from wrist_ft_comp.signals import (
@@ -50,6 +50,9 @@ class Counts:
     not_finite: int = 0
     implausible: int = 0
     bad_references: int = 0
+    #: Wrenches that were lost by a fault of this program, and the last one of those.
+    failed: int = 0
+    fault: str = ''
     #: The number that no sensor reads, of the newest wrench that was dropped for one.
     strange: float = 0.0
 
@@ -95,7 +98,7 @@ def _arrival(stamp_ns: int) -> str:
 class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
-    title = 'input'
+    title, logged = 'input', True
     hub: Hub
 
     def __init__(
@@ -220,31 +223,32 @@ class WrenchInput(Part):
             yield f'wrenches come without stamps; {_arrival(self.stamp_ns)}'
 
 
-@dataclass(eq=False)
 class TemperatureInput(Part):
-    """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
+    """
+    Gives temperatures to the stream, and judges the thermometers, which count from 0.
 
-    #: How each temperature is read, and the full name of its topic.
-    _sources: Sequence[TemperatureSource]
-    _topics: Sequence[str]
-    _compensator: Compensator
-    _wrenches: WrenchInput
-    _gravity: Gravity
-    _live: LiveModel
-    _state_keeper: StateKeeper
-    hub: Hub = field(init=False)
-    #: Usable temperatures of all thermometers, and those that no sensor reads.
-    usable: int = 0
-    unusable: int = 0
-    #: Thermometer and value, °C, of the newest unusable reading.
-    _last_unusable: tuple[int, float] | None = None
-    #: Stamp of the newest usable reading, ns.
-    _stamp_ns: int = 0
+    ``sources`` are how each temperature is read, ``topics`` the full names of their topics.
+    """
 
-    title = 'temperature'
+    title, logged = 'temperature', True
+    topics = (('temperature', 'one per entry of temperature_topics, which hears any type, too'),)
+    hub: Hub
 
-    def __post_init__(self) -> None:
-        self._tracker, count = self._compensator.tracker, len(self._sources)
+    def __init__(  # noqa: PLR0913 -- parts that it needs, by name
+        self, *, sources: Sequence[TemperatureSource], topics: Sequence[str],
+        compensator: Compensator, wrenches: WrenchInput, specific_force: SpecificForceInput,
+        live: LiveModel, state_keeper: StateKeeper,
+    ) -> None:  # fmt: skip
+        self._sources, self._topics, self._compensator = sources, topics, compensator
+        self._wrenches, self._specific_force = wrenches, specific_force
+        self._live, self._state_keeper = live, state_keeper
+        #: Usable temperatures of all thermometers, and those that no sensor reads.
+        self.usable = self.unusable = 0
+        #: Thermometer and value, °C, of the newest unusable reading.
+        self._last_unusable: tuple[int, float] | None = None
+        #: Stamp of the newest usable reading, ns.
+        self._stamp_ns = 0
+        self._tracker, count = compensator.tracker, len(sources)
         #: When every thermometer reported last, by the steady clock.
         self._heard_s: list[float | None] = [None] * count
         #: Whether their newest readings had stamps; None where the type has none.
@@ -280,7 +284,7 @@ class TemperatureInput(Part):
             return
         at_ns, newest = stamp_ns or self.hub.now_ns(), self._wrenches.newest()
         # Specific force that came before this would else be too late for the recording's cell.
-        self.hub.do(self._gravity, self._gravity.poll)
+        self.hub.do(self._specific_force, self._specific_force.poll)
         wrench = newest and newest[:2]
         # The clock of the time since the boot is never set, and goes on while the machine sleeps.
         # With simulated time, stamps have nothing to do with it.
@@ -296,7 +300,7 @@ class TemperatureInput(Part):
         self._stamp_ns, self._heard_s[thermometer] = at_ns, time.monotonic()
         self._stamped[thermometer] = None if stamp_ns is None else stamp_ns != 0
         if cells:
-            self.hub.tell('on_cells', cells, at_ns)
+            self.hub.broadcast('on_cells', cells, at_ns)
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""

@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
 from wrist_ft_comp.node.recorder import Recorder
@@ -61,11 +61,7 @@ class JobMaker:
         self, recordings: tuple[Path, ...], chosen: dict[str, Any], *, skip_unusable: bool
     ) -> CalibrationJob:
         output = self.store.new_model_path()
-        settings = CalibrationSettings(
-            reference=chosen['calibration.reference'],
-            min_temperature_span_k=chosen['calibration.min_temperature_span'],
-            identification=IdentificationSettings(method=chosen['calibration.method']),
-        )
+        settings = CalibrationSettings(reference=chosen['calibration.reference'])
         period_s = self.recorder.thermal_period_ns / NANOSECONDS
         return CalibrationJob(
             recordings, output, settings, period_s, self._topics(chosen),

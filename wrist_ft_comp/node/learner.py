@@ -22,8 +22,11 @@ from wrist_ft_comp.node.calibrate import CalibrateService
 from wrist_ft_comp.node.jobs import JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
-from wrist_ft_comp.ros.node_log import NodeLog, OK, Status, WARN
-from wrist_ft_comp.ros.part import Part, Service
+from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.parameters import at_start
+from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import day_of_choice
@@ -37,8 +40,8 @@ _RETRY_S = 60.0
 
 def why_not(chosen: Mapping[str, Any]) -> str:
     """Say why the parameters do not allow learning; empty when they do."""
-    if chosen['learning'] == 'off':
-        return 'learning is off: set the parameter learning to propose or auto at start-up.'
+    if chosen['learning.mode'] == 'off':
+        return 'learning is off: set the parameter learning.mode to propose or auto at start-up.'
     reference, source = chosen['calibration.reference'], chosen['gravity.source']
     if reference == 'payload' and source != 'none':
         return ''
@@ -105,6 +108,17 @@ class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
 
     title = 'learning'
+    parameters = (
+        at_start(
+            'learning.mode', 'off',
+            'Whether to keep a diary of every day and to learn from it. A better model is '
+            'offered, and ~/adopt makes it live (propose), or it goes live by itself (auto); off '
+            'does nothing. Needs calibration.reference payload and a gravity.source.',
+            choices=('off', 'propose', 'auto')),
+        at_start(
+            'learning.max_mb', 500.0,
+            'Most room on the disk for the days of a sensor.', 'MB', 50.0, 1e6),
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -114,7 +128,7 @@ class Learner(Part):
         jobs: JobMaker,
         log: NodeLog,
     ) -> None:
-        self.mode: str = chosen['learning']
+        self.mode: str = chosen['learning.mode']
         #: Why parameters do not allow learning; empty when they do.
         self.why_not = why_not(chosen)
         #: Why a model could not be made live, or what is remembered could not be saved.
@@ -139,9 +153,11 @@ class Learner(Part):
         #: File of an offered model that could not be made live; it is only offered from then on.
         self._failed = ''
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """Offer ~/adopt."""
-        return (Service(Trigger, '~/adopt', self.adopt),)
+        purpose = 'makes the better model live that learning offers; refused when there is none'
+        return (Service(Trigger, '~/adopt', purpose, cls.adopt),)
 
     def start(self) -> None:
         """Say what does not allow learning."""

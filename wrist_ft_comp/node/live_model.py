@@ -10,31 +10,35 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.ros.node_log import ERROR, NodeLog, OK, Status, WARN
-from wrist_ft_comp.ros.part import Part, Service
+from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.parameters import Parameter
+from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import SensorNames
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
 from wrist_ft_comp.stored.state_file import StateWriter
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class LiveModel(Part):
     """
-    Owns the live model and those before it; ``swap`` makes one live, or raises without a change.
+    Owns the live model and those before it.
+
+    ``sensor`` gives the names of the sensor; ``swap`` gives a model to the stream, or raises
+    without a change.
 
     It starts with the newest decision. A model_file with other content than at the last start is a
     new decision of the operator, and has to be usable. Otherwise the model goes on that a
     calibration or a rollback has made live since that start.
     """
 
-    _store: ModelStore
-    _model_file: str
-    #: Gives the names of the sensor.
-    _sensor: Callable[[], SensorNames]
-    _swap: Callable[[DriftModel | None], None]
-    _writer: StateWriter
-    _log: NodeLog
+    store: ModelStore
+    sensor: Callable[[], SensorNames]
+    swap: Callable[[DriftModel | None], None]
+    writer: StateWriter
+    hub: Hub = field(init=False)
     #: Why the right model is not live, or will not be live after a restart.
     problem: str = ''
     #: The live model; None is no compensation.
@@ -49,36 +53,46 @@ class LiveModel(Part):
     _doubt: str = ''
 
     title = 'model'
+    parameters = (
+        Parameter(
+            'model_file', '',
+            'Model to run, relative to data_directory or to the working directory; empty takes '
+            'the one that was live last. Where it is the same as at the last start, the model of '
+            'a calibration or rollback since then goes on. Set at run time, it must lie inside '
+            'data_directory.'),
+    )  # fmt: skip
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """Offer ~/rollback."""
-        return (Service(Trigger, '~/rollback', self.roll_back),)
+        purpose = 'goes back to the model before the last calibration or adoption'
+        return (Service(Trigger, '~/rollback', purpose, cls.roll_back),)
 
     def start(self) -> None:
         """Choose the first model."""
-        model_file = self._model_file
-        self._store.sweep()
-        given = self.load(self._store.locate(model_file)) if model_file else None
+        model_file = self.hub.chosen()['model_file']
+        self.store.sweep()
+        given = self.load(self.store.locate(model_file)) if model_file else None
         self.stored = self._last()
         if given is not None:
             self._prefer(given)
         if self.stored is None:
-            self._log.warning(
+            self.hub.log.warning(
                 'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
                 '~/calibrate.'
             )
         else:
-            self._swap(self.stored.model)
+            self.swap(self.stored.model)
             self._announce(self.stored)
 
     def end(self) -> bool:
         """Leave the folder to other nodes."""
-        self._store.release()
+        self.store.release()
         return False
 
     def statuses(self) -> Iterator[Status]:
         """Report the live model."""
-        stored, saved = self.stored, self._writer
+        stored, saved = self.stored, self.writer
         numbers = {
             'state_saves': str(saved.written),
             'state_save_took_ms': f'{1e3 * saved.took_s:.1f}',
@@ -98,32 +112,32 @@ class LiveModel(Part):
         for j, entry in enumerate(stored.document['thermometers'], start=1):
             numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
         numbers |= {f'learnt_from_{fact}': ', '.join(n) for fact, n in stored.sensor.items()}
-        doubt, before = ''.join(check_sensor(stored, self._sensor())), self._doubt
+        doubt, before = ''.join(check_sensor(stored, self.sensor())), self._doubt
         self._doubt = doubt
         if doubt and doubt != before:
-            self._log.warning(doubt)
+            self.hub.log.warning(doubt)
         trouble = self.problem or saved.problem or doubt
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 
     def _last(self) -> StoredModel | None:
         """Load the model that was live last; one that cannot be used leaves none live."""
         try:
-            self.history = self._store.history()
+            self.history = self.store.history()
             last = self.history[-1].path if self.history else None
             return None if last is None else self.load(last)
         except WristFtCompError as error:
             self.problem = f'The last model cannot be used: {error}'
-            self._log.error(self.problem)
-            last_entry = self.history[-1] if self.history else HistoryEntry(None)
-            self.history = [*self.history[:-1], replace(last_entry, path=None, sha256='')]
-            return None
+        self.hub.log.error(self.problem)
+        last_entry = self.history[-1] if self.history else HistoryEntry(None)
+        self.history = [*self.history[:-1], replace(last_entry, path=None, sha256='')]
+        return None
 
     def _prefer(self, given: StoredModel) -> None:
         """Take the operator's model, unless what was live last is a newer decision."""
-        if given.sha256 == self._store.given() and self.history and not self.problem:
+        if given.sha256 == self.store.given() and self.history and not self.problem:
             if self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
-                self._log.warning(
+                self.hub.log.warning(
                     f'model_file is {given.path} as at the last start, and {now} was made live '
                     'after that: the latter goes on. Call ~/rollback, or set model_file while '
                     'running, to go back.'
@@ -133,7 +147,7 @@ class LiveModel(Part):
         self._go_on(f'model_file was {given.path.name} at the start', given=given.sha256)
 
     def _announce(self, stored: StoredModel) -> None:
-        self._log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
+        self.hub.log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
 
     @property
     def sha256(self) -> str | None:
@@ -142,7 +156,7 @@ class LiveModel(Part):
 
     def load(self, path: Path) -> StoredModel:
         """Load a model; refuse other thermometers, or another order of them."""
-        stored, sensor = load_model(path), self._sensor()
+        stored, sensor = load_model(path), self.sensor()
         check_fits(stored.model, len(sensor['temperature_topics']), name=path)
         check_sensor(stored, sensor)
         return stored
@@ -171,25 +185,27 @@ class LiveModel(Part):
         if how != 'learnt':
             self.end_day()
         since = datetime.now(timezone.utc).isoformat(timespec='seconds')
-        day = judged or self._store.newest_day()
+        day = judged or self.store.newest_day()
         entry = HistoryEntry(path, sha256, since, why, how, day)
         return self._remember([*self.history, entry], given)
 
     def _make_live(self, stored: StoredModel | None) -> None:
-        """Swap a model in and say so."""
-        self._swap(None if stored is None else stored.model)
+        """Swap a model in, say so, and let all parts follow."""
+        self.swap(None if stored is None else stored.model)
         self.stored = stored
         if stored is not None:
             self._announce(stored)
+        self.hub.broadcast('on_model')
 
     def _remember(self, history: list[HistoryEntry], given: str | None = None) -> str:
         """Keep the history over a restart; return what went wrong, if anything did."""
         self.history, self.problem = history, ''
         try:
-            self._store.activate(history, given)
+            self.store.activate(history, given)
         except WristFtCompError as error:
             self.problem = str(error)
-            self._log.error(self.problem)
+        if self.problem:
+            self.hub.log.error(self.problem)
         return self.problem
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
@@ -199,7 +215,7 @@ class LiveModel(Part):
                 self._validate(parameter.name, parameter.value)
 
     def _validate(self, name: str, value: Any) -> None:
-        store = self._store
+        store = self.store
         for given in [value] if name == 'model_file' else value or []:
             if given and not store.contains(store.locate(given)):
                 raise SettingsError(

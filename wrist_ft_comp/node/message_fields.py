@@ -6,9 +6,10 @@ from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
 from wrist_ft_comp.recordings.bag import Connection, define_installed
-from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.qos import SLOW_SENSOR
+from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import (
     load_type,
     no_temperature,
@@ -64,7 +65,7 @@ class TemperatureTopic:
             self._publishers = publishers
             self.look()
         if self._subscription is not None and not (self._is_plain or self._is_resting):
-            for data in messages.waiting(self._subscription):
+            for data in waiting(self._subscription):
                 self.read(data)
 
     def look(self) -> None:
@@ -97,7 +98,7 @@ class TemperatureTopic:
         self._reader = NumberReader(self._definitions, name, paths)
         if self._is_plain:
             take = self._hub.guarded(self._part, self.read)
-            self._subscription = self._hub.subscribe(kind, self._name, take, messages.SLOW_SENSOR)
+            self._subscription = self._hub.subscribe(kind, self._name, take, SLOW_SENSOR)
         else:
             self._subscription = self._hub.subscribe_unserved(kind, self._name)
         self._type = name

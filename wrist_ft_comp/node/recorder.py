@@ -13,10 +13,11 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.inputs import Counts
-from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.part import Part, Service, Vector
+from wrist_ft_comp.ros.part import Part, Vector
+from wrist_ft_comp.ros.qos import FAST_SENSOR
+from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import (
     AXES,
     FORCE_CHANNELS,
@@ -160,10 +161,12 @@ class Recorder(Part):
         """Take one raw wrench, N and N m."""
         self.averager.add_raw(stamp_ns, raw)
 
-    def on_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+    def on_specific_force(
+        self, stamp_ns: int, specific_force: Vector, speed: float | None
+    ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         if self._running:
-            self.averager.add_force(stamp_ns, force, speed)
+            self.averager.add_force(stamp_ns, specific_force, speed)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
@@ -204,10 +207,13 @@ class RecordService(Part):
     _heard: bool = False
 
     title = 'recording'
+    topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """Offer ~/record."""
-        return (Service(SetBool, '~/record', self.on_request),)
+        purpose = "starts (data: true) or ends (data: false) the node's own recording"
+        return (Service(SetBool, '~/record', purpose, cls.on_request),)
 
     def on_request(self, request: Any, _reply: Any) -> str:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
@@ -224,9 +230,7 @@ class RecordService(Part):
         # Only while recording: a reference at a kilohertz costs as much as the wrench itself. And
         # first of all: an override of its quality of service that cannot be had is refused here.
         take = self.hub.guarded(self, self.on_reference)
-        reference = self.hub.subscribe(
-            WrenchStamped, 'wrench_reference', take, messages.FAST_SENSOR
-        )
+        reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
             with writing(self._store.directory):
                 path = self._store.new_recording_path()

@@ -10,6 +10,7 @@ LONGEST_WAKE_S are made up for at once, and no message is left out.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 import sys
 import time
 from typing import Any, cast
@@ -22,11 +23,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.node.simulated_robot import SimulatedRobot
-from wrist_ft_comp.ros.arguments import tell_unknown, usage
-from wrist_ft_comp.ros.messages import opening, overridable, SLOW_SENSOR
+from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
 from wrist_ft_comp.ros.parameters import at_start as _row
-from wrist_ft_comp.ros.parameters import declare, EXECUTOR_PARAMETER, values
-from wrist_ft_comp.ros.running import run_nodes
+from wrist_ft_comp.ros.parameters import Parameters
+from wrist_ft_comp.ros.qos import opening, overridable, SLOW_SENSOR
+from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
@@ -41,7 +42,6 @@ from wrist_ft_comp.simulation.work import WorkSettings
 
 _RUN = RunSettings()
 PARAMETERS = (
-    EXECUTOR_PARAMETER,
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
     _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
     _row('speed', 1.0, 'Simulated seconds per wall second.', minimum=0.01, maximum=10000.0),
@@ -77,8 +77,7 @@ class SimulatedSensor(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('simulated_sensor', **options)
-        declare(self, PARAMETERS)
-        chosen = values(self, PARAMETERS)
+        chosen = Parameters(self, PARAMETERS).values()
         seeds = [chosen['seed'], chosen['run']]
         random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
@@ -114,7 +113,7 @@ class SimulatedSensor(Node):
             self._advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
         ]
         logger = cast('Any', self).get_logger()
-        tell_unknown(self, (), logger)
+        warn_of_unknown(self, (), logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrenches.rate, self._temperatures.rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
@@ -239,8 +238,8 @@ publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until a signal ends it; returns the exit code."""
-    explained = usage('simulated_sensor', _USAGE, PARAMETERS)
-    return run_nodes(lambda **options: [SimulatedSensor(**options)], argv, explained)
+    explain = partial(usage, 'simulated_sensor', _USAGE, PARAMETERS)
+    return run_node(SimulatedSensor, argv, explain)
 
 
 if __name__ == '__main__':

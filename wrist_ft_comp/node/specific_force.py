@@ -11,9 +11,11 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
-from wrist_ft_comp.ros import messages
 from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.parameters import at_start, Parameter
 from wrist_ft_comp.ros.part import Part, Vector
+from wrist_ft_comp.ros.qos import FAST_SENSOR, LATCHED
+from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
@@ -47,7 +49,7 @@ class RecentForces:
         """Stamp, ns, and specific force of the newest sample."""
         return self._kept[-1] if self._kept else None
 
-    def add(self, stamp_ns: int, force: Vector) -> None:
+    def add(self, stamp_ns: int, specific_force: Vector) -> None:
         """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
         self.count += 1
         if self._kept and stamp_ns < self._kept[-1][0]:
@@ -55,7 +57,7 @@ class RecentForces:
                 return
             self._kept.clear()
         self.newest_ns = stamp_ns
-        self._kept.append((stamp_ns, force))
+        self._kept.append((stamp_ns, specific_force))
 
     def at(self, stamp_ns: int) -> Vector | None:
         """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
@@ -67,7 +69,7 @@ class RecentForces:
         return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
-class Gravity(Part):
+class SpecificForceInput(Part):
     """
     Takes specific force from where the parameters ``gravity.…`` say, and hands it to all parts.
 
@@ -75,6 +77,22 @@ class Gravity(Part):
     """
 
     title = 'gravity'
+    parameters = (
+        at_start(
+            'gravity.source', 'none',
+            'Where specific force comes from, to learn a payload and to subtract its weight: an '
+            'IMU at the sensor on the topic imu, /tf and /tf_static (tf), or nothing (none).',
+            choices=('none', 'imu', 'tf')),
+        at_start(
+            'gravity.frame', '',
+            'With gravity.source tf: the frame whose z is up, against which the frame_id of the '
+            'wrench turns.'),
+        Parameter(
+            'gravity.timeout', 0.2,
+            'Age above which a specific force is not used, so that no weight is subtracted.',
+            's', 0.01, 10.0),
+    )  # fmt: skip
+    topics = (('imu', 'specific force at the sensor; by gravity.source tf, /tf and /tf_static'),)
     hub: Hub
 
     def __init__(self, chosen: dict[str, Any]) -> None:
@@ -97,7 +115,7 @@ class Gravity(Part):
     def start(self) -> None:
         """Subscribe; SettingsError when what is asked for cannot be had."""
         if self._source == 'imu':
-            self._imu = self.hub.subscribe_unserved(Imu, 'imu', messages.FAST_SENSOR)
+            self._imu = self.hub.subscribe_unserved(Imu, 'imu', FAST_SENSOR)
             try:
                 self._subscribe('/tf_static')
             except SettingsError as error:  # a learnt payload brings the rotation
@@ -114,18 +132,20 @@ class Gravity(Part):
     def _subscribe(self, topic: str) -> None:
         static = topic == '/tf_static'
         take = partial(self.on_tf, Layouts(), static=static)
-        qos = messages.LATCHED if static else messages.FAST_SENSOR
+        qos = LATCHED if static else FAST_SENSOR
         self.hub.subscribe(load_type(topic, TF), topic, self.hub.guarded(self, take), qos)
 
     def poll(self) -> None:
         """Take the messages that an IMU has sent."""
         if self._imu is not None and not self.stopped:
-            for data in messages.waiting(self._imu):
+            for data in waiting(self._imu):
                 self.on_imu(data)
 
-    def on_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+    def on_specific_force(
+        self, stamp_ns: int, specific_force: Vector, speed: float | None
+    ) -> None:
         """Keep one specific force, m/s², and its speed of rotation, rad/s."""
-        self.forces.add(stamp_ns, force)
+        self.forces.add(stamp_ns, specific_force)
         self.speed = math.nan if speed is None else speed
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
@@ -197,14 +217,15 @@ class Gravity(Part):
         if at_ns is None or (last_ns is not None and 0 <= at_ns - last_ns < _STEP_NS):
             return
         self._handed_out_ns = at_ns
-        force, speed = self._tree.read(np.array([at_ns]))
-        if math.isfinite(force[0, 0]):
-            x, y, z = force[0].tolist()
+        specific_force, speed = self._tree.read(np.array([at_ns]))
+        if math.isfinite(specific_force[0, 0]):
+            x, y, z = specific_force[0].tolist()
             self._hand_out(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
 
-    def _hand_out(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+    def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
-        self.hub.tell('on_force', stamp_ns or self.hub.now_ns(), force, speed)
+        at_ns = stamp_ns or self.hub.now_ns()
+        self.hub.broadcast('on_specific_force', at_ns, specific_force, speed)
 
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""

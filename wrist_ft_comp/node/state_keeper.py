@@ -1,37 +1,38 @@
 """The part for warm restarts: it saves thermal state and tare, and continues from them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 import time
-from typing import Any
+from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.thermal_memory import belongs_to, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import belongs_to
 
+#: How often the thermal state is saved, s; also when the node ends, and when the tare or the model
+#: changes. A restart goes on from it.
+SAVE_PERIOD_S = 5.0
 #: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-_SOAKED = 'the drift starts at the steady state of the first temperatures'
+#: The live model's hash, and the bytes of both tares.
+_Key: TypeAlias = tuple[str | None, bytes, bytes]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class StateKeeper(Part):
     """
     Continues from the state that the last node saved, and saves the state of this one.
 
-    Its settings are save_period and use_sim_time: with simulated time, the system's clock does not
-    show how long a restart took.
+    ``live_sha256`` gives the hash of the live model's file.
     """
 
-    _compensator: Compensator
-    _live_sha256: Callable[[], str | None]
+    compensator: Compensator
+    live_sha256: Callable[[], str | None]
     writer: StateWriter
-    _settings: Mapping[str, Any]
-    _log: NodeLog
     #: What happened to the saved state.
     outcome: str = 'there was no saved state'
     #: The trouble with the file that was logged last.
@@ -46,108 +47,90 @@ class StateKeeper(Part):
 
     def on_model(self) -> None:
         """Continue from the saved state when the first model is live, and begin to save."""
-        if self._due is None:
-            self._due = time.monotonic() + self._settings['save_period']
-            self._logged_origin = self._compensator.tracker.origin
-            self._restore()
-            self._saved, self._saved_end_ns = self._key(), self._end_ns()
+        if self._due is not None:
+            return
+        self._due = time.monotonic() + SAVE_PERIOD_S
+        self._logged_origin = self.compensator.tracker.origin
+        if why := self._restore():
+            self.outcome = f'{why}; the drift starts at the steady state of the first temperatures'
+            self.hub.log.warning(self.outcome)
+        self._saved = self._present()
 
-    def _restore(self) -> None:
-        """Continue from the saved state, if it can be used."""
+    def _restore(self) -> str:
+        """Continue from the saved state, where there is one; return why it cannot be used."""
         try:
             state = load_state(self.writer.path)
         except StateFileError as error:
-            self._begin_anew(str(error).removesuffix('.'))
-            return
+            return str(error).removesuffix('.')
         if state is None:
-            return
-        if state.model_sha256 != self._live_sha256():
-            self._begin_anew('the saved state belongs to another model, and so does its tare')
-            return
+            return ''
+        if state.model_sha256 != self.live_sha256():
+            return 'the saved state belongs to another model, and so does its tare'
+        memory, model = state.thermal, self.compensator.model
         if state.tare.any() or state.external_tare.any():
-            tares, before_drift = (state.tare, state.external_tare), state.thermal is None
-            self._compensator.restore_tare(*tares, before_drift=before_drift)
-            self._log.info('the tare from before the restart is active')
-        self.outcome = 'the saved state holds no thermal state'
-        if state.thermal is not None and self._compensator.model is not None:
-            self._resume(state, state.thermal, self._compensator.model)
-
-    def _resume(self, state: SavedState, memory: ThermalMemory, model: Any) -> None:
-        """Continue from a thermal state, if it can be used."""
+            self.compensator.restore_tare(
+                state.tare, state.external_tare, before_drift=memory is None
+            )
+            self.hub.log.info('the tare from before the restart is active')
+        if memory is None or model is None:
+            self.outcome = 'the saved state holds no thermal state'
+            return ''
         if not belongs_to(model, memory):
-            self._begin_anew(f'{self.writer.path} does not fit the model it names')
-            return
-        simulated = self._settings['use_sim_time']
+            return f'{self.writer.path} does not fit the model it names'
+        # With simulated time, the system's clock does not show how long a restart took.
+        simulated = self.hub.get_parameter('use_sim_time').value
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
         self._loaded = state
-        self._compensator.resume(memory, gap_s)
-        self.outcome = self._compensator.tracker.origin
+        self.compensator.resume(memory, gap_s)
+        self.outcome = self.compensator.tracker.origin
+        return ''
 
-    def _begin_anew(self, why: str) -> None:
-        """Say why the saved state is not used."""
-        self.outcome = f'{why}; {_SOAKED}'
-        self._log.warning(self.outcome)
-
-    def _key(self) -> tuple[str | None, bytes, bytes]:
-        """Collect the model and the tares: a change of them is saved at once."""
-        compensator = self._compensator
-        tare, external = compensator.tare.tobytes(), compensator.external_tare.tobytes()
-        return self._live_sha256(), tare, external
-
-    def _end_ns(self) -> int | None:
-        """Stamp of the end of the thermal state, ns; None without one."""
-        tracker = self._compensator.tracker
-        return tracker.end_ns if tracker.following else None
+    def _present(self) -> tuple[_Key, int | None]:
+        """Collect model and tares, whose change is saved at once, and where the state ends, ns."""
+        stream, tracker = self.compensator, self.compensator.tracker
+        key = self.live_sha256(), stream.tare.tobytes(), stream.external_tare.tobytes()
+        return key, tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
-        self._log_origin()
+        tracker = self.compensator.tracker
+        if tracker.origin != self._logged_origin:
+            self._logged_origin = tracker.origin
+            if self._loaded is not None:
+                self.outcome = self._logged_origin
+                if not tracker.awaiting_gap:
+                    self._loaded = None
+            self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         if self.writer.problem != self._complained:
             self._complained = self.writer.problem
             if self.writer.problem:
-                self._log.error(self.writer.problem)
-        if self._due is None:
-            return
-        due = time.monotonic() >= self._due and self._end_ns() != self._saved_end_ns
-        if due or self._key() != self._saved:
-            self.save()
-
-    def _log_origin(self) -> None:
-        """Log how the drift started, once that is known."""
-        tracker = self._compensator.tracker
-        if tracker.origin == self._logged_origin:
-            return
-        self._logged_origin = tracker.origin
-        if self._loaded is not None:
-            self.outcome = self._logged_origin
-            if not tracker.awaiting_gap:
-                self._loaded = None
-        # One call site each: rclpy insists that a call site keeps its severity.
-        if tracker.forgot:
-            self._log.warning(self._logged_origin)
-        else:
-            self._log.info(self._logged_origin)
+                self.hub.log.error(self.writer.problem)
+        if self._due is not None:
+            present = self._present()
+            due = time.monotonic() >= self._due and present != self._saved
+            if due or present[0] != self._saved[0]:
+                self.save()
 
     def save(self) -> None:
         """Have the present state saved; returns at once."""
-        compensator = self._compensator
-        self._due = time.monotonic() + self._settings['save_period']
-        self._saved, self._saved_end_ns = self._key(), self._end_ns()
+        compensator = self.compensator
+        self._due = time.monotonic() + SAVE_PERIOD_S
+        self._saved = self._present()
         saved_ns = time.time_ns()
         if self._loaded is not None and compensator.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
-        model, memory = self._live_sha256(), compensator.memory()
-        tares = compensator.tare, compensator.external_tare
-        self.writer.put(SavedState(saved_ns, model, tares[0], memory, tares[1]))
+        model, memory = self.live_sha256(), compensator.memory()
+        tare, external_tare = compensator.tare, compensator.external_tare
+        self.writer.put(SavedState(saved_ns, model, tare, memory, external_tare))
 
     def end(self) -> bool:
         """Save once more, and wait for the disk."""
         if self._due is None:
             return False
-        if self._end_ns() != self._saved_end_ns or self._key() != self._saved:
+        if self._present() != self._saved:
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
-            self._log.error(f'{self.writer.path} was not saved: the disk does not answer.')
+            self.hub.log.error(f'{self.writer.path} was not saved: the disk does not answer.')
         elif self.writer.problem not in {'', self._complained}:
-            self._log.error(self.writer.problem)
+            self.hub.log.error(self.writer.problem)
         return False

@@ -1,6 +1,6 @@
 """The part that answers ~/tare and ~/reset_tare."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 import time
 from typing import Any
@@ -12,8 +12,9 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.payload.live_weight import LivePayload
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.part import LongService, Service, Work
+from wrist_ft_comp.ros.parameters import Parameter
+from wrist_ft_comp.ros.part import LongService, Work
+from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
@@ -22,7 +23,7 @@ from wrist_ft_comp.stream.tare import TareCollector
 _GRACE_S = 2.0
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class TareService(LongService):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
@@ -30,45 +31,58 @@ class TareService(LongService):
     ``save`` keeps the tare over a restart.
     """
 
-    _compensator: Compensator
-    _external: ExternalWrench
-    _settings: Callable[[], Mapping[str, Any]]
-    _save: Callable[[], None]
-    _log: NodeLog
+    compensator: Compensator
+    external: ExternalWrench
+    save: Callable[[], None]
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
     hub: Hub = field(init=False)
 
-    name, title = '~/tare', 'tare'
+    title, name = 'tare', '~/tare'
+    purpose = (
+        'makes the present wrench zero, and wrench_external where a payload is active; refused '
+        'while the load moves'
+    )
+    parameters = (
+        Parameter(
+            'tare.duration', 1.0,
+            'How long a tare averages, in stamps of the wrench.', 's', 0.01, 60.0),
+        Parameter(
+            'tare.max_deviation', 1.0,
+            'A tare is refused when a force moves by more, or a torque by more than a tenth of it '
+            'in N m.', 'N', 0.001, 1e6),
+    )  # fmt: skip
     not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
     def _busy(self) -> str:
         return 'A tare is running'
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """Offer ~/tare and ~/reset_tare."""
-        return (*super().services(), Service(Trigger, '~/reset_tare', self.reset))
+        reset = Service(Trigger, '~/reset_tare', 'forgets both tares', cls.reset)
+        return (*super().services(), reset)
 
     def reset(self, *_: Any) -> str:
         """Forget the tare."""
-        self._compensator.reset_tare()
-        self._save()
+        self.compensator.reset_tare()
+        self.save()
         return 'the tare is zero again'
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one wrench, N and N m; answer when there are enough."""
         if self._collector is None:
             return
-        self._weights.append(self._external.weight_at(stamp_ns))
+        self._weights.append(self.external.weight_at(stamp_ns))
         if self._collector.add(stamp_ns, raw):
             self._collector = None
             self.poll()
 
     def _work(self) -> Work:
         """Wait for enough wrenches, or until they stay away, and tare with what there is."""
-        chosen, payload = self._settings(), self._external.payload
+        chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
         self._collector, self._weights = collector, []
@@ -81,8 +95,8 @@ class TareService(LongService):
             self.hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
         weight = self._weight(payload)
-        tare = self._compensator.set_tare(mean, stamp_ns, weight)
-        self._save()
+        tare = self.compensator.set_tare(mean, stamp_ns, weight)
+        self.save()
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
@@ -91,13 +105,13 @@ class TareService(LongService):
 
     def _weight(self, before: LivePayload | None) -> FloatArray | None:
         """Average the payload's weight; refuse where the payload is not that of ``before``."""
-        payload, waiting = self._external.payload, self._external.waiting
-        if payload is None and before is None and not waiting:
+        payload, refused = self.external.payload, self.external.refusal
+        if payload is None and before is None and not refused:
             return None
         weights = [weight for weight in self._weights if weight is not None]
         if payload is None or payload is not before or len(weights) < len(self._weights):
             fresh = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
-            why = waiting or (fresh if payload is before else 'payload.active changed meanwhile')
+            why = refused or (fresh if payload is before else 'payload.active changed meanwhile')
             raise TareRefusedError(
                 f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
                 'the status payload and call again; with payload.active empty, wrench is tared '

@@ -7,15 +7,14 @@ in the answers of the part's services, and goes on. The hub also opens topics fo
 messages come as bytes, and parameters may override the quality of service.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import replace
 from functools import partial
 import time
 import traceback
 from typing import Any, cast
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -24,9 +23,13 @@ from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros import messages
-from wrist_ft_comp.ros.node_log import ERROR, NodeLog, Status
-from wrist_ft_comp.ros.part import DeferredService, Part
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, Status
+from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.parameters import Parameter, Parameters
+from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.qos import NEWEST, opening, OUTPUT, overridable
+from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
+from wrist_ft_comp.ros.services import DeferredService
 
 #: Parts are polled once in this time, s.
 HOUSEKEEPING_PERIOD_S = 0.1
@@ -35,7 +38,9 @@ DIAGNOSTICS_PERIOD_S = 1.0
 #: The node waits for this time at its end, s, so that callers take the last answers.
 FAREWELL_S = 0.5
 #: Verbs that the hub calls only for parts that define them.
-_VERBS = ('on_model', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters', 'poll')
+_VERBS = (
+    'on_model', 'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
+)  # fmt: skip
 #: Events of quality of service that do not match, and what is logged then.
 _DISAGREEMENTS = {
     'subscription': (
@@ -53,29 +58,34 @@ class Hub(Node):
     """
     A node made of parts; a subclass makes them and calls ``run`` with all of them.
 
-    SettingsError when a topic cannot be opened.
+    ``table`` are parameters that are declared before those of the parts. SettingsError when a
+    topic cannot be opened, or a parameter has a wrong value.
     """
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(self, name: str, table: Iterable[Parameter] = (), **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
         self.log = NodeLog(cast('Any', self).get_logger())
         #: Policy that does not match that of another node, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
         #: Subscriptions that no executor serves.
         self._unserved: list[Any] = []
+        self._parameter_table = Parameters(self, table)
         self.parts: tuple[Part, ...] = ()
         #: Parts that get every wrench; usually there are none.
         self._listeners: tuple[Part, ...] = ()
-        #: Whether all parts have started.
-        self.running = False
         self._hearing: dict[str, list[Part]] = {}
         self._offered: list[DeferredService] = []
         #: The last refusal of a part, which is logged once.
         self._refusals: dict[Part, str] = {}
 
+    def chosen(self) -> dict[str, Any]:
+        """Read the present values of the parameters, by name; arrays are tuples."""
+        return self._parameter_table.values()
+
     def run(self, parts: Sequence[Part]) -> None:
         """Start parts, offer their services, and poll them; WristFtCompError when one refuses."""
         self.parts = tuple(parts)
+        self._parameter_table.declare(row for part in parts for row in part.parameters)
         self._diagnostics = self.advertise(DiagnosticArray, '/diagnostics')
         # Most parts define few verbs; the others need not be called a thousand times a second.
         self._hearing = {
@@ -87,42 +97,41 @@ class Hub(Node):
         try:
             for part in parts:
                 self.call(part, part.start)
+            for part in self._hearing['on_model']:
+                self.call(part, part.on_model)
         except WristFtCompError:
-            self._end_parts()  # such as a folder that is locked
+            self._end_parts()  # one of them has locked its folder
             raise
-        self.running = True
-        for part in self._hearing['on_model']:
-            self.call(part, part.on_model)
         self._offered = [
             DeferredService(
-                self, replace(offer, handler=partial(self._serve, part, offer.handler)),
-                self.log.note_refusal,
+                self, offer, partial(self._serve, part, offer.handler), self.log.note_refusal
             )
-            for part in parts for offer in part.services()
-        ]  # fmt: skip
+            for part in parts
+            for offer in part.services()
+        ]
         self.add_on_set_parameters_callback(self._validate_parameters)
-        self.add_post_set_parameters_callback(partial(self.tell, 'apply_parameters'))
+        self.add_post_set_parameters_callback(partial(self.broadcast, 'apply_parameters'))
         # A steady clock: parts are polled where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(HOUSEKEEPING_PERIOD_S, self._keep_house, clock=steady)
+        self.create_timer(HOUSEKEEPING_PERIOD_S, partial(self.broadcast, 'poll'), clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
-    def call(self, part: Part, verb: Callable[..., Any], *values: Any) -> Any:
+    def call(self, part: Part, verb: Callable[..., Any], *arguments: Any) -> Any:
         """Call a part unless it has stopped; a fault stops it, a refusal is the caller's."""
         if part.stopped:
             return None
         try:
-            return verb(*values)
+            return verb(*arguments)
         except WristFtCompError:
             raise
         except Exception as error:  # whatever it is, the wrench goes on
             self._stop(part, error)
             return None
 
-    def do(self, part: Part, verb: Callable[..., Any], *values: Any) -> Any:
+    def do(self, part: Part, verb: Callable[..., Any], *arguments: Any) -> Any:
         """Call a part; a refusal is logged, once while it stays the same."""
         try:
-            return self.call(part, verb, *values)
+            return self.call(part, verb, *arguments)
         except WristFtCompError as error:
             self._complain(part, str(error))
             return None
@@ -133,10 +142,10 @@ class Hub(Node):
             self._refusals[part] = trouble
             self.log.error(trouble)
 
-    def tell(self, verb: str, *values: Any) -> None:
+    def broadcast(self, verb: str, *arguments: Any) -> None:
         """Call a verb of all parts that define it."""
         for part in self._hearing[verb]:
-            self.do(part, getattr(part, verb), *values)
+            self.do(part, getattr(part, verb), *arguments)
 
     def guarded(self, part: Part, callback: Callable[..., Any]) -> Callable[..., Any]:
         """Make a callback of a part fit for an executor, which ends at whatever is thrown."""
@@ -144,21 +153,20 @@ class Hub(Node):
 
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
-        with messages.opening(topic):
+        with opening(topic):
             options = self._negotiable('publisher', topic) if negotiable else {}
-            return self.create_publisher(kind, topic, copy(messages.OUTPUT), **options)
+            return self.create_publisher(kind, topic, copy(OUTPUT), **options)
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
-        with messages.opening(topic):
+        with opening(topic):
             options = self._negotiable('subscription', topic)
             return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
-    def subscribe_unserved(self, kind: Any, topic: str, qos: Any = messages.NEWEST) -> Any:
+    def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
         """Subscribe to messages that no executor takes, but ``waiting``."""
         result = self.subscribe(kind, topic, lambda _: None, qos)
-        # Executors serve what stands in this list, at once or at their next wake-up.
-        self._subscriptions.remove(result)
+        keep_from_executors(self, result)
         self._unserved.append(result)
         return result
 
@@ -166,7 +174,7 @@ class Hub(Node):
         """Destroy a subscription, also one that no executor takes."""
         if subscription in self._unserved:
             self._unserved.remove(subscription)
-            self._subscriptions.append(subscription)
+            return_to_node(self, subscription)
         return bool(super().destroy_subscription(subscription))
 
     def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
@@ -183,7 +191,7 @@ class Hub(Node):
 
         return {
             'event_callbacks': callbacks(incompatible_qos=note),
-            'qos_overriding_options': messages.overridable(),
+            'qos_overriding_options': overridable(),
         }
 
     def now_ns(self) -> int:
@@ -211,7 +219,7 @@ class Hub(Node):
 
     def _serve(self, part: Part, handler: Callable[..., str | None], *asked: Any) -> str | None:
         """Handle a request, or refuse it where the part has stopped, before or by it."""
-        answer: str | None = self.call(part, handler, *asked)
+        answer: str | None = self.call(part, handler, part, *asked)
         if part.stopped:
             raise WristFtCompError(part.stopped)
         return answer
@@ -226,9 +234,6 @@ class Hub(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _keep_house(self) -> None:
-        self.tell('poll')
-
     def _judge(self, part: Part) -> list[Status]:
         """Get the statuses of a part; the hub gives that of a part that has stopped."""
         statuses = self.do(part, lambda: list(part.statuses())) or []
@@ -239,20 +244,15 @@ class Hub(Node):
         return ''
 
     def _diagnose(self) -> None:
-        """Publish diagnostics; each status is named "node: status" (REP-107)."""
-        statuses = [status for part in self.parts for status in self._judge(part)]
-        self.log.tell(statuses)
-        name, hardware_id = self.get_fully_qualified_name().lstrip('/'), self.hardware_id()
-        array = DiagnosticArray()
-        array.header.stamp = self.get_clock().now().to_msg()
-        array.status = [
-            DiagnosticStatus(
-                level=status.level, name=f'{name}: {status.name}', message=status.message,
-                hardware_id=hardware_id,
-                values=[KeyValue(key=key, value=text) for key, text in status.values.items()])
-            for status in statuses
-        ]  # fmt: skip
-        self._diagnostics.publish(array)
+        """Publish diagnostics, and log what is new in those of parts that want it."""
+        judged = [(part, status) for part in self.parts for status in self._judge(part)]
+        self.log.report(status for part, status in judged if part.logged)
+        self._diagnostics.publish(
+            diagnostic_array(
+                self.get_fully_qualified_name(), self.hardware_id(),
+                self.get_clock().now().to_msg(), [status for _, status in judged],
+            )
+        )  # fmt: skip
 
     def destroy_node(self) -> None:
         """End all parts and the node; callers that wait for an answer get one."""

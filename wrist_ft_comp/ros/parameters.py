@@ -1,6 +1,6 @@
-"""Tables of parameters: their rows, how a node declares them, and the rows of all nodes."""
+"""Tables of parameters: their rows, and how a node declares them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.ros.rclpy_internals import given_parameters
 
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 _Type = RosParameter.Type
@@ -89,34 +90,67 @@ class Parameter:
         return ' '.join(filter(None, words))
 
 
-def declare(node: Node, table: Sequence[Parameter]) -> None:
-    """Declare a table on a node, with the given values; SettingsError where one is wrong."""
-    for row in table:
-        # rclpy refuses an integer for a double and takes an empty array for bytes. So the given
-        # value is read under a dynamic type, converted, and declared again under the static type.
-        node.declare_parameter(row.name, None, ParameterDescriptor(dynamic_typing=True))
-        given = node.get_parameter(row.name).value
-        node.undeclare_parameter(row.name)
-        value = converted(row, row.default if given is None else given)
-        node.declare_parameter(row.name, row.ros_type, ignore_override=True)
-        node.set_parameters([ros_parameter(row, value)])
-        node.set_descriptor(row.name, descriptor(row))
-    rows = {row.name: row for row in table}
-    node.add_pre_set_parameters_callback(partial(_converted_where_possible, rows))
-    node.add_on_set_parameters_callback(partial(_validated, rows))
+class Parameters:
+    """A node's parameters: rows of its tables, with the values that it was given."""
 
+    def __init__(self, node: Node, table: Iterable[Parameter]) -> None:
+        self._node, self._rows = node, dict[str, Parameter]()
+        self.declare(table)
+        node.add_pre_set_parameters_callback(self._convert)
+        node.add_on_set_parameters_callback(self._check)
 
-def values(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:
-    """Read the present values of a declared table, by parameter name; arrays are tuples."""
-    return {row.name: converted(row, node.get_parameter(row.name).value) for row in table}
+    def declare(self, table: Iterable[Parameter]) -> None:
+        """Declare rows, but for those that are; SettingsError where a given value is wrong."""
+        given, node = given_parameters(self._node), self._node
+        for row in table:
+            if row.name in self._rows:
+                continue
+            value = converted(row, given.get(row.name, row.default))
+            # Without the given value: rclpy refuses an integer for a double, and an empty array.
+            node.declare_parameter(row.name, row.ros_type, ignore_override=True)
+            node.set_parameters([_ros_parameter(row, value)])
+            node.set_descriptor(row.name, descriptor(row))
+            self._rows[row.name] = row
+
+    def values(self) -> dict[str, Any]:
+        """Read the present values, by name; arrays are tuples."""
+        return {
+            name: converted(row, self._node.get_parameter(name).value)
+            for name, row in self._rows.items()
+        }
+
+    def _convert(self, given: Sequence[RosParameter]) -> list[RosParameter]:
+        """Convert the parameters of a set request, as far as possible."""
+        wanted = list(given)
+        for place, parameter in enumerate(given):
+            row, value = self._rows.get(parameter.name), parameter.value
+            if row is None:
+                continue
+            with suppress(SettingsError):
+                # An integer for a double has the right type: a refusal is about its range.
+                whole = row.ros_type == _Type.DOUBLE and type(value) is int
+                number = float(value) if whole else converted(row, value)
+                wanted[place] = _ros_parameter(row, number)
+        return wanted
+
+    def _check(self, wanted: Sequence[RosParameter]) -> SetParametersResult:
+        """Allow or refuse a set request, changing nothing."""
+        try:
+            for parameter in wanted:
+                if parameter.name in self._rows:
+                    converted(self._rows[parameter.name], parameter.value)
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
 
 def converted(row: Parameter, value: Any) -> Value:
     """Convert a given value to a parameter's type; SettingsError where that is impossible."""
     if not row.is_array:
         return cast('Value', _converted_scalar(row, value))
-    single = value is None or isinstance(value, (bool, int, float, str))
-    elements = [value] if single else list(value)
+    if isinstance(value, (bool, int, float, str)):
+        value = [value]
+    elements = value or ()  # None is the empty array that was given
     return tuple(_converted_scalar(row, element) for element in elements if element != '')
 
 
@@ -163,56 +197,13 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     return result
 
 
-def ros_parameter(row: Parameter, value: Value) -> RosParameter:
+def _ros_parameter(row: Parameter, value: Value) -> RosParameter:
     """Wrap a converted value for rclpy."""
     untyped: Any = RosParameter
     plain = list(value) if isinstance(value, tuple) else value
     return cast('RosParameter', untyped(row.name, row.ros_type, plain))
 
 
-def _converted_where_possible(
-    rows: dict[str, Parameter], given: Sequence[RosParameter]
-) -> list[RosParameter]:
-    """Convert the parameters of a set request, as far as possible."""
-    wanted = list(given)
-    for place, parameter in enumerate(given):
-        row, value = rows.get(parameter.name), parameter.value
-        if row is None:
-            continue
-        with suppress(SettingsError):
-            # An integer for a double has the right type: a refusal is about its range.
-            whole = row.ros_type == _Type.DOUBLE and type(value) is int
-            wanted[place] = ros_parameter(row, float(value) if whole else converted(row, value))
-    return wanted
-
-
-def _validated(rows: dict[str, Parameter], wanted: Sequence[RosParameter]) -> SetParametersResult:
-    """Allow or refuse a set request, changing nothing."""
-    try:
-        for parameter in wanted:
-            if parameter.name in rows:
-                converted(rows[parameter.name], parameter.value)
-    except SettingsError as error:
-        return SetParametersResult(successful=False, reason=str(error))
-    return SetParametersResult(successful=True)
-
-
 NODE_NAME = 'wrist_ft_comp'
 #: A row that is read at start-up only.
 at_start = partial(Parameter, read_only=True)
-
-#: Row for the table of a node that lets its user choose.
-EXECUTOR_PARAMETER = at_start(
-    'executor', 'auto',
-    'What runs the callbacks: events (EventsExecutor, which needs less processor time), '
-    'default (SingleThreadedExecutor), or auto (events where rclpy has it).',
-    choices=('auto', 'events', 'default'),
-)  # fmt: skip
-#: What concerns the process, not one sensor.
-PROCESS_PARAMETERS = (
-    at_start(
-        'sensors', (),
-        'Names of the sensors to serve from this process, each by a node in a namespace of that '
-        'name; empty serves one sensor, in no namespace of its own.', element=str),
-    EXECUTOR_PARAMETER,
-)  # fmt: skip

@@ -1,112 +1,42 @@
-"""
-A part of a node, which is one feature: what the hub asks of it, and services that answer later.
-
-A callback has to return at once, and a coroutine as callback fails on the EventsExecutor and
-starves timers on the others. So the service object's ``send_response`` is replaced by one that
-keeps the request's header; the original is called when the work is done.
-"""
+"""A part of a node, which is one feature: what it brings, and what the hub asks of it."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.messages import SERVICE
-from wrist_ft_comp.ros.node_log import NodeLog, Status
+from wrist_ft_comp.ros.diagnostics import ERROR, Status, WARN
+from wrist_ft_comp.ros.parameters import Parameter
+from wrist_ft_comp.ros.services import Reply, Service
 
 #: Three numbers of the axes x, y and z.
 Vector: TypeAlias = tuple[float, float, float]
 
 
-class Reply:
-    """The answer to one request: call it once, now or later; further calls do nothing."""
-
-    def __init__(self, response: Any, send: Callable[[Any, Any], None]) -> None:
-        self._response = response
-        self._send = send
-        self._header: Any = None
-        self._answered = False
-
-    def __call__(self, *, success: bool, message: str) -> None:
-        """Answer."""
-        if self._answered:
-            return
-        self._answered = True
-        self._response.success, self._response.message = success, message
-        if self._header is not None:
-            self._send(self._response, self._header)
-
-    def arrive(self, header: Any) -> None:
-        """Take the header, which comes after the callback has returned."""
-        self._header = header
-        if self._answered:
-            self._send(self._response, header)
-
-
-@dataclass(frozen=True)
-class Service:
-    """
-    A service that a part offers.
-
-    Its handler takes the request and a Reply. It returns the answer, or None where the Reply is
-    called later, or refuses by a WristFtCompError.
-    """
-
-    kind: Any
-    name: str
-    handler: Callable[[Any, Reply], str | None]
-
-
-class DeferredService:
-    """Offers a service on a node; ``refused`` takes its name and why a request was refused."""
-
-    def __init__(self, node: Node, offer: Service, refused: Callable[[str, str], None]) -> None:
-        self._offer, self._refused = offer, refused
-        self._replies: dict[int, Reply] = {}
-        self.service: Any = node.create_service(
-            offer.kind, offer.name, self._on_request, qos_profile=SERVICE
-        )
-        self._send = self.service.send_response
-        self.service.send_response = self._on_header  # type: ignore[method-assign] # see above
-
-    def _on_request(self, request: Any, response: Any) -> Any:
-        """Give the request to the handler; the executor then asks to send what is returned."""
-        reply = Reply(response, self._send)
-        try:
-            answer = self._offer.handler(request, reply)
-        except WristFtCompError as error:
-            self._refused(self._offer.name, str(error))
-            reply(success=False, message=str(error))
-        else:
-            if answer is not None:
-                reply(success=True, message=answer)
-        self._replies[id(response)] = reply  # it keeps the response, so no other gets its id
-        return response
-
-    def _on_header(self, response: Any, header: Any) -> None:
-        """Keep the header until the answer is there."""
-        self._replies.pop(id(response)).arrive(header)
-
-
 class Part:
     """
-    One feature of a node; a part defines the verbs that it needs.
+    One feature of a node; a part defines the attributes and verbs that it needs.
 
     A constructor only stores. In ``start``, when all parts exist, a part asks the hub for what it
     needs of the node. The order of parts decides only the order of their diagnostics.
     """
 
+    #: Its name in the log and the diagnostics.
+    title: ClassVar[str] = ''
+    #: Its parameters, which the hub's ``chosen`` reads.
+    parameters: ClassVar[Sequence[Parameter]] = ()
+    #: Its topics and what each is for, for ``--help`` and the documentation.
+    topics: ClassVar[Sequence[tuple[str, str]]] = ()
+    #: Whether troubles in its statuses are logged; False where it logs them itself.
+    logged: ClassVar[bool] = False
     #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
     hub: Any
-    #: Its name in the log and the diagnostics.
-    title = ''
     #: Why the hub does not call it any more; empty while all is well.
     stopped = ''
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """List the services that it offers."""
         return ()
 
@@ -122,7 +52,9 @@ class Part:
     def on_cells(self, cells: Sequence[Any], stamp_ns: int) -> None:
         """Take thermal cells that a temperature, with its stamp, ns, has completed."""
 
-    def on_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
+    def on_specific_force(
+        self, stamp_ns: int, specific_force: Vector, speed: float | None
+    ) -> None:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
@@ -154,8 +86,9 @@ class LongService(Part):
     _work: Callable[[], Work]
     #: Says that a request is being served.
     _busy: Callable[[], str]
-    #: Such as ``~/tare``.
-    name: str
+    #: Such as ``~/tare``, and what it does.
+    name: ClassVar[str]
+    purpose: ClassVar[str]
     #: What the log says before an answer, and before a refusal.
     done = not_done = ''
     #: What the end of the node leaves as it was.
@@ -165,12 +98,12 @@ class LongService(Part):
     #: The last answer, empty before the first, and whether it was a refusal.
     last_outcome = ''
     refused = False
-    _log: NodeLog
     _running: tuple[Work, Reply] | None = None
 
-    def services(self) -> Sequence[Service]:
+    @classmethod
+    def services(cls) -> Sequence[Service]:
         """Offer the service of its name."""
-        return (Service(Trigger, self.name, self.on_request),)
+        return (Service(Trigger, cls.name, cls.purpose, cls.on_request),)
 
     def on_request(self, _request: Any, reply: Reply) -> None:
         """Begin the work; the answer comes at its end."""
@@ -204,13 +137,10 @@ class LongService(Part):
     def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
         """Answer, and note that in log and diagnostics."""
         self._running, self.last_outcome, self.refused = None, message, not success
-        # One call site each: rclpy insists that a call site keeps its severity.
+        log = self.hub.log
         if success:
-            self._log.info(f'{self.done}{message}')
-        elif self.severe:
-            self._log.error(f'{self.not_done}{message}')
+            log.info(f'{self.done}{message}')
         else:
-            self._log.warning(f'{self.not_done}{message}')
-        if not success:
-            self._log.note_refusal(self.name, message)
+            log.write(ERROR if self.severe else WARN, f'{self.not_done}{message}')
+            log.note_refusal(self.name, message)
         reply(success=success, message=message)

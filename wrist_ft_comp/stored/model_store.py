@@ -224,18 +224,18 @@ class ModelStore:
         return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
 
 
-def node_directory(shared: str, sensor: str = '', node_name: str = '') -> Path:
+def node_directory(shared: str, node_name: str = '') -> Path:
     """
     Choose the folder of a node; SettingsError without a home for ``~``.
 
-    It is that of the sensor in the folder that a person named, or else that of the node's full
-    name below ROS_HOME or ``~/.ros``.
+    It is the one that a person named, or else that of the node's full name below ROS_HOME or
+    ``~/.ros``.
     """
     if not shared:
         home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
         return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
     try:
-        return Path(shared, sensor).expanduser().absolute()
+        return Path(shared).expanduser().absolute()
     except RuntimeError as error:
         raise SettingsError(
             f'data_directory is {shared}, but nobody here has a home of that name. Give an '

@@ -8,6 +8,7 @@ import sys
 import threading
 from types import ModuleType
 from typing import Any
+from unittest import mock
 from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,10 +24,12 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.node.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.node_log import Status
 from wrist_ft_comp.stored.model_file import save_model
+from wrist_ft_comp.stream.compensator import StreamSettings
 
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
@@ -51,6 +54,12 @@ def stamp_ns(message):
     return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
 
 
+def short_cells(period_s):
+    """Let nodes that are made have thermal cells of another length."""
+    settings = partial(StreamSettings, thermal_period_s=period_s)
+    return mock.patch('wrist_ft_comp.node.compensator_node.StreamSettings', settings)
+
+
 #: The newest node of a data_directory.
 _NEWEST: WeakValueDictionary[Any, CompensatorNode] = WeakValueDictionary()
 
@@ -66,6 +75,8 @@ class Rig:
         more = (f'temperature_{j}' for j in range(2, self.thermometers + 1))
         self.topics = options.pop('topics', ['temperature', *more])
         model = options.pop('model', None)
+        #: Length of a thermal cell without a model, s.
+        self._period_s = options.pop('period_s', 1.0)
         options['parameters'] = {
             'data_directory': str(directory),
             'temperature_topics': self.topics,
@@ -82,7 +93,8 @@ class Rig:
         """Make the node, and catch what it sends."""
         if self.directory in _NEWEST:  # that one counts as killed
             _NEWEST[self.directory].store.release()
-        self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
+        with short_cells(self._period_s):
+            self.node = self.bench.make(CompensatorNode, namespace=self.namespace, **options)
         _NEWEST[self.directory] = self.node
         self._statuses: list[Any] = []
         self.node._output.publish = self.outputs.put
@@ -201,7 +213,7 @@ class Rig:
         for _ in range(int(TIMEOUT_S / PAUSE_S)):
             if condition():
                 return
-            self.node._keep_house()
+            self.node.broadcast('poll')
             pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
@@ -226,7 +238,7 @@ class Rig:
     def _report(self):
         """Give the statuses of now."""
         self._statuses.clear()
-        self.node._keep_house()
+        self.node.broadcast('poll')
         self.node._diagnose()
         return self._statuses
 
@@ -237,9 +249,8 @@ class WiredRig(Rig):
     def _connect(self, options):
         """Start the node, unless there is one, and what talks to it."""
         bench, namespace = self.bench, self.namespace
-        self.node = options.pop('node', None) or bench.start(
-            CompensatorNode, namespace=namespace, **options
-        )
+        with short_cells(self._period_s):
+            self.node = bench.start(CompensatorNode, namespace=namespace, **options)
         self.outputs = bench.listen(WrenchStamped, self.topic('wrench'), QoSProfile(depth=5000))
         bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
         self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
@@ -284,54 +295,29 @@ class Peer:
     def __init__(self, bench, namespace, name):
         self._bench, self._own = bench, f'{namespace}/{name}'
         self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
-        self._drifts = bench.listen(WrenchStamped, f'{self._own}/drift', QoSProfile(depth=1000))
         self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
         self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
         self._second = 0
 
-    def send(self, second, celsius):
-        """Send a temperature, stamped some seconds after the start."""
-        message = Temperature(temperature=float(celsius))
-        message.header.stamp.sec = START // SECOND + second
-        self._heat.publish(message)
-
-    def force_z(self, second, newton):
-        """Send a raw wrench until its output comes."""
-        sent = wrench_message(START + round(second * SECOND), 'tool0', [newton] * 6)
-        return self._hear(self._outputs, sent.header.stamp, lambda: self._raw.publish(sent), 100)
-
-    def drift(self, second, celsius):
-        """Send a temperature until the drift of that second comes; None when it was lost."""
-        stamp = wrench_message(START + second * SECOND, '', [0.0] * 6).header.stamp
-        with suppress(queue.Empty):
-            return self._hear(self._drifts, stamp, lambda: self.send(second, celsius), 10)
-        return None
-
-    def _hear(self, messages, stamp, send, times):
-        """Send until a message of a stamp comes; its force z."""
-        for _ in range(times):
-            send()
+    def cell(self):
+        """Send a thermal cell, with a wrench of one newton that passes."""
+        self._second += 1
+        warm = Temperature(temperature=25.0)
+        warm.header.stamp.sec = START // SECOND + self._second
+        self._heat.publish(warm)
+        sent = wrench_message(START + self._second * SECOND, 'tool0', [1.0] * 6)
+        for _ in range(100):
+            self._raw.publish(sent)
             with suppress(queue.Empty):
-                while (message := messages.get(timeout=0.2)).header.stamp != stamp:
+                while self._outputs.get(timeout=0.2).header.stamp != sent.header.stamp:
                     pass
-                return float(message.wrench.force.z)
+                return
         raise queue.Empty
-
-    def cells(self, count=1):
-        """Send thermal cells, each with a wrench of one newton that passes."""
-        for _ in range(count):
-            self._second += 1
-            self.send(self._second, 25.0)
-            self.force_z(self._second, 1.0)
 
     def ask(self, service, data=None):
         """Call a service; its answer comes in the queue."""
         kind, request = _request(data)
         return self._bench.ask(kind, f'{self._own}/{service}', request)
-
-    def call(self, service, data=None):
-        """Call a service and return its answer."""
-        return self.ask(service, data).get(timeout=TIMEOUT_S)
 
 
 @pytest.fixture
@@ -396,6 +382,15 @@ def _make_rig(kind, bench, tmp_path, **options):
     """Make a rig with a namespace of its own."""
     namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
     return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
+
+
+@pytest.fixture
+def haste(monkeypatch):
+    """Let calibrations take the quickest method, and states be saved often."""
+    quickest = IdentificationSettings(method='pls')
+    settings = partial(CalibrationSettings, identification=quickest)
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.CalibrationSettings', settings)
+    monkeypatch.setattr('wrist_ft_comp.node.state_keeper.SAVE_PERIOD_S', 0.1)
 
 
 @pytest.fixture

@@ -52,6 +52,7 @@ class JobHere:
         return self._outcome
 
 
+@pytest.mark.usefixtures('haste')
 @pytest.mark.parametrize(
     'kind', [kind for kind, row in KINDS.items() if 'mcap' in row[2] and kind not in OWN_TYPES]
 )
@@ -62,7 +63,7 @@ def test_the_node_warns_and_drops_as_the_files_do(kind, rig, messages, monkeypat
     if change:
         change(table)
     topics = FILES['thermometers'](table)
-    chosen = {'calibration.method': 'pls', 'temperature_timeout': 3600.0}
+    chosen = {'temperature_timeout': 3600.0}
     node = rig(topics=topics, thermometers=len(topics), parameters=chosen)
     assert node.call('record', True).success
     said = set()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.node import compensator as compensator_node
+from wrist_ft_comp.node import compensator_node
 from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
@@ -39,16 +39,6 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     assert (status.values['age_s'], status.values['frame']) == ('2.0', 'tool0')
     (status,) = node.wrench_input.statuses()
     assert status.level == STALE, 'none has come since'
-
-
-def test_the_progress_of_a_calibration_and_a_recording_is_published(rig):
-    node = rig()
-    assert (node.diagnosis('calibration').level, node.diagnosis('model').level) == (OK, WARN)
-    assert node.call('record', data=True).success
-    status = node.diagnosis('calibration', 'recording')
-    assert status.values['recording'].endswith('.csv')
-    node.refusal('calibrate')
-    assert node.diagnosis('calibration', 'refused').level == WARN
 
 
 def test_input_is_stale_or_well_or_unusable(rig):

@@ -58,7 +58,7 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     mount = Rotation.from_euler('y', 0.5)
     static.publish(messages.transforms(0, [('flange', 'tool0', mount.as_quat())]))
     node = wired(parameters={'gravity.source': 'tf', 'gravity.frame': 'base'})
-    node.wait_until(lambda: node.node.gravity._tree._links, 'the static transform')
+    node.wait_until(lambda: node.node.specific_force._tree._links, 'the static transform')
     publisher = bench.publisher(PoseArray, '/tf')
 
     def put(stamp):
@@ -71,23 +71,6 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     np.testing.assert_allclose(recording.rotation_speed[:CELLS], 0.5, atol=1e-6)
     topics = node.node.jobs.calibration().topics
     assert (topics.imu, topics.gravity_frame) == ('', 'base')
-
-
-def test_by_default_no_imu_is_subscribed_to_and_no_column_is_added(rig):
-    node = rig()
-    assert node.node.count_subscribers(node.topic('imu')) == 0
-    assert node.node.count_subscribers('/tf') == 0
-    answer = node.call('record', True)
-    assert answer.success
-    (path,) = (node.directory / 'recordings').glob('*.csv')
-    assert 'linear_acceleration' not in path.read_text()
-
-
-def test_two_publishers_of_an_imu_are_a_warning(rig):
-    node = rig(parameters={'gravity.source': 'imu'})
-    topic = node.topic('imu')
-    both = [node.bench.helper.create_publisher(Imu, topic, 1) for _ in 'ab']
-    node.diagnosis('payload', f'{topic} has {len(both)} publishers; their readings are mixed')
 
 
 @pytest.mark.usefixtures('tf_messages')

@@ -14,12 +14,13 @@ OK, ERROR = b'\0', b'\2'
 ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 #: In an order in which a part that has stopped keeps nothing from those behind it.
 PARTS = (
-    'wrench_input', 'live', 'state_keeper', 'recorder', 'recording', 'calibration', 'output',
-    'tare', 'external', 'identification', 'learning', 'gravity', 'inputs',
+    'wrench_input', 'live', 'state_keeper', 'recorder', 'recording', 'calibration',
+    'drift_topic', 'correction_topic', 'tare', 'external', 'identification', 'learning',
+    'specific_force', 'inputs',
 )  # fmt: skip
 VERBS = (
-    'on_model', 'on_wrench', 'on_cells', 'on_force', 'check_parameters', 'apply_parameters',
-    'poll', 'statuses', 'end',
+    'on_model', 'on_wrench', 'on_cells', 'on_specific_force', 'check_parameters',
+    'apply_parameters', 'poll', 'statuses', 'end',
 )  # fmt: skip
 
 
@@ -43,10 +44,10 @@ def test_parts_that_fail_one_after_the_other_in_any_verb_cost_no_wrench(rig, mak
         node.node._hearing.setdefault(verb, []).append(victim)
         node.node.listen(victim, wanted=True)
         node.put_temperature(START + second * SECOND, 26.0)
-        node.node.tell('on_force', START + second * SECOND, (0.0, 0.0, 9.8), 0.0)
+        node.node.broadcast('on_specific_force', START + second * SECOND, (0.0, 0.0, 9.8), 0.0)
         assert len(node.ask_output(START + second * SECOND, [1.0] * 6)) == 6
         node.set('payload.mass', 1.0 + second)
-        node.node._swap(model.model)
+        node.node.broadcast('on_model')
         node._report()
         assert victim.stopped or verb == 'end', part
     assert node.node.counts.published == len(PARTS)
@@ -71,6 +72,19 @@ def test_a_part_that_failed_is_logged_once_and_its_services_refuse(rig, capfd):
     assert 'in sabotaged' in logged
 
 
+def test_a_fault_on_the_way_of_the_wrench_costs_that_wrench_and_is_an_error(rig, capfd):
+    node = rig()
+    node.node.compensator.correct = sabotaged
+    for second in range(3):
+        node.put(START + second * SECOND, [1.0] * 6)
+    assert node.outputs.empty()
+    found = node.diagnosis('output')
+    assert (found.level, 'lost by a fault of this program' in found.message) == (ERROR, True)
+    assert capfd.readouterr().err.count('Traceback') == 1
+    del node.node.compensator.correct
+    assert len(node.ask_output(START + 4 * SECOND, [1.0] * 6)) == 6
+
+
 def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
     node = rig()
 
@@ -79,7 +93,7 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
 
     node.node.external.poll = refuse
     for _ in range(3):
-        node.node._keep_house()
+        node.node.broadcast('poll')
     assert not node.node.external.stopped
     assert capfd.readouterr().err.count('not today') == 1
 
@@ -95,20 +109,17 @@ def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
     assert node.diagnosis('model', 'compensating 1 axis').values['file'].endswith('m.yaml')
 
 
-def test_every_part_has_a_title_of_its_own(rig):
-    titles = [part.title for part in rig().node.parts]
-    assert all(titles)
-    assert len({*titles}) == len(titles)
-
-
 def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):
     (code,) = re.findall(r'```python\n(.+?)```', ARCHITECTURE.read_text('utf-8'), re.DOTALL)
     names = {}
     exec(compile(code, ARCHITECTURE.name, 'exec'), names)  # noqa: S102 -- our own document
     heartbeat, run = names['Heartbeat'](), Hub.run
     monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, [*parts, heartbeat]))
-    node = rig()
+    node = rig(parameters={'heartbeat.word': 'awake'})
     for second in range(3):
         node.ask_output(START + second * SECOND, [1.0] * 6)
     status = node.diagnosis('heartbeat')
-    assert (status.level, status.message, status.values) == (OK, 'alive', {'wrenches': '3'})
+    assert (status.level, status.message, status.values) == (OK, 'awake', {'wrenches': '3'})
+    assert node.set('heartbeat.word', 'alive').successful
+    assert node.diagnosis('heartbeat').message == 'alive'
+    assert node.call('count').message == '3 wrenches came'

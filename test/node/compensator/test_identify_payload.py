@@ -28,7 +28,7 @@ def working(rig, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
     node = rig(model=model, parameters=IMU)
     node.warm_up(20.0)
-    node.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
+    node.node.broadcast('on_specific_force', START, (0.0, 0.0, 9.8), None)
     return node
 
 
@@ -48,7 +48,8 @@ def send(node, minute, rows):
     _, motion, imu = minute
     for k in rows:
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        node.node.tell('on_force', stamp, tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:]))
+        felt, speed = tuple(imu[k, :3].tolist()), math.hypot(*imu[k, 3:])
+        node.node.broadcast('on_specific_force', stamp, felt, speed)
         node.ask_output(stamp, (motion.weight[k] + motion.contact[k] + 1.0).tolist())
 
 
@@ -61,7 +62,7 @@ def ask(node):
 
 def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     tool = minute[0]
-    working.node.gravity.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
+    working.node.specific_force.mount = lambda: ForceFrame(np.diag([1.0, -1.0, -1.0]))
     answers = ask(working)
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
@@ -93,10 +94,10 @@ def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
 def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in refusal(bare)
-    bare.node.tell('on_force', START, (0.0, 0.0, 9.8), None)
+    bare.node.broadcast('on_specific_force', START, (0.0, 0.0, 9.8), None)
     assert 'No drift model runs, and drift would be taken for weight' in refusal(bare)
     assert 'identify_payload: No payload' in bare.diagnosis('calibration').values['last_refusal']
-    assert working.node.external.identified_share is None
+    assert working.node.external.collector is None
 
 
 def refusal(node):
@@ -137,7 +138,7 @@ def test_a_robot_that_stands_still_is_asked_to_move(working):
     answers = ask(working)
     for k in range(0, 61 * RATE_HZ, 5):
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        working.node.tell('on_force', stamp, (0.0, 0.0, 9.807), None)
+        working.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.807), None)
         working.ask_output(stamp, [1.0] * 6)
     working.wait_until(lambda: not answers.empty(), 'the answer')
     assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message

@@ -93,7 +93,7 @@ def look_at(node, wrenches, stamps=None):
     for k, wrench in enumerate(wrenches):
         stamp = START + 20 * SECOND + k * 10**6 if stamps is None else stamps[k]
         assert node.ask_output(stamp, wrench)[2] == pytest.approx(wrench[2] - 5.0, abs=0.1)
-        node.node._keep_house()
+        node.node.broadcast('poll')
 
 
 def noisy(count, scale=0.01):

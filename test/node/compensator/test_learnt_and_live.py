@@ -101,7 +101,7 @@ def test_a_payload_learnt_by_an_imu_is_subtracted_by_its_raw_samples(
 
     def say(stamp, _, up):
         read = (scale * turn.inv().apply(up) + bias).tolist()
-        node.node.gravity.on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
+        node.node.specific_force.on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
 
     assert_within(errors_in_free_motion(node, say), entry)
 
@@ -116,7 +116,7 @@ def test_a_payload_learnt_by_tf_is_subtracted_by_tf(learn, rig, messages, felt):
 
     def say(stamp, pose, _):
         moved = messages.transforms(stamp, [('base', 'tool0', pose.as_quat())])
-        node.node.gravity.on_tf(layouts, moved, static=False)
+        node.node.specific_force.on_tf(layouts, moved, static=False)
 
     node.put(START, [0.0] * 6)
     node.take()

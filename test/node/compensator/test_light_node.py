@@ -18,7 +18,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.messages import wrench_message
 
 context = Context()
@@ -30,7 +30,7 @@ for second in range(1, 4):
     message.header.stamp.sec = second
     node.inputs.on_temperature(0, serialize_message(message))
     node._on_wrench(serialize_message(wrench_message(second * 10**9, 'tool0', [1.0] * 6)))
-node._keep_house()
+node.broadcast('poll')
 node._diagnose()
 assert node.counts.published == 3
 assert node.compensator.compensating

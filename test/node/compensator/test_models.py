@@ -82,6 +82,14 @@ class TestRollback:
         assert live(node) is None
 
 
+def test_parts_that_follow_the_model_see_the_new_one(rig, make_model):
+    node, model, seen = rig(), make_model('a.yaml'), []
+    node.node.state_keeper.on_model = lambda: seen.append(node.node.live.sha256)
+    assert node.set('model_file', 'models/a.yaml').successful
+    assert node.call('rollback').success
+    assert seen == [model.sha256, None]
+
+
 class TestRestart:
     def test_a_restart_after_a_rollback_to_none_has_no_model(self, rig, make_model):
         make_model('a.yaml')
@@ -148,19 +156,8 @@ class TestNewestDecision:
         later.path.unlink()
         assert live(rig(parameters=parameters)) == 'given.yaml'
 
-    def test_a_list_from_before_there_was_a_decision_is_read(self, rig, make_model):
-        given = make_model('given.yaml')
-        make_model('last.yaml', {'force_x': (1.0, 0, 0)})
-        remember(rig(), 'last.yaml')
-        assert live(rig(parameters={'model_file': str(given.path)})) == 'given.yaml'
-
 
 class TestModelFile:
-    def test_a_model_file_outside_the_folder_is_live_at_start(self, rig, make_model, tmp_path):
-        node = rig(model=make_model(tmp_path / 'elsewhere.yaml'))
-        assert live(node) == 'elsewhere.yaml'
-        node.refusal('rollback')
-
     def test_a_model_for_other_thermometers_is_an_error(self, rig, make_model):
         model = make_model('two.yaml', thermometers=2)
         with pytest.raises(SettingsError, match='expects 2 thermometers, the node has 1'):

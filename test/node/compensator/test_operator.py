@@ -11,7 +11,7 @@ from wrist_ft_comp.cli import node as command
 from wrist_ft_comp.cli import operate as operator
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import NodeError
-from wrist_ft_comp.ros.node_log import Status
+from wrist_ft_comp.ros.diagnostics import Status
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -59,6 +59,16 @@ def test_a_missing_node_is_named_with_those_that_run(wired, operate):
     code, _, refusal = operate('tare', 'nobody')
     assert code == 1
     assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
+
+
+def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services(wired, operate):
+    node = wired(remap={'__node': 'left_ft'})
+    for name in (node.namespace, f'{node.namespace}/left_ft'):
+        assert operate('reset_tare', name)[1] == 'the tare is zero again\n'
+    code, _, refusal = operate('callibrate', node.namespace)
+    assert code == 1
+    assert 'left_ft has no service callibrate' in refusal
+    assert 'adopt, calibrate, identify_payload, record, reset_tare, rollback, tare.' in refusal
 
 
 def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from rclpy.node import Node
 
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 
 POLICY = Path(__file__).parents[3] / 'config/sros2_policy.xml'
 #: Services that change something.

@@ -2,19 +2,17 @@
 
 from contextlib import suppress
 import os
-from pathlib import Path
 import signal
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import parameter_value_to_python
-import yaml
 
-from wrist_ft_comp.node.parameters import PARAMETERS
 from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.stored.state_file import load_state
 
-MODULE = 'wrist_ft_comp.node.compensator'
+MODULE = 'wrist_ft_comp.node.compensator_node'
+TIMEOUT_S = 60.0
 
 
 @pytest.fixture
@@ -67,42 +65,38 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, peer, start, tmp_path
     bench.wait_until(nobody_reads, 'the end of the calibration')
 
 
-def rows_of(path):
-    """Rows of a recording that are whole."""
-    return path.read_bytes().count(b'\n') - 1
-
-
-def test_a_recording_survives_the_kill_of_the_process(bench, peer, start, tmp_path):
-    process, driver = start('records'), peer('/records', 'records')
-    assert driver.call('record', data=True).success
+def test_a_recording_and_the_thermal_state_survive_the_kill_of_the_process(
+    bench, peer, start, make_model, tmp_path
+):
+    model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
+    process, driver = (
+        start('records', '-p', f'model_file:={model.path}'),
+        peer('/records', 'records'),
+    )
+    assert driver.ask('record', data=True).get(timeout=TIMEOUT_S).success
     (path,) = (tmp_path / 'data/recordings').glob('*.csv')
 
-    def has_rows():
-        driver.cells()
-        return rows_of(path) >= 5
+    def kept():
+        driver.cell()
+        state = load_state(tmp_path / 'data/state.json')
+        return state and state.thermal and path.read_bytes().count(b'\n') > 5
 
-    bench.wait_until(has_rows, 'five rows')
+    bench.wait_until(kept, 'five rows and a state')
     assert process.end(signal.SIGKILL)[0] == -signal.SIGKILL
     recording = read_recording(path)
     assert len(recording) >= 5
     assert (recording.wrench[np.isfinite(recording.wrench)] == 1.0).all()
     assert recording.warnings == ()
+    start('records')
+    shown = bench.listen(DiagnosticArray, '/diagnostics')
+    texts = set()
 
+    def restarted():
+        texts.update(
+            value.value
+            for status in shown.get(timeout=TIMEOUT_S).status
+            for value in status.values
+        )
+        return any('saved before the restart is held' in text for text in texts)
 
-def flat(tree, prefix=''):
-    """Names with dots, as the node has them."""
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{key}.')
-        else:
-            yield f'{prefix}{key}', value
-
-
-def test_the_file_of_parameters_that_is_installed_is_taken(bench, start):
-    path = Path(__file__).parents[3] / 'config/compensator.yaml'
-    wanted = dict(flat(yaml.safe_load(path.read_text('utf-8'))['/**']['ros__parameters']))
-    assert set(wanted) <= {row.name for row in PARAMETERS}
-    start('from_file', '--params-file', str(path))
-    request = GetParameters.Request(names=list(wanted))
-    answer = bench.call(GetParameters, '/from_file/from_file/get_parameters', request)
-    assert [parameter_value_to_python(value) for value in answer.values] == list(wanted.values())
+    bench.wait_until(restarted, 'the drift from before')

@@ -180,7 +180,7 @@ def test_cells_without_what_was_there_before_are_a_warning(rig, kind, off_s, sai
             node.put(stamp, [1.0] * 6)
             if off_s is not None and kind == 'force':
                 at = stamp + off_s * SECOND
-                node.node.tell('on_force', at, (0.0, 0.0, 9.8 + second * 1e-3), None)
+                node.node.broadcast('on_specific_force', at, (0.0, 0.0, 9.8 + second * 1e-3), None)
             elif off_s is not None:
                 node.send_reference(stamp + off_s * SECOND, [1.0] * 6)
             node.put_temperature(stamp, 25.0)
@@ -210,12 +210,12 @@ def test_wrenches_of_another_clock_are_said_before_a_warm_up_is_lost(rig, ahead_
 def test_a_robot_at_rest_by_tf_and_an_imu_in_g_are_no_warning_while_recording(rig, source):
     node = rig(parameters={'gravity.source': 'imu'})
     # Of the package that is missing here, the node needs nothing for what is asked of it.
-    node.node.external._files.source = source
+    node.node.external.files.source = source
     start_recording(node)
     for second in range(10):
         feed(node, 1, first=second)
         force = 9.807 if source == 'tf' else 1.0 + second * 1e-3
-        node.node.tell('on_force', START + second * SECOND, (0.0, 0.0, force), None)
+        node.node.broadcast('on_specific_force', START + second * SECOND, (0.0, 0.0, force), None)
         assert node.diagnosis('payload').level == b'\0'
 
 

@@ -11,7 +11,7 @@ import yaml
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.recordings.recordings import read_recording
-from wrist_ft_comp.ros.node_log import OK, WARN
+from wrist_ft_comp.ros.diagnostics import OK, WARN
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -32,30 +32,25 @@ def learnt(make_model):
     return make
 
 
-class TestSwappedThermometers:
-    def test_swapped_thermometers_are_refused_at_the_start(self, rig, learnt):
-        parameters = {'model_file': learnt(temperature_topics=TOPICS)}
-        rig(thermometers=2, topics=TOPICS, parameters=parameters)
-        with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
-            rig(thermometers=2, topics=TOPICS[::-1], parameters=parameters)
+def test_swapped_thermometers_are_refused_at_the_start_and_while_running(rig, learnt, capfd):
+    path = learnt(temperature_topics=TOPICS)
+    node = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path})
+    with pytest.raises(SettingsError, match=r'expected /a/temperature, /b/state'):
+        rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
+    other = learnt('other.yaml', temperature_topics=TOPICS[::-1])
+    assert 'temperature_topics' in node.refused_value('model_file', other)
+    assert node.node.live.stored.path.name == 'known.yaml'
+    status = rig(thermometers=2, topics=TOPICS[::-1]).diagnosis('model')
+    assert 'The last model cannot be used: ' in status.message
+    assert 'expected /a/temperature, /b/state:motors[0]' in capfd.readouterr().err
 
-    def test_swapped_thermometers_are_refused_at_run_time_too(self, rig, learnt, capfd):
-        path = learnt(temperature_topics=TOPICS[::-1])
-        node = rig(thermometers=2, topics=TOPICS)
-        assert 'temperature_topics' in node.refused_value('model_file', path)
-        assert node.node.live.stored is None
-        assert rig(thermometers=2, topics=TOPICS[::-1], parameters={'model_file': path})
-        status = rig(thermometers=2, topics=TOPICS).diagnosis('model')
-        assert 'The last model cannot be used: ' in status.message
-        assert 'expected /b/state:motors[0]*0.1:K, /a/temperature' in capfd.readouterr().err
 
-    def test_recordings_of_two_arms_are_a_warning_only(self, rig, learnt):
-        path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
-        status = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path}).diagnosis(
-            'model'
-        )
-        assert status.level == WARN
-        assert 'wrench_topic /left/wrench in known.yaml' in status.message
+def test_recordings_of_two_arms_are_a_warning_only(rig, learnt):
+    path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
+    node = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path})
+    status = node.diagnosis('model')
+    assert status.level == WARN
+    assert 'wrench_topic /left/wrench in known.yaml' in status.message
 
 
 def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
@@ -72,10 +67,10 @@ def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
     assert capfd.readouterr().err.count('right_ft here') == 1
 
 
+@pytest.mark.usefixtures('haste')
 def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
-    parameters = {'hardware_id': 'FT-7', 'calibration.min_temperature_span': 0.0}
-    parameters |= {'thermal_period': 0.1, 'calibration.method': 'pls'}
-    node = rig(thermometers=2, topics=TOPICS, parameters=parameters)
+    parameters = {'hardware_id': 'FT-7'}
+    node = rig(thermometers=2, topics=TOPICS, period_s=0.1, parameters=parameters)
     node.put(START, [0.0] * 6, 'left_ft, "b"')
     path = Path(node.call('record', True).message.removeprefix('recording into '))
     for k in range(200):

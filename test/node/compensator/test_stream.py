@@ -91,7 +91,7 @@ def test_the_drift_topic_carries_what_is_subtracted(wired, make_model):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 0.0), 'torque_x': (-0.1, 0.0, 0.0)})
     node = wired(model=model, parameters={'max_drift_rate': 10})
     drifts = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/drift')
-    node.wait_until(lambda: node.node.output.drift.get_subscription_count() > 0, 'a listener')
+    node.wait_until(lambda: node.node.drift_topic.drift.get_subscription_count() > 0, 'a listener')
     node.ask_output(START, LOAD)
     for second in range(4):
         node.warm(START + second * SECOND, 21.0 + second)

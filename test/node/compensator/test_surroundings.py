@@ -7,8 +7,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.ros import messages as qos
+from wrist_ft_comp.node.compensator_node import CompensatorNode
+from wrist_ft_comp.ros import qos
 from wrist_ft_comp.ros.messages import wrench_message
 
 SECOND = 1_000_000_000
@@ -63,20 +63,13 @@ def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path
         },
     )
     best_effort, reliable = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
-
     assert node._output.qos_profile.reliability == best_effort
-    assert node.output.drift.qos_profile.reliability == reliable
-    assert node._diagnostics.qos_profile.reliability == reliable
+    assert node.drift_topic.drift.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
+    for data in (True, False, True):  # the reference is subscribed to again
+        request = SetBool.Request(data=data)
+        assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
     depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
-    assert depths['/other/temperature'] == 7
-    assert qos.OUTPUT.reliability == reliable
-    assert qos.FAST_SENSOR.reliability == best_effort
+    assert (depths['/other/temperature'], depths['/other/wrench_reference']) == (7, 8)
+    assert (qos.OUTPUT.reliability, qos.FAST_SENSOR.reliability) == (reliable, best_effort)
     assert qos.SLOW_SENSOR.depth == 100
-    for _ in range(2):
-        for data in (True, False):
-            request = SetBool.Request(data=data)
-            assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
-            if data:
-                depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
-                assert depths['/other/wrench_reference'] == 8

@@ -4,16 +4,16 @@ import gc
 
 import pytest
 
-from wrist_ft_comp.node.compensator import CompensatorNode
-from wrist_ft_comp.ros.running import node_per_sensor, USER_ERRORS
+from wrist_ft_comp.node.compensator_node import CompensatorNode
+from wrist_ft_comp.ros.running import USER_ERRORS
 
-ARMS = ['-p', 'sensors:=[left, right]']
+IMU = ['-p', 'gravity.source:=imu']
 
 
 def start(context, tmp_path, *arguments):
     """Make what the executable would make."""
     words = ['--ros-args', '-p', f'data_directory:={tmp_path / "data"}', *arguments]
-    return node_per_sensor(CompensatorNode, context=context, cli_args=words)
+    return CompensatorNode(context=context, cli_args=words)
 
 
 def refusal(context, tmp_path, *arguments):
@@ -31,17 +31,20 @@ def refusal(context, tmp_path, *arguments):
     [
         ("temperature_topics:=['{bad}']", '{bad}'),
         ("temperature_topics:=['']", 'must name at least one topic; got none'),
+        ('temperature_topics:=[]', 'must name at least one topic; got none'),
         ('temperature_topics:=[wrench_raw]', 'The topic wrench_raw cannot be used'),
         ('data_directory:=~nobody_here/x', 'nobody here has a home of that name'),
         ('model_file:=/', '/ cannot be read: Is a directory'),
         ('model_file:=~nobody_here/x', '~nobody_here/x cannot be read: No such file'),
         ('model_file:=/dev/zero', '/dev/zero is no regular file'),
         ('use_sim_time:=5', "expecting type 'BOOL'"),
+        ('max_drift:=[]', 'got None'),
+        ('learning.mode:=on', 'one of off, propose, auto'),
         ('qos_overrides./wrench.publisher.reliability:=bestest', 'bestest'),
         ('qos_overrides./wrench.publisher.depth:=-3', 'at least 1; got -3'),
         ('qos_overrides./wrench_raw.subscription.depth:=0', 'at least 1; got 0'),
-        ('sensors:=[left, right, left]', 'once; got left 2 times'),
-        ('sensors:=[left__arm]', "a letter, because they become namespaces; got 'left__arm'"),
+        ('payload.active:=day-1', 'gravity.source is none, so nobody knows where down is'),
+        ('wrench_topic:=temperature', 'The topic temperature cannot be used'),
     ],
 )
 @pytest.mark.filterwarnings('ignore:A zero depth')
@@ -59,27 +62,38 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         (['-r', 'wrench:=/diagnostics'], 'The topic /diagnostics cannot be used'),
         (['-r', 'wrench_raw:=/rosout'], 'The topic wrench_raw cannot be used'),
         (['-r', 'temperature:=/wrench'], 'The topic temperature cannot be used'),
-        ([*ARMS, '-r', 'wrench_raw:=/ft'], 'left and right would share the topic /ft'),
-        ([*ARMS, '-r', 'wrench:=/ft'], 'left and right would share the topic /ft'),
-        ([*ARMS, '-p', 'model_file:=/no.yaml'], 'Sensor left: /no.yaml cannot be read'),
+        ([*IMU, '-p', 'payload.active:=nail'], r'was learnt (there is none yet); got nail'),
+        (
+            [*IMU, '-p', 'payload.active:=manual', '-p', 'payload.mass:=1.5'],
+            'set payload.active while the node runs and /tf_static has that link',
+        ),
     ],
 )
-def test_arguments_that_contradict_get_their_sentence(ros_context, tmp_path, rules, words):
+def test_arguments_that_contradict_get_their_sentence_and_lock_nothing(
+    ros_context, tmp_path, rules, words
+):
     assert words in refusal(ros_context, tmp_path, *rules)
+    start(ros_context, tmp_path).destroy_node()
 
 
-def test_a_sensor_may_be_named_with_an_underscore(ros_context, tmp_path):
-    (node,) = start(ros_context, tmp_path, '-p', 'sensors:=[left_arm_2]')
-    assert node.get_namespace() == '/left_arm_2'
+def test_a_refused_start_leaves_the_folder_to_others_while_its_process_lives(
+    ros_context, tmp_path
+):
+    with pytest.raises(USER_ERRORS) as refused:
+        start(ros_context, tmp_path, *IMU, '-p', 'payload.active:=nail')
+    start(ros_context, tmp_path).destroy_node()
+    assert refused
+
+
+def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):
+    node = start(ros_context, tmp_path, '-p', 'learning.mode:=off')
+    assert node.get_parameter('learning.mode').value == 'off'
     node.destroy_node()
 
 
 def test_a_mistyped_parameter_is_a_warning_of_the_node(ros_context, tmp_path, capfd):
-    (node,) = start(ros_context, tmp_path, '-p', 'temprature_topics:=[heat]')
-    node.destroy_node()
-    errors = capfd.readouterr().err
-    assert 'no parameter temprature_topics, so' in errors
-    assert 'Did you mean temperature_topics?' in errors
+    start(ros_context, tmp_path, '-p', 'temprature_topics:=[heat]').destroy_node()
+    assert 'no parameter temprature_topics, so' in capfd.readouterr().err
 
 
 def test_a_folder_that_cannot_be_written_is_named_at_start(rig):
@@ -89,10 +103,3 @@ def test_a_folder_that_cannot_be_written_is_named_at_start(rig):
     sentence = node.refusal('record', True)
     assert sentence.startswith('/proc/wrist_ft_comp cannot be written: ')
     assert sentence.endswith('Make room or choose another data_directory.')
-
-
-def test_off_is_a_word_although_yaml_reads_a_truth_value(ros_context, tmp_path):
-    (node,) = start(ros_context, tmp_path, '-p', 'learning:=off')
-    assert node.get_parameter('learning').value == 'off'
-    node.destroy_node()
-    assert 'one of off, propose, auto' in refusal(ros_context, tmp_path, '-p', 'learning:=on')

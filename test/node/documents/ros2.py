@@ -19,7 +19,7 @@ from rclpy.qos import qos_profile_sensor_data
 import yaml
 
 MODULES = {
-    'compensator': 'wrist_ft_comp.node.compensator',
+    'compensator': 'wrist_ft_comp.node.compensator_node',
     'simulated_sensor': 'wrist_ft_comp.node.simulated_sensor',
 }
 TIMEOUT_S = 60.0

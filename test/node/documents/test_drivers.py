@@ -3,7 +3,7 @@
 import pytest
 from rclpy.context import Context
 
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 
 
 def compensators(commands):
@@ -18,7 +18,7 @@ def test_a_driver_s_topics_are_taken(commands, ros_domain, tmp_path, number):
     try:
         node = CompensatorNode(context=context)
         (raw,) = (word.partition(':=')[2] for word in given if word.startswith('wrench_raw'))
-        assert node.own_topics[:2] == (raw, '/wrench')
+        assert node.sensor()['wrench_topic'] == [raw]
         assert list(node.get_parameter('temperature_topics').value)
         node.destroy_node()
     finally:

@@ -33,7 +33,7 @@ def calibrate_while_streaming(node, robot):
 
 def test_a_warm_up_is_recorded_learnt_and_removed(wired, make_robot):
     robot = make_robot(thermometers=2)
-    node = wired(thermometers=2, parameters={'thermal_period': 10.0})
+    node = wired(thermometers=2, period_s=10.0)
     assert node.call('record', True).success
     robot.run(node, WARM)
     assert '(2990 s)' in node.call('record', False).message

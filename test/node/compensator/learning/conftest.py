@@ -33,11 +33,11 @@ print(json.dumps(answer))
 class Learner:
     """A node that learns, what it hears, and what its job answers."""
 
-    def __init__(self, rig, folder, clock, **parameters):
+    def __init__(self, rig, folder, clock, mode='propose', **parameters):
         self._folder, self._clock = folder, clock
         self.answer(success=True, message='no better model')
         self.rig = rig(
-            namespace='/learner', parameters={**NEEDED, 'learning': 'propose', **parameters}
+            namespace='/learner', parameters={**NEEDED, 'learning.mode': mode, **parameters}
         )
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
@@ -66,7 +66,7 @@ class Learner:
         for _ in range(cells):
             stamp = START + self._clock[0] * SECOND + SECOND // 2
             self.rig.put(stamp, [12.3456789, 0.5, 123.456789, 0.1, 0.2, 0.3])
-            self.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), 0.01)
+            self.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), 0.01)
             warmth = 25.0 + 0.01 * self._clock[0]
             self.rig.put_temperature(stamp, *[warmth] * self.rig.thermometers)
             self._clock[0] += 1

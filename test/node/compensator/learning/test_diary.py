@@ -7,7 +7,7 @@ import pytest
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.node.compensator import CompensatorNode
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.recordings import read_recording
 from wrist_ft_comp.stream.cell_averager import row_channels
 
@@ -134,7 +134,7 @@ def test_a_silent_thermometer_does_not_end_the_day(learner, monkeypatch):
     for second in range(1500):
         stamp = 1_700_000_000 * 10**9 + second * 10**9
         node.rig.put(stamp, [1.0] * 6)
-        node.node.tell('on_force', stamp, (0.0, 0.0, 9.80665), None)
+        node.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), None)
         if not 100 < second < 900:
             node.rig.put_temperature(stamp, 25.0)
         node.node.recorder.poll()

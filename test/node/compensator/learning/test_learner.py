@@ -80,7 +80,7 @@ def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
 
 def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner, models):
     old, new = models
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.find(new, paused='zero of force_z jumped by 4 N')
     node.a_day()
     status = node.rig.diagnosis('learning', 'zero of force_z jumped by 4 N')
@@ -131,18 +131,18 @@ def test_a_kill_right_after_an_adoption_keeps_its_reason_and_the_model(learner, 
 
 def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
     old, new = models
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.find(new)
     monkeypatch.setattr(node.node.live, 'take', lambda *_: pytest.fail('killed'))
     with pytest.raises(pytest.fail.Exception):
         node.a_day()
-    node = learner(model_file=str(old.path), learning='auto')
+    node = learner(model_file=str(old.path), mode='auto')
     node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
     assert node.node.live.history[-1].how == 'learnt', 'nobody decided'
 
 
 def test_a_model_that_cannot_be_made_live_is_only_offered(learner, models, monkeypatch):
-    node = learner(model_file=str(models[0].path), learning='auto')
+    node = learner(model_file=str(models[0].path), mode='auto')
     node.find(models[1])
     refused = []
 
@@ -230,7 +230,7 @@ def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models,
 
 
 def test_off_is_off(learner):
-    node = learner(learning='off')
+    node = learner(mode='off')
     node.hear(147)
     assert not node.rig.directory.exists() or not node.days.exists()
     assert not node.node.recorder._running, 'the force path has nothing to do'

@@ -14,24 +14,25 @@ from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.stream.compensator import Compensator
 
+#: How often ~/correction is published, Hz: for at most one period, a controller that was just
+#: activated sees the raw wrench.
+RATE_HZ = 10.0
 
-class Correction(Part):
+
+class CorrectionTopic(Part):
     """
-    Publishes, at a steady rate, the compensated minus the raw wrench of the newest wrench.
+    Publishes, RATE_HZ times a second, the compensated minus the raw wrench of the newest wrench.
 
     A controller that adds its last message to each raw wrench, such as admittance_controller by
     its ~/wrench_reference, is compensated without the wrench going through this node.
     """
 
     title = 'correction'
+    topics = (('~/correction', 'compensated minus raw, ten times a second: what controllers add'),)
     hub: Hub
 
-    def __init__(
-        self, compensator: Compensator, rate_hz: float, newest: Callable[[], Newest | None],
-        frame: Callable[[], str],
-    ) -> None:  # fmt: skip
-        self._compensator, self._rate_hz = compensator, rate_hz
-        self._newest, self._frame = newest, frame
+    def __init__(self, compensator: Compensator, newest: Callable[[], Newest | None]) -> None:
+        self._compensator, self._newest = compensator, newest
         self._publisher: Any = None
 
     def start(self) -> None:
@@ -40,7 +41,7 @@ class Correction(Part):
         # A steady clock: a controller waits for it where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         publish = self.hub.guarded(self, self.publish)
-        self.hub.create_timer(1 / self._rate_hz, publish, clock=steady)
+        self.hub.create_timer(1 / RATE_HZ, publish, clock=steady)
 
     def publish(self) -> None:
         """
@@ -53,4 +54,4 @@ class Correction(Part):
             return
         stamp_ns, raw, _ = newest
         correction = np.subtract(stream.correct(stamp_ns, raw), raw)
-        self._publisher.publish(wrench_message(stamp_ns, self._frame(), correction))
+        self._publisher.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))

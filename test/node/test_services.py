@@ -1,10 +1,12 @@
 import queue
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from wrist_ft_comp.ros.part import DeferredService, Service
+from wrist_ft_comp.ros.services import DeferredService, Service
 
 TIMEOUT_S = 60.0
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
@@ -16,8 +18,10 @@ class Example(Node):
     def __init__(self, **kwargs):
         super().__init__('example', use_global_arguments=False, **kwargs)
         self.replies, self.todo, self.ticks = queue.Queue(), queue.Queue(), queue.Queue()
-        self.service = DeferredService(self, Service(SetBool, '~/work', self.on_work), print)
-        self.at_once = DeferredService(self, Service(Trigger, '~/at_once', self.on_at_once), print)
+        work = Service(SetBool, '~/work', 'works', Example.on_work)
+        at_once = Service(Trigger, '~/at_once', 'answers', Example.on_at_once)
+        self.service = DeferredService(self, work, self.on_work, print)
+        self.at_once = DeferredService(self, at_once, self.on_at_once, print)
         self.create_timer(0.005, self.tick)
 
     def on_work(self, request, reply):
@@ -56,6 +60,25 @@ def test_answers_reach_their_askers_in_any_order(bench, executor):
     got = [answers.get(timeout=TIMEOUT_S).message for answers in asked]
     assert got == ['True', 'False', 'True']
     assert all(answers.empty() for answers in asked)
+
+
+def test_each_of_twenty_callers_at_once_is_answered(bench):
+    """The usual queue of a service holds ten."""
+    node = bench.make(Example)
+    deep = QoSProfile(depth=1000)  # every client hears the answers to all of them
+    clients = [
+        bench.helper.create_client(Trigger, '/example/at_once', qos_profile=deep)
+        for _ in range(20)
+    ]
+    assert all(client.wait_for_service(timeout_sec=TIMEOUT_S) for client in clients)
+    answers = [client.call_async(Trigger.Request()) for client in clients]
+    executor = SingleThreadedExecutor(context=bench.context)
+    executor.add_node(node)
+    bench.wait_until(
+        lambda: executor.spin_once(timeout_sec=0.0) or all(one.done() for one in answers),
+        'all answers',
+    )
+    executor.shutdown()
 
 
 @executors

@@ -1,28 +1,29 @@
 """The part that publishes ~/drift, and judges the output."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.node.inputs import Counts
+from wrist_ft_comp.ros.diagnostics import ERROR, Growth, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.node_log import ERROR, Growth, OK, Status, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 
 
-class Output(Part):
-    """Publishes the zero drift once per thermal cell; ``frame`` gives the sensor's frame."""
+class DriftTopic(Part):
+    """Publishes the zero drift once per thermal cell, and judges what is subtracted."""
 
-    title = 'output'
+    title, logged = 'output', True
+    topics = (('~/drift', 'zero drift being subtracted, once per thermal cell'),)
     hub: Hub
 
-    def __init__(self, compensator: Compensator, counts: Counts, frame: Callable[[], str]) -> None:
-        self._compensator, self._counts, self._frame = compensator, counts, frame
+    def __init__(self, compensator: Compensator, counts: Counts) -> None:
+        self._compensator, self._counts = compensator, counts
         self._growth = Growth()
 
     def start(self) -> None:
@@ -33,12 +34,12 @@ class Output(Part):
         """Publish what is subtracted at the end of cells."""
         if self._compensator.compensating:
             zero = self._compensator.compensation.zero
-            self.drift.publish(wrench_message(stamp_ns, self._frame(), zero))
+            self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
 
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, and whether it hits a limit."""
         stream, counts = self._compensator, self._counts
-        grown, elapsed_s = self._growth.since(published=counts.published)
+        grown, elapsed_s = self._growth.since(published=counts.published, failed=counts.failed)
         tare = 'active' if stream.tared else 'none'
         if not stream.tared and stream.tare.any():
             tare = 'none; an offset is kept since a change of model'
@@ -51,7 +52,9 @@ class Output(Part):
         }
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
         level, why = WARN, 'not compensated: no model or no temperature yet'
-        if large:
+        if grown['failed']:
+            level, why = ERROR, f'wrenches were lost by a fault of this program: {counts.fault}'
+        elif large:
             level, why = ERROR, f'drift of {large} is at its limit'
         elif fast:
             why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'

@@ -1,0 +1,300 @@
+"""The node ``compensator``: it corrects every wrench, and its parts do all else."""
+
+from collections.abc import Sequence
+from functools import partial
+import math
+import sys
+import traceback
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.node.calibrate import CalibrateService
+from wrist_ft_comp.node.correction_topic import CorrectionTopic
+from wrist_ft_comp.node.drift_topic import DriftTopic
+from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
+from wrist_ft_comp.node.identify_payload import IdentifyService
+from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
+from wrist_ft_comp.node.jobs import JobMaker
+from wrist_ft_comp.node.learner import Learner
+from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.recorder import Recorder, RecordService
+from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.node.tare import TareService
+from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
+from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
+from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
+from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.signals import LARGEST, SensorNames, Topics
+from wrist_ft_comp.stored.model_store import ModelStore, node_directory
+from wrist_ft_comp.stored.state_file import StateWriter
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+
+#: Every feature of the node, in the order of the diagnostics. Their constructors are called in
+#: ``CompensatorNode._make_parts``.
+PARTS: tuple[type[Part], ...] = (
+    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
+    CalibrateService, DriftTopic, CorrectionTopic, TareService, SpecificForceInput,
+    ExternalWrench, IdentifyService, Learner,
+)  # fmt: skip
+_STREAM = StreamSettings()
+#: Parameters of the stream itself, which all parts share, and of all parts.
+PARAMETERS = (
+    at_start(
+        'wrench_topic', 'wrench_raw',
+        'The raw wrench: a topic of geometry_msgs/WrenchStamped, or TOPIC:FIELD for a Wrench or '
+        'WrenchStamped inside messages of any type, such as /driver/state:wrench, or for six '
+        'numbers in an array, such as /driver/state:data[0..5].'),
+    at_start(
+        'temperature_topics', ('temperature',),
+        'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
+        'TOPIC:FIELD for a number in messages of any type, such as '
+        '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
+    at_start(
+        'hardware_id', '',
+        'Serial number of the sensor, which no topic holds. Recordings and models keep it, and a '
+        'model of another sensor gives a warning.'),
+    at_start(
+        'data_directory', '',
+        'Where models and own recordings are kept, for one node; empty takes wrist_ft_comp/NODE '
+        'below ROS_HOME (or ~/.ros).'),
+    at_start(
+        'temperature_timeout', _STREAM.temperature_timeout_s,
+        'Silence of a thermometer after which its last value is held and a warning is given.',
+        's', 0.1, 3600.0),
+    at_start(
+        'max_drift', _STREAM.max_drift_n,
+        'Largest zero drift that is subtracted from a force; from a torque, a tenth of it in N m.',
+        'N', 0.0, 1e6),
+    at_start(
+        'max_drift_rate', _STREAM.max_drift_rate_n_s,
+        'How fast the zero drift that is subtracted from a force may move; from a torque, a tenth '
+        'of it in N m/s. A tare and its reset step at once; a change of model never steps.',
+        'N/s', 0.001, 1e6),
+    Parameter(
+        'uncalibrated', 'passthrough',
+        'What to publish without a model or before the first temperature: the raw wrench, tared '
+        '(passthrough), or nothing (silent).', choices=('passthrough', 'silent')),
+    *(row for part in PARTS for row in part.parameters),
+)  # fmt: skip
+#: What topics and services are for, by name.
+TOPICS = {
+    'wrench_raw': 'raw wrench of the driver, or another topic by wrench_topic',
+    'wrench': "compensated and tared wrench, with the input's header",
+    **dict(topic for part in PARTS for topic in part.topics),
+    '/diagnostics': 'state of the node, once a second',
+}
+SERVICES = {service.name: service.purpose for part in PARTS for service in part.services()}
+
+
+class CompensatorNode(Hub):
+    """
+    Compensates one sensor; WristFtCompError when a parameter or its model file is unusable.
+
+    Options are those of rclpy's Node, such as ``context``.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NODE_NAME, PARAMETERS, **options)
+        chosen = self.chosen()
+        self._silent = chosen['uncalibrated'] == 'silent'
+        self._newest: Newest | None = None
+        self._sources = self._thermometers(chosen['temperature_topics'])
+        self._topics = tuple(self.resolve_topic_name(source.topic) for source in self._sources)
+        self._raw_topic = self._full_name(chosen['wrench_topic'])
+        self._check_topics()
+        name = self.get_fully_qualified_name()
+        self.store = ModelStore(node_directory(chosen['data_directory'], name))
+        self.counts = Counts()
+        self.compensator = Compensator(
+            len(self._sources),
+            StreamSettings(
+                temperature_timeout_s=chosen['temperature_timeout'],
+                max_drift_n=chosen['max_drift'],
+                max_drift_rate_n_s=chosen['max_drift_rate'],
+            ),
+        )
+        self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
+        self._raw = self.subscribe(
+            WrenchStamped, chosen['wrench_topic'], self._on_wrench, FAST_SENSOR
+        )
+        self.run(self._make_parts(chosen))
+        self.add_post_set_parameters_callback(self._follow_uncalibrated)
+        later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *self._topics)
+        warn_of_unknown(self, later, self.log)
+
+    def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
+        """Make one of each of PARTS; they meet here, and begin in ``run``."""
+        store, compensator, counts = self.store, self.compensator, self.counts
+        writer = StateWriter(store.directory / 'state.json')
+        writer.problem = store.check_writable()
+        source = chosen['gravity.source']
+        self.live = live = LiveModel(
+            store=store, sensor=self.sensor, swap=self._swap, writer=writer
+        )
+        self.state_keeper = StateKeeper(
+            compensator=compensator, live_sha256=lambda: live.sha256, writer=writer
+        )
+        self.specific_force = SpecificForceInput(chosen)
+        self.wrench_input = WrenchInput(counts, self.newest, chosen['wrench_topic'])
+        self.inputs = TemperatureInput(
+            sources=self._sources, topics=self._topics, compensator=compensator,
+            wrenches=self.wrench_input, specific_force=self.specific_force, live=live,
+            state_keeper=self.state_keeper,
+        )  # fmt: skip
+        self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
+        self.recording = RecordService(self.recorder, store, counts, self.log)
+        files = PayloadFiles(store.directory / 'models', live, source)
+        self.external = ExternalWrench(
+            compensator=compensator, files=files, specific_force=self.specific_force,
+            newest=self.newest, recorder=self.recorder,
+        )  # fmt: skip
+        jobs = self.jobs = JobMaker(store, self.chosen, self._full_topics, self.recorder)
+        self.identification = IdentifyService(
+            compensator=compensator, external=self.external, files=files, jobs=jobs
+        )
+        self.tare = TareService(
+            compensator=compensator, external=self.external, save=self.state_keeper.save
+        )
+        calibrated = partial(live.take, why='a person called ~/calibrate')
+        self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
+        self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
+        self.drift_topic = DriftTopic(compensator, counts)
+        self.correction_topic = CorrectionTopic(compensator, self.newest)
+        return (
+            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
+            self.recording, self.calibration, self.drift_topic, self.correction_topic, self.tare,
+            self.specific_force, self.external, self.identification, self.learning,
+        )  # fmt: skip
+
+    def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
+        if not entries:
+            raise SettingsError(
+                'temperature_topics must name at least one topic; got none. The first is the '
+                'thermometer inside the sensor.'
+            )
+
+        return parse_sources(entries, self._full_name)
+
+    def _full_name(self, topic: str) -> str:
+        with opening(topic):
+            return self.resolve_topic_name(topic)
+
+    def _check_topics(self) -> None:
+        """Refuse remaps that make the node hear itself."""
+        for name in ('wrench', 'wrench_external'):
+            if self._raw_topic == self.resolve_topic_name(name):
+                raise SettingsError(
+                    f'wrench_raw and {name} are both {self._raw_topic}: the node would hear '
+                    f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
+                )
+
+    def _on_wrench(self, data: bytes) -> None:
+        """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""
+        counts = self.counts
+        try:
+            layout = locate(data, WRENCH_DOUBLES)
+        except RecordingError:
+            counts.malformed += 1
+            return
+        try:
+            stamp_ns, raw = layout.decode(data)
+            if not math.hypot(*raw) < LARGEST:  # one comparison for six numbers; false for NaN
+                counts.drop(max(raw, key=abs) if all(map(math.isfinite, raw)) else math.nan)
+                return
+            stamp_ns = stamp_ns or self.now_ns()
+            corrected = self.compensator.correct(stamp_ns, raw)
+            if not self.silent:
+                self._output.publish(layout.encode(data, corrected))
+                counts.published += 1
+            counts.wrenches += 1
+            self._newest = stamp_ns, raw, data
+            for part in self._listeners:
+                self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
+        except Exception as error:  # the next wrench goes on
+            self._note_fault(error)
+
+    def _note_fault(self, error: Exception) -> None:
+        """Count a wrench that was lost by a fault of this program; log a new fault once."""
+        fault = f'{type(error).__name__}: {error}'
+        if fault != self.counts.fault:
+            self.log.error('A wrench was lost:\n' + ''.join(traceback.format_exception(error)))
+        self.counts.failed, self.counts.fault = self.counts.failed + 1, fault
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing is published, because a model or the first temperature is missing."""
+        return self._silent and not self.compensator.compensating
+
+    def newest(self) -> Newest | None:
+        """Give the newest raw wrench."""
+        return self._newest
+
+    def hardware_id(self) -> str:
+        """Give the sensor's frame; empty before the first wrench."""
+        data = self._newest and self._newest[2]
+        return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
+
+    def _follow_uncalibrated(self, parameters: Sequence[Any]) -> None:
+        """Publish without a model, or not, as the parameter now says."""
+        for parameter in parameters:
+            if parameter.name == 'uncalibrated':
+                self._silent = parameter.value == 'silent'
+
+    def _swap(self, model: DriftModel | None) -> None:
+        """Give a model to the stream; the old one stays when this raises."""
+        self.compensator.go_live(model, self._newest and self._newest[:2])
+
+    def sensor(self) -> SensorNames:
+        """Give the names of the sensor."""
+        names = {
+            'hardware_id': [self.get_parameter('hardware_id').value],
+            'frame_id': [self.hardware_id()],
+            'wrench_topic': [self._raw_topic],
+            'temperature_topics': [
+                topic + source.entry.removeprefix(source.topic)
+                for topic, source in zip(self._topics, self._sources, strict=True)
+            ],
+        }
+        return {fact: answers for fact, answers in names.items() if any(answers)}
+
+    def _full_topics(self, chosen: dict[str, Any]) -> Topics:
+        """Collect the full names of topics, for a job."""
+        sensor = self.sensor()
+        temperatures, (wrench,) = tuple(sensor['temperature_topics']), sensor['wrench_topic']
+        reference, source = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
+        imu = self.resolve_topic_name('imu') if source == 'imu' else ''
+        frame = chosen['gravity.frame'] if source == 'tf' else ''
+        frames = self.specific_force.frames()
+        return Topics(wrench, temperatures, reference, imu, frame, *frames)
+
+
+#: What --help says before topics, services and parameters.
+_ABOUT = """\
+Removes the temperature drift of a wrist force/torque sensor beside any driver:
+
+  compensator --ros-args -r wrench_raw:=/driver/wrench \\
+    -p 'temperature_topics:=["/driver/temperature", "/driver/state:data[3]:K"]'
+
+Without a model wrenches pass as they are: record a warm-up with ~/record, then
+call ~/calibrate. docs/tutorial.md of the package goes through it, and
+wrist_ft_comp --help shows what works on files.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until a signal ends it; returns the exit code."""
+    ends = ('topics (-r FROM:=TO):', TOPICS), ('services:', SERVICES)
+    explain = partial(usage, 'compensator', _ABOUT, PARAMETERS, *ends)
+    return run_node(CompensatorNode, argv, explain)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
