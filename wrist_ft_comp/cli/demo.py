@@ -32,8 +32,6 @@ _DOMAINS = range(60, 101)
 _END_TIMEOUT_S = 10.0
 #: The sensor is given up where it is silent for this time, s.
 _SILENCE_S = 30.0
-#: Temperatures per second of a thermometer: as many as a real one sends.
-_TEMPERATURE_RATE_HZ = 100.0
 #: From the end of the first day to the beginning of the second, s.
 _NIGHT_S = 36_000
 #: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
@@ -183,7 +181,7 @@ def _play(arguments: argparse.Namespace, folder: Path) -> str:
             begin_s = stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0
             parameters = {'run': number, 'start_stamp_s': begin_s, **_sensor(arguments, day)}
             # The node is started anew on the second day, and takes the model by itself.
-            with _process('compensator', {**node, **learns}, log) as compensator:
+            with _process('compensator_node', {**node, **learns}, log) as compensator:
                 name = operator.find()
                 watch = Watch(operator, name)
                 ask(operator, name, 'record', watch)
@@ -201,7 +199,7 @@ def _sensor(arguments: argparse.Namespace, day: _Day) -> dict[str, object]:
     starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
     return {
         'seed': arguments.seed, 'speed': arguments.speed, 'wrench_rate': 500.0,
-        'temperature_rate': min(arguments.speed, _TEMPERATURE_RATE_HZ),
+        'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
         'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
         'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
     }  # fmt: skip
