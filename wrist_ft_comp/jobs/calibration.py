@@ -19,7 +19,7 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.learning_job import answer_learning, keep_payloads
 from wrist_ft_comp.jobs.process import serve
 from wrist_ft_comp.jobs.request import CalibrationJob, Minute
-from wrist_ft_comp.payload.learnt import payload_line
+from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame

@@ -15,7 +15,7 @@ from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recording import Recorder
 from wrist_ft_comp.node.specific_force import Gravity
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
-from wrist_ft_comp.payload.motion import MotionCollector
+from wrist_ft_comp.payload.motion_collector import MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.node_log import doubtful, Growth, NodeLog, Status

@@ -14,11 +14,18 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import fit_norm
-from wrist_ft_comp.payload.directions import turning_speed
-from wrist_ft_comp.payload.gains import bodies_of, Cells, COUNTS, FASTEST, Fit, with_new_noise
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.states import fit_again
+from wrist_ft_comp.payload.payload_states import fit_again
+from wrist_ft_comp.payload.specific_force_motion import turning_speed
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight_gains import (
+    bodies_of,
+    Cells,
+    COUNTS,
+    FASTEST,
+    Fit,
+    with_new_noise,
+)
 from wrist_ft_comp.signals import AXES, FloatArray, FORCE_CHANNELS, GRAVITY
 
 #: Numbers in a cell: wrench less drift, specific force, and speed of rotation.
