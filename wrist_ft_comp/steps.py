@@ -168,11 +168,7 @@ def _explain(
         float(np.sum((left - explained) ** 2)) for explained, _ in (with_heat, with_step)
     )
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
-    # Behind a contact, heat that is not needed takes a share of the jump.
-    alone = step.T @ left / np.sum(step**2)
-    needed = len(t) * np.log(np.sum((left - step @ alone) ** 2) / max(least, 1e-9))
-    jump = with_step[1] if needed > _LEAST_EVIDENCE else alone[0]
-    certain = evidence > _LEAST_EVIDENCE
+    jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
     size, smallest = np.linalg.norm(jump), _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA
     if evidence < _HIDDEN_EVIDENCE or size < smallest:
         return None

@@ -6,7 +6,7 @@ weights are fitted by turns, while the width of the weight falls to WIDTH. Anoth
 where it explains more of blocks that it was not fitted to.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -55,8 +55,6 @@ _SAME_GAINS_SHARE = 0.03
 _SEARCHED_S = 36000.0
 #: To follow sudden heat, a block is cut into up to this number of parts, of 75 s.
 _MOST_PARTS = 4
-#: Parts of a block whose medians are tried as its level, because a contact does not fill them all.
-_MEDIAN_WINDOWS = 8
 #: Quantiles of weight by which a state is split in two.
 _SPLITS = (0.3, 0.5, 0.7)
 
@@ -105,7 +103,7 @@ def _settle(cells: Cells, fit: Fit, width: float, rounds: int) -> Fit:
     for number in range(rounds + _MORE_ROUNDS):
         before = fit.gains
         fit = with_new_noise(cells, fit)
-        starts = _many_levels(cells, fit, width) if number % 4 == 0 else ()
+        starts = _levels_by_state(cells, fit) if number % 4 == 0 else ()
         fit = _assign(cells, fit, width, [_present_levels(cells, fit), *starts], 4)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
         width = max(WIDTH, _NARROWING * width)
@@ -155,30 +153,6 @@ def _levels_by_state(cells: Cells, fit: Fit) -> list[FloatArray]:
     """Fit levels, in units of the noise, once per state, as if all cells were in that state."""
     weights = cells.usable.astype(float)
     return [fitted_levels(residual, weights, cells.powers) for residual in _residuals(cells, fit)]
-
-
-def _many_levels(cells: Cells, fit: Fit, width: float) -> Iterator[FloatArray]:
-    """Fit levels as if all cells were in one state, and from medians over parts of the blocks."""
-    yield from _levels_by_state(cells, fit)
-    residuals = _residuals(cells, fit)
-    for residual in residuals:
-        measured = np.where(cells.usable[..., None], residual, np.nan)
-        for window in np.array_split(measured, _MEDIAN_WINDOWS, axis=1):
-            level = medians(window)[:, None]
-            states, weights = _assign_cells(residuals, cells.usable, level, 4 * width)
-            yield fitted_levels(of_state(residuals, states), weights, cells.powers)
-
-
-def medians(values: FloatArray) -> FloatArray:
-    """
-    Compute the medians, (n, A), of finite values, (n, B, A); 0 where none is finite.
-
-    That is numpy's nanmedian, but quicker. A cell is NaN in all axes or in none.
-    """
-    count = np.isfinite(values[..., 0]).sum(axis=1)
-    block, values = np.arange(len(values)), np.sort(values, axis=1)
-    middle = values[block, np.maximum(count - 1, 0) // 2] + values[block, count // 2]
-    return np.asarray(np.where(count[:, None] > 0, middle / 2, 0.0))
 
 
 def _residuals(cells: Cells, fit: Fit) -> list[FloatArray]:
