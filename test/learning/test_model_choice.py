@@ -169,8 +169,8 @@ def test_the_drift_left_is_that_of_evaluate(separated, good):
     figures = judge_errors([tared_errors(good, day.recording, 'payload')])
     before = np.array([axis.rms_before for axis in figures.values()])
     after = np.array([axis.rms_after for axis in figures.values()])
-    np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.02)
-    np.testing.assert_allclose(left(simulate_drift(good, day.drift), day), after, rtol=0.02)
+    np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.03)
+    np.testing.assert_allclose(left(simulate_drift(good, day.drift), day), after, rtol=0.03)
 
 
 def test_the_newer_half_is_always_learnt_from():

@@ -120,7 +120,7 @@ class TestDrift:
         kept = np.isfinite(separate([day]).drift[0].wrench[:, 0])
         moving = day.rotation_speed > 0.5
         assert kept[touched].mean() < 0.02
-        assert kept[~touched & ~moving].mean() > 0.9
+        assert kept[~touched & ~moving].mean() > 0.88
         assert not kept[moving].any()
 
     def test_a_tare_of_the_driver_is_found_and_taken_out(self, make_working_day):
@@ -130,7 +130,7 @@ class TestDrift:
         drift = found.drift[0].wrench - found.drift[0].reference
         left = drift - (tared.wrench - without_drift(tared))
         before, after = np.nanmean(left[:907], axis=0), np.nanmean(left[907:], axis=0)
-        np.testing.assert_allclose(before, after, atol=0.2)
+        np.testing.assert_allclose(before, after, atol=0.25)
 
     def test_a_press_before_a_tare_that_looks_like_its_end_does_not_hide_it(self, plain):
         day, n = plain[0], np.arange(len(plain[0]))

@@ -9,10 +9,8 @@ where it explains more of blocks that it was not fitted to.
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, LIGHTEST_KG, MISFIT
 from wrist_ft_comp.payload.weight_gains import (
@@ -22,8 +20,6 @@ from wrist_ft_comp.payload.weight_gains import (
     contrast,
     Fit,
     fitted_levels,
-    in_dense_blocks,
-    LEAST_CELLS_IN_BLOCK,
     of_state,
     payload_wrench,
     solve,
@@ -53,8 +49,6 @@ _LEAST_GAIN = 0.06
 _SAME_GAINS_SHARE = 0.03
 #: Payloads are searched for in this time, s, which shows as much as a month does.
 _SEARCHED_S = 36000.0
-#: To follow sudden heat, a block is cut into up to this number of parts, of 75 s.
-_MOST_PARTS = 4
 #: Quantiles of weight by which a state is split in two.
 _SPLITS = (0.3, 0.5, 0.7)
 
@@ -111,28 +105,6 @@ def _settle(cells: Cells, fit: Fit, width: float, rounds: int) -> Fit:
         if number + 1 >= rounds and moved < _SETTLED_SHARE * np.abs(fit.gains).max():
             break
     return with_new_noise(cells, fit)
-
-
-def follow_closely(cells: Cells, fit: Fit) -> Fit:
-    """Assign states and weights again along shorter parabolas, so that heat is no contact."""
-    count, length = cells.usable.shape
-    parts = next(
-        parts
-        for parts in range(_MOST_PARTS, 0, -1)
-        if parts == 1 or (length % parts == 0 and length // parts >= LEAST_CELLS_IN_BLOCK)
-    )
-
-    def cut(values: NDArray[Any]) -> NDArray[Any]:
-        return values.reshape(count * parts, length // parts, *values.shape[2:])
-
-    usable = in_dense_blocks(cut(cells.usable))
-    residuals = [cut(residual) for residual in _residuals(cells, fit)]
-    states, weights = _assign_cells(residuals, usable, cut(fit.levels / fit.noise), 4 * WIDTH)
-    for width in (2 * WIDTH, WIDTH, WIDTH):
-        levels = fitted_levels(of_state(residuals, states), weights)
-        states, weights = _assign_cells(residuals, usable, levels, width)
-    shape = count, length
-    return replace(fit, states=states.reshape(shape), weights=weights.reshape(shape))
 
 
 def _assigned_anywhere(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:

@@ -22,7 +22,7 @@ import numpy as np
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
-from wrist_ft_comp.payload.payload_states import find_states, fit_again, follow_closely
+from wrist_ft_comp.payload.payload_states import find_states, fit_again
 from wrist_ft_comp.payload.weight_gains import (
     axes_of,
     BLOCK_S,
@@ -181,8 +181,7 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
             for name in ('states', 'weights', 'levels')
         }
         fit = fit_again(cells, replace(fit, **recut))
-        close = follow_closely(cells, fit) if known_drift is None else fit
-        states, counts = cells.join(close.states), cells.join(close.weights > COUNTS)
+        states, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
         # All steps are judged anew, by the contacts that are known by now.
         steps = [
             find_steps(wrench - force @ fit.gains, state, count, fit.noise, recording.period_s)
@@ -203,7 +202,7 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
         free = _with_wrench(free, np.where(counts[n][:, None], wrench, np.nan), axes)
         free.reference[:, axes] = of_state(forces[n] @ fit.gains, states[n])
         drifts.append(replace(free, steps=tuple(step.cell for step in steps[n])))
-    return Separation(start.recordings, drifts, accelerometer, cells, close, steps)
+    return Separation(start.recordings, drifts, accelerometer, cells, fit, steps)
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:

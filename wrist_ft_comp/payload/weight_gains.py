@@ -150,7 +150,8 @@ def cut(
         usables.append(usable)
     parts = wrenches, usable_forces, usables
     wrench, force, usable = (_cut(part, pieces, length) for part in parts)
-    return Cells(wrench, force, in_dense_blocks(usable), pieces)
+    dense = usable.mean(axis=1, keepdims=True) >= LEAST_USABLE_SHARE
+    return Cells(wrench, force, usable & dense, pieces)
 
 
 def _cut(
@@ -161,11 +162,6 @@ def _cut(
         np.split(part, np.cumsum(sizes)[:-1]) for part, sizes in zip(parts, pieces, strict=True)
     )
     return np.concatenate([blocks(piece, length) for piece in cuts])
-
-
-def in_dense_blocks(usable: BoolArray) -> BoolArray:
-    """Mark the usable cells of blocks that have enough of them, shape (n, B)."""
-    return np.asarray(usable & (usable.mean(axis=1, keepdims=True) >= LEAST_USABLE_SHARE))
 
 
 def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> FloatArray:
