@@ -107,6 +107,36 @@ def test_blocks_end_at_steps_and_are_joined_again(plain):
     assert blocked[:5, 0].tolist() == [0, 20, 320, 620, 907]
 
 
+def test_cells_of_ten_seconds_give_the_same_payloads_and_steps(make_working_day):
+    found, turned = [], 0.1 * np.arange(2400)
+    slow = np.stack((np.sin(turned), np.sin(3 * turned) / 3, np.cos(turned)), axis=1)
+    for length in (1, 10):
+        day = make_working_day(0, 7200, tare_at=3605, poses=slow)
+
+        def means(values, length=length):
+            return values.reshape(-1, length, *values.shape[1:]).mean(axis=1)
+
+        separation = separate(
+            [
+                replace(
+                    day,
+                    period_ns=length * day.period_ns,
+                    temperature_c=means(day.temperature_c),
+                    measured=day.measured[::length],
+                    wrench=means(day.wrench),
+                    reference=means(day.reference),
+                    specific_force=means(day.specific_force),
+                    rotation_speed=np.sqrt(means(day.rotation_speed**2)),
+                )
+            ]
+        )
+        ((step,),) = separation.steps
+        found.append((*separation.bodies().mass_kg, step.cell * length))
+    np.testing.assert_allclose(np.sort(found[0][:-1]), MASSES, rtol=0.01)
+    np.testing.assert_allclose(np.sort(found[1][:-1]), MASSES, rtol=0.02)
+    assert abs(found[0][-1] - found[1][-1]) <= 10
+
+
 class TestDrift:
     def test_drift_is_learnt_beside_weight_and_contacts(self, learnt):
         for axis in ('force_x', 'force_z', 'torque_y'):
