@@ -30,12 +30,8 @@ from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray
 
 #: Width of the robust weight in the last rounds, in standard deviations of an axis.
 WIDTH = 4.0
-#: Width of the robust weight in the first round, in the same unit.
-_FIRST_WIDTH = 40.0
-#: Width of a round, as a share of the width of the round before.
-_NARROWING = 0.6
-#: Rounds of a fit that begins with the first width. The last five are of the last width.
-_ROUNDS = 10
+#: Widths of a fit's rounds, in the same unit, where nothing is known before.
+_NARROWING = (40.0, 24.0, 14.0, 9.0, 5.0, WIDTH, WIDTH, WIDTH, WIDTH, WIDTH)
 #: Up to this number of rounds follow: cells of 10 s, half of which hold contact or motion, settle
 #: slowly. Without, drift is separated as well, but masses were off by 1.5 % instead of 0.8 % ...
 _MORE_ROUNDS = 4
@@ -77,34 +73,35 @@ def find_states(cells: Cells) -> Fit:
         if gained < _LEAST_GAIN or _two_are_alike(more.gains) or pressed:
             break
         fit = more
-    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), _FIRST_WIDTH, _ROUNDS)
+    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), _NARROWING)
 
 
-def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = _ROUNDS) -> Fit:
+def _fit_states(
+    cells: Cells, states: IntArray, count: int, widths: Sequence[float] = _NARROWING
+) -> Fit:
     """Fit ``count`` states by turns, from states to start with."""
     weights = cells.usable.astype(float)
     gains = solve(cells, states, weights, count)
     fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
     fit = replace(fit, levels=_present_levels(cells, fit) * fit.noise)
-    return _settle(cells, fit, _FIRST_WIDTH, rounds)
+    return _settle(cells, fit, widths)
 
 
 def fit_again(cells: Cells, fit: Fit) -> Fit:
     """Fit again to cells that have changed a little; the fit before is nearly right."""
-    return _settle(cells, fit, WIDTH, 4)
+    return _settle(cells, fit, _NARROWING[-4:])
 
 
-def _settle(cells: Cells, fit: Fit, width: float, rounds: int) -> Fit:
-    """Fit states, weights, levels and gains by turns; contacts lose their weights."""
-    for number in range(rounds + _MORE_ROUNDS):
+def _settle(cells: Cells, fit: Fit, widths: Sequence[float]) -> Fit:
+    """Fit states, weights, levels and gains by turns, once with each width of the weight."""
+    for number, width in enumerate((*widths, *[WIDTH] * _MORE_ROUNDS), 1):
         before = fit.gains
         fit = with_new_noise(cells, fit)
-        starts = _levels_by_state(cells, fit) if number % 4 == 0 else ()
+        starts = _levels_by_state(cells, fit) if number % 4 == 1 else ()
         fit = _assign(cells, fit, width, [_present_levels(cells, fit), *starts], 4)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
-        width = max(WIDTH, _NARROWING * width)
         moved = np.abs(fit.gains - before).max()
-        if number + 1 >= rounds and moved < _SETTLED_SHARE * np.abs(fit.gains).max():
+        if number >= len(widths) and moved < _SETTLED_SHARE * np.abs(fit.gains).max():
             break
     return with_new_noise(cells, fit)
 
@@ -175,7 +172,9 @@ def _cost(weights: FloatArray, usable: BoolArray) -> FloatArray:
 def _one_more(cells: Cells, fit: Fit) -> Fit | None:
     """Fit another state, from the split that explains most; None where no state can be split."""
     count = len(fit.gains) + 1
-    candidates = [_fit_states(cells, start, count, rounds=6) for start in _splits(cells, fit)]
+    candidates = [
+        _fit_states(cells, start, count, _NARROWING[:6]) for start in _splits(cells, fit)
+    ]
     if not candidates:
         return None
     noise = np.min([candidate.noise for candidate in candidates], axis=0)
