@@ -37,13 +37,15 @@ from wrist_ft_comp.payload.weight_gains import (
     LONG_BLOCK_S,
     of_state,
 )
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 from wrist_ft_comp.steps import find_steps, Step
 
 #: Fewest cells with both wrench and specific force: those of four blocks.
 _LEAST_CELLS = 4 * LEAST_CELLS_IN_BLOCK
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 10.0
+#: Time on either side of a step from which what is left of it is estimated, s.
+_NEAR_S = 90.0
 #: Most rounds in which steps and contacts are found by turns.
 _MOST_ROUNDS = 5
 #: A shorter recording, s, does not show which changes are slow.
@@ -196,13 +198,31 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
         unsure = cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
+        weight = of_state(forces[n] @ fit.gains, states[n])
         wrench = _without_steps(recording.wrench[:, axes], steps[n])
+        residual, near = wrenches[n] - weight, cells_in(_NEAR_S, recording.period_s)
+        residual = _without_steps(residual, steps[n])
+        for step in steps[n]:
+            remaining = _remaining_step(residual, counts[n], step.cell, near)
+            residual[step.cell :] -= remaining
+            wrench[step.cell :] -= remaining
         empty = np.full_like(recording.wrench, np.nan)
         free = replace(recording, wrench=empty, reference=empty.copy())
         free = _with_wrench(free, np.where(counts[n][:, None], wrench, np.nan), axes)
-        free.reference[:, axes] = of_state(forces[n] @ fit.gains, states[n])
+        free.reference[:, axes] = weight
         drifts.append(replace(free, steps=tuple(step.cell for step in steps[n])))
     return Separation(start.recordings, drifts, accelerometer, cells, fit, steps)
+
+
+def _remaining_step(drift: FloatArray, counts: BoolArray, cell: int, near: int) -> FloatArray:
+    """Estimate what is left of a step, (A,), from all cells near it that count, and a parabola."""
+    rows = np.arange(max(0, cell - near), min(len(drift), cell + near))
+    rows = rows[counts[rows]]
+    share = (rows - cell) / near
+    x = np.stack((np.ones(len(rows)), share, share**2, 1.0 * (rows >= cell)), axis=1)
+    if np.linalg.matrix_rank(x) < x.shape[1]:
+        return np.zeros(drift.shape[1])
+    return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][3])
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
