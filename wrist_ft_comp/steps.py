@@ -15,28 +15,30 @@ from wrist_ft_comp.robust import robust_cost, robust_weight
 from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
 
 #: A step is explained by the readings within this time before and after it, s: longer than a
-#: contact, short enough for a parabola to follow the drift.
+#: contact, short enough for a parabola to follow the drift ...
 _BESIDE_S = 120.0
+#: ... and at least by this number of readings on either side: half of what is fitted to an axis.
+_LEAST_BESIDE = 6
 #: Steps are at least this far apart, s.
 _APART_S = 60.0
 #: Smallest step, in standard deviations of a reading, over all axes.
 _SMALLEST_SIGMA = 15.0
-#: Time constants of sudden heat, s ...
-_HEAT_S = (10.0, 20.0, 40.0, 80.0, 160.0)
+#: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s ...
+_HEAT_S = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0)
 #: ... of which those below this many cells are left out: means over cells do not show them.
 _LEAST_HEAT_CELLS = 2.0
-#: A step and sudden heat may begin this far from where the reading seems to step, s.
+#: A step and sudden heat may begin this far from where the reading seems to step, s. The level
+#: before a step is the median of as long a time.
 _SEARCHED_S = 20.0
 #: A step is named where it is more likely than heat by the exponential of this: with n readings,
 #: n times the logarithm of the ratio of squares that heat and step leave.
 _LEAST_EVIDENCE = 18.0
 #: Where a long contact hides what happened, heat and step explain it alike. A jump of this size,
-#: in standard deviations over all axes, is taken for a step then, but not named.
-_HIDDEN_SIGMA = 40.0
+#: in standard deviations over all axes, is taken for a step then, but not named. With cells of
+#: 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that were none.
+_HIDDEN_SIGMA = 100.0
 #: Heat is likelier than a step below this evidence.
 _HIDDEN_EVIDENCE = -1.0
-#: With fewer readings, twice the time beside a step is looked at.
-_FEW_READINGS = 12
 #: A robust weight's width while a step is placed, in standard deviations of an axis.
 _WIDTH = 4.0
 
@@ -79,40 +81,51 @@ def find_steps(
 
     """
     rows = np.flatnonzero(counts)
+    if len(rows) < 2 * _LEAST_BESIDE:
+        return []
     values = readings[states[rows], rows] / noise
     time_s: FloatArray = np.asarray((rows + 0.5) * period_s, dtype=float)
     between_s = (time_s[1:] + time_s[:-1]) / 2
-    sizes = _line_jumps(time_s, values, between_s)
+    # A step before reading ``place`` is explained by readings from ``first`` to before ``last``.
+    places = np.arange(1, len(time_s))
+    first = np.minimum(np.searchsorted(time_s, time_s[:-1] - _BESIDE_S), places - _LEAST_BESIDE)
+    last = np.maximum(np.searchsorted(time_s, time_s[1:] + _BESIDE_S), places + _LEAST_BESIDE)
+    first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
+    sizes = _line_jumps(time_s, values, first, last)
     steps: list[Step] = []
-    while len(sizes) and sizes.max() > _SMALLEST_SIGMA:
-        place = int(sizes.argmax())
-        found = _explain(time_s, values, place, period_s)
+    while sizes.max() > _SMALLEST_SIGMA:
+        at = int(sizes.argmax())
+        near = slice(int(first[at]), int(last[at]))
+        found = _explain(time_s[near], values[near], at - near.start, period_s)
         # What a step leaves beside it is judged when it has been taken out.
         aside_s = _APART_S / 2 if found is None else _BESIDE_S
-        sizes[np.abs(between_s - between_s[place]) < aside_s] = 0.0
+        sizes[np.abs(between_s - between_s[at]) < aside_s] = 0.0
         if found is not None:
-            first, jump, level, certain = found
-            between = readings[:, rows[first - 1] + 1 : rows[first]] / noise
-            cell = int(rows[first - 1]) + 1 + place_step(between, level, level + jump)
+            after, jump, level, certain = found
+            after += near.start
+            # A short press before a step may look like the level after it, so look around, too.
+            around = round(_APART_S / 2 / period_s)
+            begin = max(int(rows[after - 1]) + 1 - around, 0)
+            beside = readings[:, begin : rows[after] + around] / noise
+            cell = begin + _place(beside, level, level + jump)
             steps.append(Step(cell, jump * noise, certain))
     return steps
 
 
-def _line_jumps(time_s: FloatArray, values: FloatArray, between_s: FloatArray) -> FloatArray:
+def _line_jumps(
+    time_s: FloatArray, values: FloatArray, first: IntArray, last: IntArray
+) -> FloatArray:
     """Size of the jumps, (n - 1,), between straight lines through the readings on both sides."""
     ends = []
-    places = np.arange(1, len(time_s))
+    axes, places = values.shape[1], np.arange(1, len(time_s))
+    between_s = (time_s[1:] + time_s[:-1]) / 2
     sums = np.cumsum(
         np.column_stack((0 * time_s + 1, time_s, time_s**2, values, time_s[:, None] * values)),
         axis=0)  # fmt: skip
     sums = np.concatenate((np.zeros((1, sums.shape[1])), sums))
-    axes = values.shape[1]
     usable = np.ones(len(places), dtype=bool)
-    for first, last in (
-        (np.searchsorted(time_s, between_s - _BESIDE_S), places),
-        (places, np.searchsorted(time_s, between_s + _BESIDE_S)),
-    ):
-        part = sums[last] - sums[first]
+    for begin, end in ((first, places), (places, last)):
+        part = sums[end] - sums[begin]
         count, mean_s = part[:, 0], part[:, 1] / np.maximum(part[:, 0], 1)
         spread = part[:, 2] - count * mean_s**2
         mean = part[:, 3 : 3 + axes] / np.maximum(count, 1)[:, None]
@@ -132,12 +145,9 @@ def _explain(
     Gives the first reading after the step, its jump and the level before it, in units of noise,
     and whether it is certain.
     """
-    middle_s = (time_s[place] + time_s[place + 1]) / 2
-    apart_s = np.abs(time_s - middle_s)
-    few = np.sum(apart_s < _BESIDE_S) < _FEW_READINGS
-    near = np.flatnonzero(apart_s < (2 * _BESIDE_S if few else _BESIDE_S))
-    t, y = time_s[near] - middle_s, values[near]
-    firsts = np.flatnonzero(np.abs(t) < _SEARCHED_S + (time_s[place + 1] - time_s[place]) / 2)
+    gap_s = time_s[place + 1] - time_s[place]
+    t = time_s - time_s[place] - gap_s / 2
+    firsts = np.flatnonzero(np.abs(t) < _SEARCHED_S + gap_s / 2)
     firsts = firsts[(firsts >= 2) & (firsts <= len(t) - 2)]
     if not len(firsts) or len(t) < 8:
         return None
@@ -149,7 +159,7 @@ def _explain(
     far_heats = _heats(t, np.concatenate((t[firsts[0]] - far_s, t[firsts[-1]] + far_s)), lags_s)
     parabola: FloatArray = np.asarray(np.linalg.qr(np.vander(t / _BESIDE_S, 3))[0], dtype=float)
     left, steps, near_heats, far_heats = (
-        _without(parabola, columns) for columns in (y, steps, near_heats, far_heats)
+        _without(parabola, columns) for columns in (values, steps, near_heats, far_heats)
     )
     first = _best(steps, left)
     step, heat = steps[:, [first]], near_heats[:, [_best(near_heats, left)]]
@@ -158,13 +168,13 @@ def _explain(
         float(np.sum((left - explained) ** 2)) for explained, _ in (with_heat, with_step)
     )
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
-    jump = with_step[1]
-    certain = evidence > _LEAST_EVIDENCE
+    jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
     size, smallest = np.linalg.norm(jump), _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA
     if evidence < _HIDDEN_EVIDENCE or size < smallest:
         return None
-    cell = int(firsts[first])
-    return int(near[cell]), jump, np.median(y[max(0, cell - 8) : cell], axis=0), bool(certain)
+    after = int(firsts[first])
+    before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _SEARCHED_S)
+    return after, jump, np.median(values[before], axis=0), bool(certain)
 
 
 def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) -> FloatArray:
@@ -196,7 +206,7 @@ def _best(kernels: FloatArray, left: FloatArray) -> int:
     return int(np.argmax(np.where(power > 1e-3, explained / np.maximum(power, 1e-3), 0.0)))
 
 
-def place_step(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
+def _place(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
     """
     Find the first cell after a step from one level to another, both (A,).
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.minute_of_motion import identify
-from wrist_ft_comp.payload.motion import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.motion_collector import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.simulation.work import (
@@ -129,7 +129,7 @@ def test_bias_and_scale_that_a_calibration_has_found_are_kept(everywhere):
 def test_cells_that_turn_fast_are_left_out(everywhere):
     fast = np.arange(100) < 30
     wrench = np.where(fast[:, None], 100.0, everywhere[:, :6])
-    found = identify(changed(everywhere, wrench=wrench, speed=0.6 * fast), CELL_S, LEVEL)
+    found = identify(changed(everywhere, wrench=wrench, speed=0.8 * fast), CELL_S, LEVEL)
     assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
     assert found.fast == pytest.approx(0.3)
 

@@ -10,8 +10,8 @@ from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import print_result, range_warnings, Result
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.at_work import learn_at_work
-from wrist_ft_comp.payload.external import external_correction
+from wrist_ft_comp.payload.external_offline import external_correction
+from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.recordings.recordings import (
     check_copy,
     EXTERNAL_TOPIC,

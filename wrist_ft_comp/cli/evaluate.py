@@ -12,9 +12,9 @@ from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.payload.at_work import learn_at_work
 from wrist_ft_comp.payload.doubts import follows_gravity
-from wrist_ft_comp.payload.learnt import LearntPayloads, same_payload
+from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learnt_payloads import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (

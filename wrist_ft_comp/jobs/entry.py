@@ -14,7 +14,7 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import model_values, run_job
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute
-from wrist_ft_comp.payload.learnt import payload_line
+from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame

@@ -8,13 +8,18 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.cross_validation import bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
-from wrist_ft_comp.payload.at_work import payloads_of
-from wrist_ft_comp.payload.gains import contrast, COUNTS, unexplained_contrast
-from wrist_ft_comp.payload.learnt import LearntPayloads
+from wrist_ft_comp.payload.learn_at_work import payloads_of
+from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.separation import separate, separate_again, Step
-from wrist_ft_comp.payload.slow_drift import slow_drift, SLOW_S
+from wrist_ft_comp.payload.separation import (
+    separate,
+    separate_again,
+    slow_drift,
+    SLOW_S,
+)
+from wrist_ft_comp.payload.weight_gains import contrast, COUNTS, unexplained_contrast
 from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, Recording
+from wrist_ft_comp.steps import Step
 from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Errors are judged as means over this time, s, which hold less noise; thermal drift is slower.
@@ -63,8 +68,7 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
         )
     separation = separate([recording])
     if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
-        drift = slow_drift(recording, separation.drift[0], separation.fit.noise)
-        separation = separate_again(separation, [drift])
+        separation = separate_again(separation, slow_drift(separation))
     cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
     doubts = bodies.doubts() if bodies else ['']
     # Gravity has to move enough in the sensor's frame to tell weight from drift.

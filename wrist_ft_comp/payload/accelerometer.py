@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.payload.directions import rotation_speed
+from wrist_ft_comp.payload.specific_force_motion import rotation_speed
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.robust import robust_weight
 from wrist_ft_comp.signals import (
@@ -25,16 +25,14 @@ _JUMP_SIGMA = 12.0
 _JUMPING_SHARE = 0.01
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
-#: A recording is in another unit than the newest one where its norm at rest differs by this share:
-#: no bias is as large.
-_OTHER_UNIT_SHARE = 0.1
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
 #: Expected change of the bias, m/s² per kelvin.
 _BIAS_PER_K = 0.01
 #: Expected error of the scale, relative.
 _SCALE = 0.03
-#: Samples whose norm differs from the median by this share are left out.
+#: No bias is as large as this share of gravity. Samples whose norm differs from the median by more
+#: are left out; a recording whose norm differs so from that of the newest one is in another unit.
 _OUTLIER_SHARE = 0.3
 #: Noise of a norm, m/s². It is far above that of an IMU, because errors of neighbouring samples
 #: are alike, and a recording would else seem to determine bias and scale exactly.
@@ -124,7 +122,7 @@ def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
     newest = next((norm for norm in reversed(usual) if norm > 0), np.nan)
     shares = [norm / newest for norm in usual]
     return [
-        force / share if abs(share - 1) > _OTHER_UNIT_SHARE and share > 0 else force
+        force / share if abs(share - 1) > _OUTLIER_SHARE and share > 0 else force
         for force, share in zip(forces, shares, strict=True)
     ]
 

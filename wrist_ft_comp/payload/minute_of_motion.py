@@ -14,17 +14,24 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import fit_norm
-from wrist_ft_comp.payload.directions import turning_speed
-from wrist_ft_comp.payload.gains import bodies_of, Cells, COUNTS, FASTEST, Fit, with_new_noise
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.states import fit_again
+from wrist_ft_comp.payload.payload_states import fit_again
+from wrist_ft_comp.payload.specific_force_motion import turning_speed
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight_gains import (
+    bodies_of,
+    Cells,
+    COUNTS,
+    FASTEST,
+    Fit,
+    with_new_noise,
+)
 from wrist_ft_comp.signals import AXES, FloatArray, FORCE_CHANNELS, GRAVITY
 
 #: Numbers in a cell: wrench less drift, specific force, and speed of rotation.
 CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1
-#: Fewest cells in which the tool turns slowly.
-_LEAST_CELLS = 40
+#: Shortest time in which the tool turns slowly, s.
+_LEAST_SLOW_S = 10.0
 #: Least share of these cells that has to be free of contact.
 _LEAST_FREE = 0.4
 #: Larger numbers are no wrench and no acceleration, N, N m and m/s².
@@ -86,11 +93,11 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     by_force = turning_speed(finite_force, period_s)[: len(finite_force)]
     speed = np.where(np.isnan(speed), by_force, speed)
     slow = finite & (np.linalg.norm(finite_force, axis=1) > _LEAST_NORM) & (speed < FASTEST)
-    if slow.sum() < _LEAST_CELLS:
+    if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
             f'only, as far as wrench and gravity were felt; at least '
-            f'{_LEAST_CELLS * period_s:.0f} s are needed. Move more slowly, or rest in every '
+            f'{_LEAST_SLOW_S:.0f} s are needed. Move more slowly, or rest in every '
             'pose, and look whether the specific force is about 9.8 m/s² at rest.'
         )
     wrench, force = wrench[slow], force[slow]

@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recordings.bag import Bag, Connection
 from wrist_ft_comp.recordings.bag_recording import temperatures_inside
 from wrist_ft_comp.signals import (

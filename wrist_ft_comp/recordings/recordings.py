@@ -12,7 +12,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import OutputError, RecordingError
-from wrist_ft_comp.payload.directions import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import (

@@ -10,7 +10,7 @@ from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.fit.segments import segment
-from wrist_ft_comp.payload.at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.signals import AXES, FloatArray, Recording, Reference, require_recordings
 from wrist_ft_comp.stream.offline import simulate_drift, tare_at_start

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.payload.doubts import doubts
-from wrist_ft_comp.payload.learnt import LearntPayloads
+from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation
 from wrist_ft_comp.signals import Recording
@@ -52,13 +52,13 @@ def learn_at_work(
     else:
         separation = separate(moved)
     bodies = separation.bodies()
-    sentences, certain = doubts(separation, bodies)
+    objections = doubts(separation, bodies)
     separated = iter(separation.drift)
     return AtWork(
         [_constant(r) if r.specific_force is None else next(separated) for r in recordings],
         separation,
-        payloads_of(separation, bodies) if bodies and certain else None,
-        (*warnings, *sentences),
+        payloads_of(separation, bodies) if bodies and not objections else None,
+        (*warnings, *objections),
     )
 
 

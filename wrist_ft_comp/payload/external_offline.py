@@ -3,8 +3,8 @@
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
-from wrist_ft_comp.payload.gains import axes_of
 from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.payload.weight_gains import axes_of
 from wrist_ft_comp.signals import (
     AXES,
     Correction,

@@ -1,10 +1,10 @@
 """
-Blocks of thermal cells, and gains of specific force beside any slow drift, for given states.
+Gains of specific force beside any slow drift, for given payload states, in blocks of cells.
 
 A recording's raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, with the gains a_k (A, 3)
-of payload state k. One parabola per block stands for o and c together, so that neither
+of payload state k. One parabola per block, its level, stands for o and c together, so that neither
 temperatures nor tares have to be understood before the payloads are. What remains are differences
-between poses, which only payloads and contacts make. ``states`` finds the state of every cell.
+between poses, which only payloads and contacts make. ``payload_states`` finds every cell's state.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erfinv, gammaincinv
 
-from wrist_ft_comp.payload.directions import rotation_speed
 from wrist_ft_comp.payload.mass_and_center import blocks, information, rigid_bodies, RigidBodies
+from wrist_ft_comp.payload.specific_force_motion import rotation_speed
 from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording
 
 #: Length of a block, s, in which a parabola follows the drift.
@@ -25,32 +26,36 @@ BLOCK_S = 300.0
 #: Length of a block, s, where the drift is roughly known already. A parabola of 300 s would follow
 #: a press of two minutes, too.
 LONG_BLOCK_S = 900.0
-#: Coefficients of the polynomial that is the level of a block: three, because a parabola follows
-#: the drift.
+#: Coefficients of the polynomial that is the level of a block: a parabola.
 POWERS = 3
-#: Cells that turn faster, rad/s, are left out: the payload's ω×(ω×c) is not measured.
-FASTEST = 0.5
+#: Ten cells for each coefficient: along 10 cells, a parabola fits cells in contact as well as free
+#: ones. Blocks are longer for that where cells are longer than 10 s.
+LEAST_CELLS_IN_BLOCK = 10 * POWERS
+#: Cells that turn faster, rad/s, are left out: the payload's ω×(ω×c) is not measured. It is 0.1 N
+#: here at 2 kg and 0.1 m. At 0.5 too few cells of 10 s remain; at 1.0 as much drift is left.
+FASTEST = 0.7
 #: A cell whose robust weight is larger is free of contact, and counts for the drift.
 COUNTS = 0.5
-#: Fewest cells in a block.
-_LEAST_CELLS_IN_BLOCK = 30
-#: A block with a smaller share of usable cells is left out: one contact would look like its level.
-_LEAST_USABLE_SHARE = 0.2
+#: A stretch with a smaller share of usable cells is left out: one contact would look like its
+#: level.
+LEAST_USABLE_SHARE = 0.2
+#: This share of the cells, the quietest ones, are taken to be free of contact. With contacts in
+#: 15 % of the time, half of the cells of 10 s are free; a share of 0.3 took contact for noise.
+_QUIET_SHARE = 0.2
+#: The noise of cells is at most this many times the noise of differences between neighbours: what
+#: is larger is contact, or a specific force that is not the sensor's.
+_MOST_NOISE_RATIO = 4.0
 #: Least noise, as a share of the wrench's RMS. Without it, an axis without noise would decide all.
 _LEAST_NOISE_SHARE = 1e-4
 #: Ridge on the gains, m/s²: smaller changes of the specific force do not determine a gain.
 _RIDGE = 0.001
 #: Differences between poses need an explanation from this many standard deviations on.
 _SIGNIFICANT_SIGMA = 10.0
-#: The quietest cells are taken to be free of contact; this is their share.
-_QUIET_SHARE = 0.3
-#: RMS per axis of six standard normal variables, at the quantile _QUIET_SHARE.
-_QUIET_NORM = 0.80
-#: Size of the difference of two standard normal variables, at the quantile _QUIET_SHARE.
-_QUIET_DIFFERENCE = 0.545
-#: The noise of cells is at most this many times the noise of differences between neighbours: what
-#: is larger is contact.
-_MOST_NOISE_RATIO = 4.0
+
+
+def cells_in(duration_s: float, period_s: float) -> int:
+    """Count the thermal cells in a duration, at least one; all windows here are in seconds."""
+    return max(1, round(duration_s / period_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +134,7 @@ def cut(
 
     Specific forces, (N, 3) per recording, are those of the calibrated accelerometer.
     """
-    length = max(_LEAST_CELLS_IN_BLOCK, round(block_s / recordings[0].period_s))
+    length = max(LEAST_CELLS_IN_BLOCK, cells_in(block_s, recordings[0].period_s))
     pieces = [
         np.diff([0, *sorted(cells), len(recording)]).tolist()
         for recording, cells in zip(recordings, ends or [()] * len(recordings), strict=True)
@@ -145,7 +150,8 @@ def cut(
         usables.append(usable)
     parts = wrenches, usable_forces, usables
     wrench, force, usable = (_cut(part, pieces, length) for part in parts)
-    return Cells(wrench, force, in_dense_blocks(usable), pieces)
+    dense = usable.mean(axis=1, keepdims=True) >= LEAST_USABLE_SHARE
+    return Cells(wrench, force, usable & dense, pieces)
 
 
 def _cut(
@@ -158,57 +164,46 @@ def _cut(
     return np.concatenate([blocks(piece, length) for piece in cuts])
 
 
-def in_dense_blocks(usable: BoolArray) -> BoolArray:
-    """Mark the usable cells of blocks that have enough of them, shape (n, B)."""
-    return np.asarray(usable & (usable.mean(axis=1, keepdims=True) >= _LEAST_USABLE_SHARE))
-
-
 def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> FloatArray:
     """Fit the gains, (K, 3, A), of ``count`` states to weighted cells, levels eliminated."""
     size = 3 * count
-    z = np.concatenate((_by_state(cells, states, count), cells.wrench), axis=2)
-    normal = _eliminated(z, weights, cells.powers)
-    gram = normal[:size, :size]
+    columns = np.concatenate((_by_state(cells, states, count), cells.wrench), axis=2)
+    weighted = weights[..., None] * columns
+    phi, inner = _level_equations(weights, cells.powers)
+    crossed = phi.T @ weighted
+    # Products of the columns over all blocks, less what the levels explain of them.
+    normal = np.einsum('nbi,nbj->ij', weighted, columns, optimize=True)
+    normal -= np.einsum('npi,npj->ij', crossed, np.linalg.solve(inner, crossed))
     ridge = (_RIDGE**2 * weights.sum() + 1e-30) * np.eye(size)
-    return np.linalg.solve(gram + ridge, normal[:size, size:]).reshape(count, 3, cells.axes)
+    gains = np.linalg.solve(normal[:size, :size] + ridge, normal[:size, size:])
+    return gains.reshape(count, 3, cells.axes)
 
 
 def _by_state(cells: Cells, states: IntArray, count: int) -> FloatArray:
-    """Put specific force into the three columns of its cell's state, (n, B, 3K); others are 0."""
+    """Put every cell's specific force in the three columns of its state, (n, B, 3K)."""
     chosen = (states[..., None] == np.arange(count))[..., None] * cells.force[:, :, None]
     return np.asarray(chosen.reshape(*states.shape, 3 * count))
 
 
+def fitted_levels(values: FloatArray, weights: FloatArray, powers: int = POWERS) -> FloatArray:
+    """Fit the levels of blocks, polynomials of P powers, to weighted values; both (n, B, A)."""
+    phi, inner = _level_equations(weights, powers)
+    return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
+
+
+def _level_equations(weights: FloatArray, powers: int) -> tuple[FloatArray, FloatArray]:
+    """Compute the polynomials of a level, (B, P), and their weighted products, (n, P, P)."""
+    phi, products = _polynomials(weights.shape[1], powers)
+    inner = (weights @ products).reshape(-1, powers, powers)
+    return phi, inner + 1e-8 * np.eye(powers)  # a block without weights has a level of 0
+
+
 @lru_cache(maxsize=8)
-def _parabolas(cells: int, powers: int) -> tuple[FloatArray, FloatArray]:
+def _polynomials(cells: int, powers: int) -> tuple[FloatArray, FloatArray]:
     """Compute the Legendre polynomials of a block, (B, P), and their products, (B, P²)."""
     share = (np.arange(cells) + 0.5) / cells * 2 - 1
     phi = np.asarray(np.polynomial.legendre.legvander(share, powers - 1), dtype=float)
     return phi, (phi[:, :, None] * phi[:, None]).reshape(cells, -1)
-
-
-def _normal(weights: FloatArray, powers: int) -> FloatArray:
-    """Sum the weighted products of the polynomials over every block, (n, P, P)."""
-    _, products = _parabolas(weights.shape[1], powers)
-    return np.asarray((weights @ products).reshape(-1, powers, powers))
-
-
-def _eliminated(z: FloatArray, weights: FloatArray, powers: int) -> FloatArray:
-    """Sum the weighted products of columns over all blocks, levels eliminated in each."""
-    phi, _ = _parabolas(z.shape[1], powers)
-    weighted = weights[..., None] * z
-    crossed = phi.T @ weighted
-    inner = _normal(weights, powers) + 1e-9 * np.eye(powers)
-    products = np.einsum('nbi,nbj->ij', weighted, z, optimize=True)
-    by_parabolas = np.einsum('npi,npj->ij', crossed, np.linalg.solve(inner, crossed))
-    return np.asarray(products - by_parabolas)
-
-
-def fitted_levels(values: FloatArray, weights: FloatArray, powers: int = POWERS) -> FloatArray:
-    """Fit the levels of blocks, polynomials of P powers, to weighted values; both (n, B, A)."""
-    phi, _ = _parabolas(values.shape[1], powers)
-    inner = _normal(weights, powers) + 1e-6 * np.eye(powers)
-    return np.asarray(phi @ np.linalg.solve(inner, phi.T @ (weights[..., None] * values)))
 
 
 def of_state(by_state: Sequence[FloatArray] | FloatArray, states: IntArray) -> FloatArray:
@@ -235,18 +230,15 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
     least = _LEAST_NOISE_SHARE * np.sqrt(np.mean(cells.wrench**2, axis=(0, 1))) + 1e-15
     square = square + least**2
     norm = np.sqrt(np.sum(residual**2 / square, axis=2) / cells.axes)[cells.usable]
-    noise = np.sqrt(square) * np.quantile(norm, _QUIET_SHARE) / _QUIET_NORM
-    noise = np.minimum(noise, _MOST_NOISE_RATIO * _noise_of_differences(cells, residual))
+    # The norm of standard normal variables, per axis, at the same quantile (of a χ² distribution).
+    expected = np.sqrt(2 * gammaincinv(cells.axes / 2, _QUIET_SHARE) / cells.axes)
+    noise = np.sqrt(square) * np.quantile(norm, _QUIET_SHARE) / expected
+    neighbours = cells.usable[:, 1:] & cells.usable[:, :-1]
+    if neighbours.any():  # every second cell may turn too fast
+        differences = np.abs(np.diff(residual, axis=1))[neighbours]
+        quiet = np.quantile(differences, _QUIET_SHARE, axis=0) / (2 * erfinv(_QUIET_SHARE))
+        noise = np.minimum(noise, _MOST_NOISE_RATIO * quiet)
     return replace(fit, noise=np.maximum(noise, least))
-
-
-def _noise_of_differences(cells: Cells, residual: FloatArray) -> FloatArray:
-    """Estimate the noise, (A,), from the smaller differences of neighbouring cells."""
-    pairs = cells.usable[:, 1:] & cells.usable[:, :-1]
-    differences = np.abs(np.diff(residual, axis=1))[pairs]
-    if not len(differences):  # every second cell may turn too fast
-        return np.full(cells.axes, np.inf)
-    return np.asarray(np.quantile(differences, _QUIET_SHARE, axis=0) / _QUIET_DIFFERENCE)
 
 
 def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidBodies:
@@ -275,20 +267,20 @@ def contrast(cells: Cells, weights: FloatArray) -> float:
 
 def unexplained_contrast(cells: Cells, fit: Fit) -> float:
     """Share of the differences between poses that no payload explains, in the median block."""
-    middle = np.median(cells.wrench, axis=1, keepdims=True)
-    residual = cells.wrench - fit.levels - payload_wrench(cells, fit)
-    full = cells.usable.mean(axis=1) > 0.3
-    if not full.any():
+    used = cells.usable.any(axis=1)
+    if not used.any():
         return 0.0
+    middle = np.median(cells.wrench, axis=1, keepdims=True)
     unexplained, whole = (
-        _median_norm(values[full] / fit.noise, cells.usable[full])
-        for values in (residual, cells.wrench - middle)
+        np.linalg.norm(values[used] / fit.noise, axis=2)
+        for values in (
+            cells.wrench - fit.levels - payload_wrench(cells, fit),
+            cells.wrench - middle,
+        )
+    )
+    unexplained, whole = (
+        np.nanmedian(np.where(cells.usable[used], norm, np.nan), axis=1)
+        for norm in (unexplained, whole)
     )
     least = _SIGNIFICANT_SIGMA * np.sqrt(cells.axes)
     return float(np.median(unexplained / np.maximum(whole, least)))
-
-
-def _median_norm(values: FloatArray, usable: BoolArray) -> FloatArray:
-    """Median over the usable cells of every block, (n,)."""
-    norm = np.linalg.norm(values, axis=2)
-    return np.asarray(np.nanmedian(np.where(usable, norm, np.nan), axis=1))
