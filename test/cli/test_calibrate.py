@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.recordings import read_recording, rewrite_recording
+from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import Topics
 
 T0 = 1_723_248_197_000_000_000

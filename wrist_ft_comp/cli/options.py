@@ -16,9 +16,8 @@ from tqdm import tqdm
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.excerpt import parse_part
-from wrist_ft_comp.recordings.foreign_log import log_map
-from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of
+from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
+from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.signals import Progress, Reference, Topics
 from wrist_ft_comp.stored.documents import plain
 from wrist_ft_comp.stored.model_file import KIND as MODEL
@@ -32,7 +31,7 @@ _OF_BAGS = (
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
-    'a rosbag2 folder, a bare .mcap or .db3, or a CSV file (docs/files.md has its columns)'
+    'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
 )
 
 
@@ -107,11 +106,11 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     log = parser.add_argument_group('logs of other programs')
     log.add_argument(
         '--columns', default='', metavar='NAME=COLUMN[:UNIT],…',
-        help="what a CSV log's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
+        help="what a table's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
         '(default: recording.yaml beside it, or its own names)')  # fmt: skip
     log.add_argument(
         '--time', default='', metavar='FORM',
-        help='what its stamps are: s, ms, us, ns, min, h, iso, or a form such as '
+        help='what its stamps are: s, ms, us, ns, min, h, d, iso, or a form such as '
         '"%%d.%%m.%%y %%H:%%M"',
     )  # fmt: skip
     return group
@@ -141,7 +140,6 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     force = arguments.imu_topic, arguments.gravity_frame
     if all(force):
         raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
-    log_map(arguments.columns, arguments.time)
     part = {}
     if 'exclude' in arguments:
         part = {
@@ -149,10 +147,11 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
             'end': arguments.end,
             'exclude': tuple(arguments.exclude),
         }
-        parse_part(**part)
-    return Topics(
+    topics = Topics(
         arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
         columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
+    parse_options(topics)
+    return topics
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
@@ -164,7 +163,7 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
     chosen_alone = method == 'arx_pls_oe' or (method == 'auto' and not hats)
     for names, idle, why in (
         (_OF_BAGS, BAG not in kinds, 'nothing that was named is a bag'),
-        (['columns', 'time'], CSV not in kinds, 'nothing that was named is a CSV file'),
+        (['columns', 'time'], TABLE not in kinds, 'nothing that was named is a table'),
         (['reference_topic'], asked['reference'] != 'recorded', 'the reference is not "recorded"'),
         (['latents'], chosen_alone, f'the method {method} has none to choose'),
         (['orders'], method != 'arx_pls', 'only the method arx_pls has any'),

@@ -23,7 +23,7 @@ from wrist_ft_comp.payload.learnt import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.outputs import REPORT
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.view import calibration_view, ReportView

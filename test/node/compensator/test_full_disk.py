@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore

@@ -12,7 +12,7 @@ from rclpy.parameter import parameter_value_to_python
 import yaml
 
 from wrist_ft_comp.node.parameters import PARAMETERS
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 
 MODULE = 'wrist_ft_comp.node.compensator'
 
