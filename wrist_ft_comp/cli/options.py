@@ -30,9 +30,7 @@ _OF_BAGS = (
     'output_topic',
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
-RECORDING_HELP = (
-    'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
-)
+RECORDING_HELP = 'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
 
 
 class Parser(argparse.ArgumentParser):

@@ -120,10 +120,10 @@ def _describe_table(
     """
     topics, table, guessed = opened.options.topics, opened.table, False
     if opened.columns.lacks(list(KINDS)):
-        proposal = propose(opened.columns, table.shown_rows())
-        columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
-        topics, guessed = replace(topics, columns=columns, time=topics.time or proposal.time), True
-        if proposal.is_open:
+        proposal, time = propose(opened.columns, table.shown_rows())
+        columns = ','.join([*filter(None, [topics.columns]), proposal])
+        topics, guessed = replace(topics, columns=columns, time=topics.time or time), True
+        if OPEN in proposal:
             refusal = (
                 f'Some of what a recording needs cannot be told from the columns of {table.name}: '
                 f'{listed(table.names)}. Name a column in the place of {OPEN}, or give its number.'

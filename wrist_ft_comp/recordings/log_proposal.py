@@ -8,9 +8,8 @@ stays open, as in ``force_z=…``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 import difflib
-from itertools import count, islice
+from itertools import count
 from math import nan
 import re
 import shlex
@@ -84,30 +83,17 @@ _MOST_BACK = 0.05
 _MOST_ENTRIES = 30
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """A map of columns as ``--columns`` and ``--time`` take it; empty where nothing is missing."""
-
-    columns: str = ''
-    time: str = ''
-
-    @property
-    def is_open(self) -> bool:
-        """Whether a person has to name a column."""
-        return OPEN in self.columns
-
-
 def refuse_missing(
     placed: Placed, missing: Sequence[str], rows: Sequence[Sequence[str]] = ()
 ) -> NoReturn:
     """Refuse a table for the KINDS of columns that are missing, and propose a map of it."""
-    proposal = propose(placed, rows)
+    columns, time = propose(placed, rows)
     expected = ' and '.join(_EXPECTED[kind] for kind in missing)
-    time = f' --time {shlex.quote(proposal.time)}' if proposal.time not in {'', 's'} else ''
-    remedy = f"Rename them, or say what they are, such as --columns '{proposal.columns}'{time}"
-    if proposal.is_open:
+    form = f' --time {shlex.quote(time)}' if time not in {'', 's'} else ''
+    remedy = f"Rename them, or say what they are, such as --columns '{columns}'{form}"
+    if OPEN in columns:
         remedy += f', with the name or the number of a column in the place of {OPEN}'
-    if proposal.columns == f'temperature_c={OPEN}':
+    if columns == f'temperature_c={OPEN}':
         remedy += '. If it is in another file, join both in Python (recording_from_columns)'
     raise RecordingError(
         f'{placed.table} has no {" and no ".join(missing)} column; expected {expected}, got '
@@ -126,7 +112,7 @@ def warn_of_unused(placed: Placed) -> list[str]:
     if not unused:
         return []
     sentence = f'{placed.table} has columns that are not understood and not used: {listed(unused)}'
-    entries = [e for e in propose(placed).columns.split(',') if e and OPEN not in e]
+    entries = [e for e in propose(placed)[0].split(',') if e and OPEN not in e]
     meant = f" Perhaps they are: --columns '{','.join(entries)}'." if entries else ''
     return [f'{sentence}.{meant}']
 
@@ -135,76 +121,63 @@ class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
     def __init__(self, place: int, name: str, unit: str, cells: Sequence[str]) -> None:
-        self.place, self.name, self.unit = place, name, unit
+        self.place, self._name, self._unit = place, name, unit
+        #: The name in small letters, its parts separated by _, without a unit.
         self.plain = re.sub(r'\W+', '_', re.sub(r'[\[(].*|\s/\s.*', '', name.lower())).strip('_')
-        self.numbers = np.array([_number(cell) for cell in cells])
-        finite = self.numbers[np.isfinite(self.numbers)]
-        filled = [cell for cell in cells if cell]
+        self._filled = [cell for cell in cells if cell]
+        self.numbers = np.array([number for c in cells if (number := _number(c)) == number])
+        self._steps = np.diff(self.numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
-        self.is_number = not cells or len(finite) > 0.9 * len(filled) > 0
+        self.is_number = not cells or len(self.numbers) > 0.9 * len(self._filled) > 0
         #: The form of its times; of numbers, their unit.
-        self.form = find_form(filled)
-        steps = np.diff(finite)
-        self.is_constant = bool(len(finite) > 2 and not steps.any())
-        self.counts = bool(len(steps) > 2 and abs(steps[0]) == 1 and (steps == steps[0]).all())
-        self.is_smooth = len(steps) < 8 or float(np.median(np.abs(steps))) < _SMOOTH * np.ptp(
-            finite
-        )
-        self.finite = finite
-        self._is_short_temperature = bool(_SHORT_TEMPERATURE.fullmatch(name.strip()))
-        self.time_score = self._score_time(filled)
+        self.form = find_form(self._filled)
+        self._is_short = bool(_SHORT_TEMPERATURE.fullmatch(name.strip()))
 
-    def _score_time(self, filled: Sequence[str]) -> float:
-        """Tell how well it is a time; 0 where it is none."""
-        has_unit = bool(known_unit(STAMP, self.name, self.unit))
-        is_named = bool(_TIME_WORD.fullmatch(self.plain)) and not self._is_short_temperature
-        if not filled:
-            return float(is_named)
-        is_clock = not self.is_number or self.finite[0] >= _CLOCK_S
-        if not self.form or not (is_clock or is_named or has_unit):
-            return 0.0
-        try:
-            steps = np.diff(exact_ns(filled, self.form))
-        except (ValueError, ArithmeticError):
-            return 0.0
-        rises = float(np.mean(steps > 0)) if len(steps) else 1.0
-        if len(steps) and float(np.mean(steps < 0)) > _MOST_BACK:
-            return 0.0
-        # A clock is better than seconds, and seconds are better than what counts rows.
-        is_row_number = self.counts and not is_clock and not has_unit
-        return rises * (1.0 + 2.0 * is_clock + 0.5 * is_named - 0.5 * is_row_number)
-
-    @property
-    def may_measure(self) -> bool:
-        """Whether it may be what a sensor reads."""
-        return self.is_number and not self.is_constant and not self.counts
+    def unit_of(self, channel: str) -> str:
+        """Find its unit as one of a channel; empty where it is in no such unit."""
+        return known_unit(channel, self._name, self._unit)
 
     def may_be(self, channel: str) -> bool:
-        """Whether neither unit nor values exclude a channel."""
-        others = [c for c in ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
-                  if known_unit(c, self.name, self.unit)]  # fmt: skip
-        unit = known_unit(channel, self.name, self.unit)
-        return self.may_measure and (bool(unit) or not others or channel.startswith('rotation'))
+        """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
+        steps = self._steps
+        is_constant = len(steps) > 1 and not steps.any()
+        counts = len(steps) > 2 and abs(steps[0]) == 1 and (steps == steps[0]).all()
+        others = ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
+        is_other = not self.unit_of(channel) and any(map(self.unit_of, others))
+        return self.is_number and not is_constant and not counts and not is_other
 
-    @property
-    def is_temperature(self) -> bool:
-        """Whether name or unit say that it is a temperature."""
-        return (
-            may_be_temperature((self.plain,))
-            or (self._is_short_temperature and self.is_smooth)
-            or bool(known_unit('temperature_c', self.name, self.unit))
-        )
+    def time_score(self) -> float:
+        """Tell how well it is a time; 0 where it is none."""
+        is_named = bool(_TIME_WORD.fullmatch(self.plain)) and not self._is_short
+        if not self._filled:
+            return float(is_named)
+        is_clock = not self.is_number or self.numbers[0] >= _CLOCK_S
+        if not self.form or not (is_clock or is_named or self.unit_of(STAMP)):
+            return 0.0
+        try:
+            steps = np.diff(exact_ns(self._filled, self.form))
+        except (ValueError, ArithmeticError):
+            return 0.0
+        if not len(steps) or np.mean(steps < 0) > _MOST_BACK:
+            return float(not len(steps))
+        # A clock is better than seconds, and seconds are better than what counts rows.
+        counts = not self.may_be('rotation_speed') and not is_clock and not self.unit_of(STAMP)
+        return float(np.mean(steps > 0)) * (1.0 + 2.0 * is_clock + 0.5 * is_named - 0.5 * counts)
 
     def temperature_unit(self) -> str | None:
-        """Find the unit in which its readings are those of a thermometer; None where in none."""
-        unit = known_unit('temperature_c', self.name, self.unit)
-        if not unit and len(self.finite):
-            first = self.finite[0]
-            likely = (u for u, (low, high) in _COLD_STARTS.items() if low < first < high)
-            unit = next(likely, '')
-        readings = to_celsius(self.finite, unit or 'C')
-        share = np.mean([is_plausible(value) for value in readings]) if len(readings) else 1.0
-        return unit if share > 0.9 else None
+        """Find the unit in which it reads like a thermometer; None where it is none."""
+        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
+        is_smooth = len(steps) < 8 or np.median(steps) < _SMOOTH * np.ptp(self.numbers)
+        is_named = may_be_temperature((self.plain,)) or (self._is_short and is_smooth)
+        if not (unit or is_named) or not self.may_be('temperature_c'):
+            return None
+        if not len(self.numbers):
+            return unit
+        first = self.numbers[0]
+        likely = (u for u, (low, high) in _COLD_STARTS.items() if low < first < high)
+        unit = unit or next(likely, '')
+        plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
+        return unit if sum(plausible) > 0.9 * len(self.numbers) else None
 
 
 def _number(cell: str) -> float:
@@ -214,89 +187,87 @@ def _number(cell: str) -> float:
         return nan
 
 
-def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> Proposal:
+def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[str, str]:
     """
-    Propose what columns are that are not understood, by names, units and some rows of texts.
+    Propose what columns are that are not understood, as ``--columns`` and ``--time`` take it.
 
-    A stamp, a force and a
-    temperature that are missing and that no column can be said to be stay open.
+    By names, units and some rows of texts. A stamp, a force and a temperature that are missing
+    stay OPEN where no column can be said to be one; empty where nothing is missing.
     """
-    known = {channel: column.place for channel, column in placed.columns.items()}
-    names, units = placed.names, (*placed.units, *[''] * len(placed.names))
-    cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
+    units = (*placed.units, *[''] * len(placed.names))
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(placed.names)
+    used = {column.place for column in placed.columns.values()}
     free = [
-        _Looks(k, name, units[k], cells[k])
-        for k, name in enumerate(names)
-        if k not in known.values() and (name or rows)
+        _Looks(place, name, units[place], cells[place])
+        for place, name in enumerate(placed.names)
+        if place not in used and name
     ]
-    found: dict[str, _Looks] = {}
-    words: dict[str, str] = {}
+    found: dict[str, tuple[_Looks, str]] = {}
+    absent = [c for c in (STAMP, STAMP_NANOSEC, *CHANNELS) if c not in placed.columns]
 
-    def take(channel: str, looks: _Looks, unit: str = '') -> None:
-        found[channel] = looks
-        words[channel] = unit
+    def take(channel: str, looks: _Looks, unit: str) -> None:
+        found[channel] = looks, unit
         free.remove(looks)
+        if channel in absent:
+            absent.remove(channel)
 
-    time = ''
-    stamps = [looks for looks in free if looks.time_score > 0]
-    if STAMP not in known and stamps:
-        best = max(stamps, key=lambda looks: looks.time_score)
-        time = known_unit(STAMP, best.name, best.unit) if best.is_number else best.form
-        time = time or best.form or 's'
-        take(STAMP, best)
-        nanosec = [looks for looks in free if _NANOSEC.fullmatch(looks.plain)]
-        if nanosec and time == 's':
-            take(STAMP_NANOSEC, nanosec[0])
-    free = [looks for looks in free if not looks.time_score > 1 and looks.plain]
-
-    absent = [channel for channel in CHANNELS if channel not in known]
+    time, scores = '', {looks: score for looks in free if (score := looks.time_score())}
+    if STAMP in absent and scores:
+        best = max(scores, key=scores.__getitem__)
+        time = (best.is_number and best.unit_of(STAMP)) or best.form or 's'
+        take(STAMP, best, '')
+        for looks in [looks for looks in free if _NANOSEC.fullmatch(looks.plain)][:1]:
+            take(STAMP_NANOSEC, looks, '')
+    for looks, score in scores.items():
+        if score > 1 and looks in free:  # another time
+            free.remove(looks)
     if set(AXES) <= set(absent):
         for channel, looks in zip(AXES, _six_of(free), strict=False):
-            take(channel, looks)
-            absent.remove(channel)
-    thermometers = (c for c in map(temperature_channel, count()) if c not in known)
+            take(channel, looks, looks.unit_of(channel))
+    thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     for looks in list(free):
-        is_temperature = looks.is_temperature
-        channel = '' if looks.plain.startswith('external_') else _named_like(looks.plain, absent)
-        if is_temperature and looks.may_be('temperature_c'):
-            unit = looks.temperature_unit()
-            if unit is not None:
-                take(next(thermometers), looks, unit)
-        elif not is_temperature and channel and looks.may_be(channel):
-            absent.remove(channel)
-            take(channel, looks, known_unit(channel, looks.name, looks.unit))
-    has_axis = set(AXES) & {*known, *found}
-    if not has_axis:
+        channel = _named_like(looks.plain, absent)
+        if (unit := looks.temperature_unit()) is not None:
+            take(next(thermometers), looks, unit)
+        elif not may_be_temperature((looks.plain,)) and channel and looks.may_be(channel):
+            take(channel, looks, looks.unit_of(channel))
+    if set(AXES) <= set(absent):
         for looks in free:
-            unit = known_unit('force_z', looks.name, looks.unit)
+            unit = looks.unit_of('force_z')
             if looks.may_be('force_z') and (unit or _FORCE_WORD.search(looks.plain)):
                 take('force_z', looks, unit)
                 break
-    _guess_kilonewtons(found, words)
-    order = [STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100)), *CHANNELS[6:]]
-    entries = [
-        f'{channel}={_called(found[channel])}{":" * bool(words[channel])}{words[channel]}'
-        for channel in order
-        if channel in found
-    ]
+    return _written(placed, found), time
+
+
+def _written(placed: Placed, found: Mapping[str, tuple[_Looks, str]]) -> str:
+    """Write a map of what was found, and of what has to be named."""
+    # Where newtons cannot be, forces that name no unit are in kilonewtons.
+    spans = {c: float(np.ptp(of.numbers)) for c, (of, _) in found.items() if len(of.numbers)}
+    force, torque = (max(spans.get(c, 0.0) for c in axes) for axes in (AXES[:3], AXES[3:]))
+    in_kilonewtons = 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS))
+    entries = []
+    order = STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100)), *CHANNELS
+    for channel in dict.fromkeys(order):
+        if channel in found:
+            looks, unit = found[channel]
+            if in_kilonewtons and channel in AXES[:3]:
+                unit = unit or 'kN'
+            name = placed.names[looks.place]
+            if _MAP_SIGNS.search(name) or placed.names.count(name) > 1:
+                name = str(looks.place + 1)
+            entries.append(f'{channel}={name}:{unit}' if unit else f'{channel}={name}')
     for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
-        if {*kind}.isdisjoint({*known, *found}):
+        if {*kind}.isdisjoint({*placed.columns, *found}):
             entries.append(f'{channel}={OPEN}')
-    return Proposal(','.join(islice(entries, _MOST_ENTRIES)), time)
-
-
-def _called(looks: _Looks) -> str:
-    """Name a column in a map."""
-    return str(looks.place + 1) if _MAP_SIGNS.search(looks.name) or not looks.name else looks.name
+    return ','.join(entries[:_MOST_ENTRIES])
 
 
 def _six_of(free: Iterable[_Looks]) -> list[_Looks]:
     """Find six columns of a wrench that are numbered: the raw one first."""
     groups: dict[str, list[_Looks]] = {}
     for looks in free:
-        if match := re.fullmatch(
-            r'(.*(?:wrench|force|torque|ft).*?)_?\[?(\d+)\]?', looks.name.lower()
-        ):
+        if match := re.fullmatch(r'(.*(?:wrench|force|torque|ft).*?)_?(\d+)', looks.plain):
             groups.setdefault(match[1], []).append(looks)
     six = {name: group for name, group in groups.items() if len(group) == len(AXES)}
     return six[min(six, key=lambda name: 'raw' not in name)] if six else []
@@ -306,6 +277,8 @@ def _named_like(plain: str, absent: Sequence[str]) -> str:
     """Find the missing channel that a column may be, or ''; a reference only if it says so."""
     prefix = 'reference_' if _TRUE.search(plain) else ''
     plain = _TRUE.sub('', plain).strip('_')
+    if plain.startswith('external_'):
+        return ''
     names = [n.removeprefix(prefix) for n in absent if n.startswith('reference_') == bool(prefix)]
     short = re.sub(r'_(k|m|c)?n(m|mm)?$|_(lbf|kgf?|g)$', '', plain)
     # Such as /ft/wrench/force/x, whatever stands before.
@@ -317,16 +290,3 @@ def _named_like(plain: str, absent: Sequence[str]) -> str:
     last = re.sub(r'.*_(?=f[xyz]$)', '', short)  # such as ft_fz
     name = _ALIASES.get(short) or _ALIASES.get(last) or next(iter((*ends, *near)), '')
     return f'{prefix}{name}' if name in names else ''
-
-
-def _guess_kilonewtons(found: Mapping[str, _Looks], words: dict[str, str]) -> None:
-    """Put kN behind forces that name no unit, where newtons cannot be."""
-    spans = {
-        c: float(np.ptp(found[c].finite)) for c in AXES if c in found and len(found[c].finite)
-    }
-    force = max((span for c, span in spans.items() if c.startswith('force')), default=0.0)
-    torque = max((span for c, span in spans.items() if c.startswith('torque')), default=0.0)
-    if 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS)):
-        for channel in AXES[:3]:
-            if channel in found and not words[channel]:
-                words[channel] = 'kN'
