@@ -32,7 +32,7 @@ setup(
         'setuptools',
         'numpy>=1.26,<3',
         'scipy>=1.11,<2',
-        'pandas>=2.1,<4',
+        'pandas>=2.1,<3',
         'PyYAML>=6.0,<7',
         'jsonschema>=4.10,<5',
         'matplotlib>=3.6,<4',

@@ -110,41 +110,44 @@ def describe_recording(
         return _describe_bag(opened.bag, topics, progress)
 
 
-def _describe_table(
+def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
+    """Describe a table; what cannot be read as it is, by a map that is proposed."""
+    if not opened.columns.lacks(list(KINDS)):
+        return _count_samples(opened, progress)
+    topics, table = opened.options.topics, opened.table
+    proposal, time = propose(opened.columns, table.shown_rows())
+    columns = ','.join([*filter(None, [topics.columns]), proposal])
+    topics = replace(topics, columns=columns, time=topics.time or time)
+    if OPEN not in proposal:
+        summary = _count_samples(OpenTable(table, parse_options(topics)), progress)
+        return replace(summary, guessed=True)
+    refusal = (
+        f'Some of what a recording needs cannot be told from the columns of {table.name}: '
+        f'{listed(table.names)}. Name a column in the place of {OPEN}, or give its number.'
+    )
+    summary = RecordingSummary(table.name, TABLE, (), None, None, topics=topics)
+    return replace(summary, is_open=True, guessed=True, refusal=refusal)
+
+
+def _count_samples(
     opened: OpenTable, progress: Progress | None, period_s: float = 1.0
 ) -> RecordingSummary:
-    """
-    Count samples, judge them as read_recording does, and name every channel's unit and role.
-
-    What cannot be read as it is gets a map that is proposed.
-    """
-    topics, table, guessed = opened.options.topics, opened.table, False
-    if opened.columns.lacks(list(KINDS)):
-        proposal, time = propose(opened.columns, table.shown_rows())
-        columns = ','.join([*filter(None, [topics.columns]), proposal])
-        topics, guessed = replace(topics, columns=columns, time=topics.time or time), True
-        if OPEN in proposal:
-            refusal = (
-                f'Some of what a recording needs cannot be told from the columns of {table.name}: '
-                f'{listed(table.names)}. Name a column in the place of {OPEN}, or give its number.'
-            )
-            return RecordingSummary(
-                table.name, TABLE, (), None, None, (), (), topics, None, guessed, True, refusal
-            )
-        opened = OpenTable(table, parse_options(topics))
-    builder, moments = GridBuilder(table.name, period_s), np.zeros((4, 4))
+    """Count samples, judge them as read_recording does, and name every channel's unit and role."""
+    builder, moments = GridBuilder(opened.name, period_s), np.zeros((4, 4))
     ends: list[int] = []
+    spacings_s: list[float] = []
     for block in opened.samples(progress):
         if block.channels == FORCE_CHANNELS:
             moments += moments_of(block.values)
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
+            steps_ns = np.diff(block.stamps_ns)
+            spacings_s += [float(np.median(steps_ns)) / NANOSECONDS] if len(steps_ns) else []
         builder.add(block)
-    most = max((tally.samples for tally in builder.checks.tallies.values()), default=0)
-    spacing_s = (ends[1] - ends[0]) / NANOSECONDS / max(most - 1, 1) if ends else 0.0
+    spacing_s = min(spacings_s, default=0.0)
     if spacing_s > SLOW_S > period_s:  # as of a row in ten minutes for weeks
-        return _describe_table(opened, progress, min(float(round(spacing_s)), PERIODS_S[1]))
+        return _count_samples(opened, progress, min(float(round(spacing_s)), PERIODS_S[1]))
     refusal = opened.compensated
     try:
         judged = builder.build().warnings
@@ -160,15 +163,14 @@ def _describe_table(
             samples = tally.samples + (found[channel].samples if channel in found else 0)
             found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
     return RecordingSummary(
-        table.name,
+        opened.name,
         TABLE,
         tuple(found.values()),
         ends[0] if ends else None,
         ends[1] if ends else None,
         warnings=(*opened.warnings, *judged),
-        topics=topics,
+        topics=opened.options.topics,
         specific_force=describe_force(moments),
-        guessed=guessed,
         refusal=refusal,
         period_s=period_s,
     )

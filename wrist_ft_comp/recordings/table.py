@@ -117,7 +117,7 @@ class Table:
 
         A last line without a line end comes alone, with False.
         """
-        if self.path.suffix.lower() in _BY_LIBRARIES:
+        if self.path.suffix.lower() in _LIBRARIES:
             number = 1
             for text in _by_library(self.path):
                 yield number, text, True
@@ -302,42 +302,30 @@ def _is_bad(cell: str, convert: Callable[[Any], Any]) -> bool:
     return False
 
 
-def _workbook(path: Path) -> Iterator[str]:
-    """Read the first sheet of a workbook as CSV."""
-    import pandas  # noqa: PLC0415 -- as above
-
-    engine = _BY_LIBRARIES[path.suffix.lower()][1]
-    sheet = pandas.read_excel(path, header=None, dtype=object, engine=engine)
-    yield sheet.to_csv(header=False, index=False)
-
-
-def _parquet(path: Path) -> Iterator[str]:
-    """Read a parquet file as CSV, batch by batch."""
-    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
-
-    for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
-        yield batch.to_pandas().to_csv(header=not number, index=False)
-
-
-#: What pandas reads by another library, and which one that is.
-_BY_LIBRARIES = {
-    '.xlsx': (_workbook, 'openpyxl'), '.xlsm': (_workbook, 'openpyxl'),
-    '.xls': (_workbook, 'xlrd'), '.ods': (_workbook, 'odf'), '.parquet': (_parquet, 'pyarrow'),
-}  # fmt: skip
+#: What is no text, and the library by which pandas reads it.
+_LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
 
 
 def _by_library(path: Path) -> Iterator[str]:
-    """Read what is no text, as CSV."""
-    read, library = _BY_LIBRARIES[path.suffix.lower()]
+    """Read the first sheet of a workbook, or a parquet file by batches, as CSV."""
+    library = _LIBRARIES[path.suffix.lower()]
     try:
-        yield from read(path)
+        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
+
+        if library == 'openpyxl':
+            yield pandas.read_excel(path, header=None, dtype=object, engine=library).to_csv(
+                header=False, index=False
+            )
+            return
+        from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
+
+        for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
+            yield batch.to_pandas().to_csv(header=not number, index=False)
     except ImportError as error:
         raise RecordingError(
             f"{path.name} needs {library}, which is not installed. Run 'pip install {library}', "
             'or save the table as CSV.'
         ) from error
-    except RecordingError:
-        raise
     except Exception as error:
         what = ' '.join(str(error).split())[:200].rstrip('.')
         raise RecordingError(f'{path.name} cannot be read by {library}: {what}.') from error
