@@ -82,8 +82,8 @@ def test_a_rewritten_table_has_our_columns_whatever_it_was(make_csv):
     (warning,) = rewrite_recording(source, target, halve, topics=topics, external=every_other)
     assert 'not understood and not used: x.' in warning
     assert target.read_text() == (
-        'stamp_ns,force_z,temperature_c,external_force_z,compensated_by_wrist_ft_comp\n'
-        '0,0.75,20.0,2.5,\n500000000,1.25,,,\n1000000000,,21.0,,\n'
+        'stamp_ns,force_z,temperature_c,compensated_by_wrist_ft_comp,external_force_z\n'
+        '0,0.75,20.0,,2.5\n500000000,1.25,,,\n1000000000,,21.0,,\n'
     )
     assert source.read_text() == log
 

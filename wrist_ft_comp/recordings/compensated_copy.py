@@ -100,9 +100,9 @@ def _write_table(
     for number, rows in enumerate(source.rows(progress)):
         columns: dict[str, object] = {'stamp_ns': rows.stamps_ns, **rows.values}
         columns |= _corrected(rows, present, correct, '')
+        columns |= dict.fromkeys([*origin, COMPENSATED], '')
         if external:
             columns |= _corrected(rows, present, external, 'external_')
-        columns |= dict.fromkeys([*origin, COMPENSATED], '')
         pandas.DataFrame(columns).to_csv(
             target, mode='a', index=False, header=not number, lineterminator='\n'
         )

@@ -40,8 +40,9 @@ from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources
 from wrist_ft_comp.wire.wrench_source import parse_wrench
 
 REFERENCE = 'reference'
-#: Where rows are farther apart, thermal cells are as long as they are, s.
-SLOW_S = 120.0
+#: Thermal cells are as long as rows are apart where that is between these, s: rows that are more
+#: than a day apart are those of a log in another unit.
+_SLOW_S = 120.0, 86_400.0
 SPECIFIC_FORCE = 'specific force'
 #: Roles of channels that are no temperatures.
 _ROLES = {
@@ -146,7 +147,7 @@ def _count_samples(
             spacings_s += [float(np.median(steps_ns)) / NANOSECONDS] if len(steps_ns) else []
         builder.add(block)
     spacing_s = min(spacings_s, default=0.0)
-    if spacing_s > SLOW_S > period_s:  # as of a row in ten minutes for weeks
+    if period_s < _SLOW_S[0] < spacing_s < _SLOW_S[1]:  # as of a row in ten minutes for weeks
         return _count_samples(opened, progress, min(float(round(spacing_s)), PERIODS_S[1]))
     refusal = opened.compensated
     try:

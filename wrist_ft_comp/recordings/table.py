@@ -37,7 +37,7 @@ from wrist_ft_comp.signals import FloatArray, IntArray, Progress
 #: Characters of the longest line that a table may have.
 LONGEST_LINE = 1_000_000
 #: Characters in memory at once.
-BLOCK = 2_000_000
+BLOCK = 1_000_000
 #: Rows of a parquet file in memory at once.
 _BATCH_ROWS = 20_000
 #: Bytes that show how a text is encoded.
