@@ -284,6 +284,20 @@ def test_the_unit_of_times_since_1970_is_told_by_their_size(size, time, run, don
     done('show', own, '--time', time)
 
 
+def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
+    table = {
+        'stamp_s': [0, 1, 2],
+        'force_z': [1, 2, 3],
+        'cell': [4, 5, 6],
+        'temperature_c': 3 * [20],
+    }
+    path = make.csv(tmp_path / 'log.csv', table)
+    recording = read_recording(
+        path, topics=Topics(columns='force_z=cell', time='min'), period_s=60
+    )
+    assert recording.wrench[:, 2].tolist() == [4, 5, 6]
+
+
 def test_seconds_and_nanoseconds_in_two_columns_make_one_stamp(done, run, tmp_path):
     """As ROS messages come where fields are written one by one; seconds alone repeat."""
     t, wrench, celsius = day(1)

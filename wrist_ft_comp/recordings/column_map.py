@@ -78,6 +78,8 @@ _OTHER_UNITS = {
 }  # fmt: skip
 #: A word in brackets in a column's name.
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
+#: A word beside times of a clock that is no unit.
+_CLOCK_WORD = re.compile(r'TS|UTC|GMT|local|iso\W*\d*|[dhmsyf:./ -]+', re.IGNORECASE)
 #: A name of ours, a column of theirs, a factor, and a unit.
 _ENTRY = re.compile(
     r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+\d.eE]+))?(:(?P<unit>[A-Za-z/²°0-9µ·*-]+))?'
@@ -170,9 +172,10 @@ class ColumnMap:
         found: dict[str, Column] = {}
         warnings: list[str] = []
         mapped = {self._place_of(column, table, names): column for column in self.columns}
+        said = {column.channel for column in self.columns}
         for place, name in enumerate(names):
             column = mapped.get(place) or own_column(name)
-            if column is None:
+            if column is None or (place not in mapped and column.channel in said):
                 continue
             if column.channel in found:
                 raise RecordingError(
@@ -186,7 +189,9 @@ class ColumnMap:
             if not unit and column.factor is None and column.channel != STAMP_NANOSEC:
                 beside = units[place] if place < len(units) else ''
                 unit = known_unit(column.channel, name, beside)
-                if not unit and (word := beside or ''.join(_IN_BRACKETS.findall(name)[-1:])):
+                word = beside or ''.join(_IN_BRACKETS.findall(name)[-1:])
+                is_clock = column.channel == STAMP and _CLOCK_WORD.fullmatch(word)
+                if word and not unit and not is_clock:
                     taken = next(iter(units_of(column.channel)))
                     warnings.append(
                         f'{name} of {table} is in {word}, a unit that is not understood, and is '
