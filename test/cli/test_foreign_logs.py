@@ -227,6 +227,9 @@ PROPOSALS = {
         'dTfx', 'stamp=Datum,force_z=Gewicht,temperature_c=Temperatur', '%d.%m.%Y %H:%M:%S'),
     'node,unixtime,cell,temp,ambient_temp': (
         'cefTc', 'stamp=unixtime,force_z=cell,temperature_c=temp', 's'),
+    't,X Force,Z Force,Y Torque,T': (
+        'tfffT', 'stamp=t,force_x=X Force,force_z=Z Force,torque_y=Y Torque,temperature_c=T',
+        's'),
     't,F [N],G [N],temp': ('tffT', 'stamp=t,force_z=F [N]:N,temperature_c=temp', 's'),
     '"time", "Fz", "Temp"': ('tfT', 'stamp=time,force_z=Fz,temperature_c=Temp', 's'),
     't,Fz,T_sensor,T_x,T1': (

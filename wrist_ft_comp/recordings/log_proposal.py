@@ -10,7 +10,7 @@ stays open, as in ``force_z=…``.
 from collections.abc import Iterable, Mapping, Sequence
 import difflib
 from itertools import count
-from math import nan
+from math import isnan, nan
 import re
 import shlex
 from typing import NoReturn
@@ -125,13 +125,17 @@ class _Looks:
         #: The name in small letters, its parts separated by _, without a unit.
         self.plain = re.sub(r'\W+', '_', re.sub(r'[\[(].*|\s/\s.*', '', name.lower())).strip('_')
         self._filled = [cell for cell in cells if cell]
-        self.numbers = np.array([number for c in cells if (number := _number(c)) == number])
-        self._steps = np.diff(self.numbers)
+        self.numbers = np.array([number for c in cells if not isnan(number := _number(c))])
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
-        self.is_number = not cells or len(self.numbers) > 0.9 * len(self._filled) > 0
-        #: The form of its times; of numbers, their unit.
-        self.form = find_form(self._filled)
+        self._is_number = not cells or len(self.numbers) > 0.9 * len(self._filled) > 0
+        self._steps = steps = np.diff(self.numbers)
+        self._is_constant = len(steps) > 1 and not steps.any()
+        self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
         self._is_short = bool(_SHORT_TEMPERATURE.fullmatch(name.strip()))
+        #: What --time has to say where it is a time.
+        self.form = find_form(self._filled)
+        if self._is_number:
+            self.form = self.unit_of(STAMP) or self.form or 's'
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -139,20 +143,18 @@ class _Looks:
 
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
-        steps = self._steps
-        is_constant = len(steps) > 1 and not steps.any()
-        counts = len(steps) > 2 and abs(steps[0]) == 1 and (steps == steps[0]).all()
         others = ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
         is_other = not self.unit_of(channel) and any(map(self.unit_of, others))
-        return self.is_number and not is_constant and not counts and not is_other
+        return self._is_number and not self._is_constant and not self._counts and not is_other
 
     def time_score(self) -> float:
         """Tell how well it is a time; 0 where it is none."""
         is_named = bool(_TIME_WORD.fullmatch(self.plain)) and not self._is_short
         if not self._filled:
             return float(is_named)
-        is_clock = not self.is_number or self.numbers[0] >= _CLOCK_S
-        if not self.form or not (is_clock or is_named or self.unit_of(STAMP)):
+        has_unit = bool(self.unit_of(STAMP))
+        is_clock = not self._is_number or self.numbers[0] >= _CLOCK_S
+        if not self.form or not (is_clock or is_named or has_unit):
             return 0.0
         try:
             steps = np.diff(exact_ns(self._filled, self.form))
@@ -161,8 +163,9 @@ class _Looks:
         if not len(steps) or np.mean(steps < 0) > _MOST_BACK:
             return float(not len(steps))
         # A clock is better than seconds, and seconds are better than what counts rows.
-        counts = not self.may_be('rotation_speed') and not is_clock and not self.unit_of(STAMP)
-        return float(np.mean(steps > 0)) * (1.0 + 2.0 * is_clock + 0.5 * is_named - 0.5 * counts)
+        is_row_number = self._counts and not is_clock and not has_unit
+        merit = 1.0 + 2.0 * is_clock + 0.5 * is_named - 0.5 * is_row_number
+        return merit * float(np.mean(steps > 0))
 
     def temperature_unit(self) -> str | None:
         """Find the unit in which it reads like a thermometer; None where it is none."""
@@ -214,7 +217,7 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[str, st
     time, scores = '', {looks: score for looks in free if (score := looks.time_score())}
     if STAMP in absent and scores:
         best = max(scores, key=scores.__getitem__)
-        time = (best.is_number and best.unit_of(STAMP)) or best.form or 's'
+        time = best.form
         take(STAMP, best, '')
         for looks in [looks for looks in free if _NANOSEC.fullmatch(looks.plain)][:1]:
             take(STAMP_NANOSEC, looks, '')
@@ -283,9 +286,10 @@ def _named_like(plain: str, absent: Sequence[str]) -> str:
     short = re.sub(r'_(k|m|c)?n(m|mm)?$|_(lbf|kgf?|g)$', '', plain)
     # Such as /ft/wrench/force/x, whatever stands before.
     ends = [name for name in names if plain.replace('_', '').endswith(name.replace('_', ''))]
-    # A second force_z is like force_y, but of another axis.
-    axis = plain.rstrip('0123456789')[-1:]
-    alike = [n for n in names if axis not in 'xyz' or n[-2:-1] != '_' or n.endswith(axis)]
+    # A second force_z is like force_y, but of another axis; and so is Z Force.
+    axes = [part for part in re.split(r'[\d_]+', plain) if part in {'x', 'y', 'z'}]
+    axes += re.findall(r'[xyz]$', plain)
+    alike = [n for n in names if not axes or n[-2:-1] != '_' or n[-1] in axes]
     near = difflib.get_close_matches(short, alike, 1, _LEAST_SIMILARITY)
     last = re.sub(r'.*_(?=f[xyz]$)', '', short)  # such as ft_fz
     name = _ALIASES.get(short) or _ALIASES.get(last) or next(iter((*ends, *near)), '')

@@ -62,7 +62,7 @@ def exact_ns(stamps: Any, form: str) -> IntArray:
         return np.fromiter(map(round, numbers), np.int64, len(stamps))
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-    texts = [stamp.strip().replace(',', '.') for stamp in stamps]
+    texts = [stamp.strip().replace(',', '.').removesuffix(' UTC') for stamp in stamps]
     times = pandas.to_datetime(texts, format='ISO8601' if form == 'iso' else form, utc=True)
     if times.hasnans:
         raise ValueError('a stamp is missing')
