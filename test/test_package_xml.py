@@ -16,7 +16,7 @@ PREFIXED = {
     'sklearn', 'tqdm', 'yaml',
 }  # fmt: skip
 #: Used where they are there, from pip only; and what comes with rclpy's message packages.
-NOT_DECLARED = {'rosbags', 'pyarrow', 'shtab', 'rosidl_generator_py'}
+NOT_DECLARED = {'rosbags', 'openpyxl', 'pyarrow', 'shtab', 'rosidl_generator_py'}
 #: Loaded by name: storages by rosbag2_py, and the messages of TF.
 PLUGINS = {
     'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_sqlite3', 'tf2_msgs',

@@ -7,12 +7,14 @@ cut off; where it is incomplete, it is left out.
 """
 
 import bz2
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import csv
 from dataclasses import dataclass
 import gzip
 from io import StringIO, TextIOWrapper
+from itertools import islice
 import lzma
 from math import nan
 from pathlib import Path
@@ -38,7 +40,7 @@ from wrist_ft_comp.signals import FloatArray, IntArray, Progress
 LONGEST_LINE = 1_000_000
 #: Characters in memory at once.
 BLOCK = 1_000_000
-#: Rows of a parquet file in memory at once.
+#: Rows of a workbook or a parquet file in memory at once.
 _BATCH_ROWS = 20_000
 #: Bytes that show how a text is encoded.
 _START = 200_000
@@ -96,11 +98,11 @@ class Table:
                 start = packed.read(_START)
                 packed.seek(0)
                 encoding = 'utf-8-sig'
-                if start.startswith((b'\xff\xfe', b'\xfe\xff')):
+                if start.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
                     encoding = 'utf-16'
-                elif b'\n' in start:
-                    try:
-                        start[: start.rfind(b'\n')].decode()
+                else:
+                    try:  # the last character may be cut
+                        getincrementaldecoder('utf-8')().decode(start)
                     except UnicodeDecodeError:
                         encoding = 'cp1252'
                 yield raw, TextIOWrapper(packed, encoding, errors='replace')
@@ -302,25 +304,27 @@ def _is_bad(cell: str, convert: Callable[[Any], Any]) -> bool:
     return False
 
 
-#: What is no text, and the library by which pandas reads it.
+#: What is no text, and the library that reads it by rows.
 _LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
 
 
 def _by_library(path: Path) -> Iterator[str]:
-    """Read the first sheet of a workbook, or a parquet file by batches, as CSV."""
+    """Read the first sheet of a workbook, or a parquet file, as CSV, some rows at a time."""
+    import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
+
     library = _LIBRARIES[path.suffix.lower()]
     try:
-        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
+        if library == 'pyarrow':
+            from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
 
-        if library == 'openpyxl':
-            yield pandas.read_excel(path, header=None, dtype=object, engine=library).to_csv(
-                header=False, index=False
-            )
+            for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
+                yield batch.to_pandas().to_csv(header=not number, index=False)
             return
-        from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
+        from openpyxl import load_workbook  # noqa: PLC0415 -- the same
 
-        for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
-            yield batch.to_pandas().to_csv(header=not number, index=False)
+        rows = load_workbook(path, read_only=True, data_only=True).worksheets[0].values
+        while some := list(islice(rows, _BATCH_ROWS)):
+            yield pandas.DataFrame(some, dtype=object).to_csv(header=False, index=False)
     except ImportError as error:
         raise RecordingError(
             f"{path.name} needs {library}, which is not installed. Run 'pip install {library}', "
