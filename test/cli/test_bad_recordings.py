@@ -123,8 +123,8 @@ REFUSED = {
         without('stamp_s'), 'no stamp column; expected stamp_s .or .* got f', COLUMNS),
     'time instead of a stamp': (
         rename('stamp_s', 'time'), "say what they are, such as --columns 'stamp=time'", COLUMNS),
-    'days': (
-        rename('stamp_s', 'stamp_days'), "such as --columns 'stamp=stamp_days' --time d", COLUMNS),
+    'seconds called days': (
+        rename('stamp_s', 'stamp_days'), "no stamp column.* such as --columns 'stamp=…'", COLUMNS),
     'no wrench': (
         without('force_x', 'force_z'),
         'no raw wrench column; expected any of force_x, .*force_z=…', COLUMNS),
