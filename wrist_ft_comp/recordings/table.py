@@ -216,16 +216,17 @@ class _RowReader:
         kinds: dict[int, object] = {c.place: float for c in (*self._values, *self._more)}
         kinds[self._stamp.place] = np.int64 if self._stamps.form == 'ns' else str
         try:
-            frame = pandas.read_csv(
-                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
-                na_values=[*MISSING], index_col=False, skipinitialspace=True,
-                float_precision='round_trip',
-                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
-            if len(frame) != lines:
-                return self.read_slowly(text, number)
-            more = [np.rint(frame[c.place].to_numpy()).astype(np.int64) for c in self._more]
-            stamps_ns = sum(more, self._stamps.read(frame[self._stamp.place].to_numpy()))
+            with np.errstate(invalid='raise'):  # what is no number becomes no integer
+                frame = pandas.read_csv(
+                    StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
+                    names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
+                    na_values=[*MISSING], index_col=False, skipinitialspace=True,
+                    float_precision='round_trip',
+                    decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
+                if len(frame) != lines:
+                    return self.read_slowly(text, number)
+                more = [np.rint(frame[c.place].to_numpy()).astype(np.int64) for c in self._more]
+                stamps_ns = sum(more, self._stamps.read(frame[self._stamp.place].to_numpy()))
         except (*_BAD, KeyError):
             return self.read_slowly(text, number)
         absent = np.full(lines, nan)
