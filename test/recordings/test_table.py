@@ -227,7 +227,7 @@ BAD = [
       for bad in ('', '-', 'nan', '1e40', '1_0', '8 h')),
     ('stamp_ns,force_z,temperature_c\n99999999999999999999,1,2\n', "stamp_ns.*'9999"),
     ('stamp_ns,force_z,temperature_c\n1,1,2\nnan,1,2\n', "Line 3 .*column stamp_ns.*got 'nan'"),
-    ('stamp_s,stamp_nanosec,force_z,temperature_c\n1,1,1,2\n2,,1,2\n', "column stamp_nano.*got ''"),
+    ('stamp_s,stamp_nanosec,force_z,temperature_c\n1,1,1,2\n2,,1,2\n', "stamp_nano.*got ''"),
     (b'\x89PNG\r\n\x1a\n\0\0\r\n', 'is no text'),
 ]  # fmt: skip
 
