@@ -243,8 +243,13 @@ class Placed:
         return [kind for kind in kinds if self.columns.keys().isdisjoint(KINDS[kind])]
 
     @property
+    def stamps(self) -> list[Column]:
+        """List the columns of stamps: one, or also that of the nanoseconds."""
+        return [c for c in self.columns.values() if c.channel in {STAMP, STAMP_NANOSEC}]
+
+    @property
     def channels(self) -> list[Column]:
-        """List the columns without the stamps."""
+        """List the other columns."""
         return [c for c in self.columns.values() if c.channel not in {STAMP, STAMP_NANOSEC}]
 
 

@@ -50,10 +50,10 @@ def recording_from_columns(
     blocks: list[Samples] = []
     names: list[str] = []
     for table in tables:
-        stamps_ns, values = _read(table, name)
+        placed, stamps_ns, values = _read(table, name)
         blocks += samples_of(stamps_ns, values)
-        stamped = {c.place for c in _placed(table, name).columns.values() if c.channel == STAMP}
-        names += [n for k, n in enumerate(map(str, table.keys())) if not names or k not in stamped]
+        stamps = {column.name for column in placed.stamps} if names else ()
+        names += [column for column in placed.names if column not in stamps]
     placed = ColumnMap().place(name, names)
     if lacking := placed.lacks(list(KINDS)):
         refuse_missing(placed, lacking)
@@ -72,7 +72,7 @@ def compensate(
     RecordingError as there, or when the thermometers are not those of the model.
     """
     recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
-    stamps_ns, values = _read(table, recording.name)
+    _, stamps_ns, values = _read(table, recording.name)
     absent = np.full(len(stamps_ns), np.nan)
     raw = np.stack([values.get(axis, absent) for axis in AXES], axis=1)
     tare = initial_tare(model, recording, tare_s)
@@ -80,13 +80,9 @@ def compensate(
     return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in values}
 
 
-def _placed(table: Columns, name: str) -> Placed:
-    return ColumnMap().place(name, list(map(str, table.keys())))
-
-
-def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
+def _read(table: Columns, name: str) -> tuple[Placed, IntArray, dict[str, FloatArray]]:
     """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
-    placed = _placed(table, name)
+    placed = ColumnMap().place(name, list(map(str, table.keys())))
     if lacking := placed.lacks(['stamp']):
         refuse_missing(placed, lacking)
     stamp = placed.columns[STAMP]
@@ -102,10 +98,14 @@ def _read(table: Columns, name: str) -> tuple[IntArray, dict[str, FloatArray]]:
     if STAMP_NANOSEC in placed.columns:
         more = _numbers(table, placed.columns[STAMP_NANOSEC], name, stamps.shape)
         stamps_ns = stamps_ns + more.astype(np.int64)
-    return stamps_ns, {
-        column.channel: column.to_channel(_numbers(table, column, name, stamps.shape))
-        for column in placed.channels
-    }
+    return (
+        placed,
+        stamps_ns,
+        {
+            column.channel: column.to_channel(_numbers(table, column, name, stamps.shape))
+            for column in placed.channels
+        },
+    )
 
 
 def _numbers(table: Columns, column: Column, name: str, shape: tuple[int, ...]) -> FloatArray:

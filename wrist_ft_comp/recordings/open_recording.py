@@ -98,7 +98,7 @@ class OpenTable:
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
         """Read all rows of the columns that are used."""
         self.require('stamp')
-        return self.table.rows(list(self.columns.columns.values()), progress)
+        return self.table.rows(self.columns, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""

@@ -24,7 +24,7 @@ import zlib
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.column_map import Column, STAMP, STAMP_NANOSEC
+from wrist_ft_comp.recordings.column_map import Column, Placed, STAMP
 from wrist_ft_comp.recordings.stamps import exact_ns, StampReader
 from wrist_ft_comp.recordings.table_header import (
     COMMENTS,
@@ -165,9 +165,9 @@ class Table:
                     rows.append([*row, ''][: len(self.names)])
         return rows
 
-    def rows(self, columns: Sequence[Column], progress: Progress | None = None) -> Iterator[Rows]:
-        """Read the given columns; RecordingError, naming the line, where a row is bad."""
-        reader, is_empty = _RowReader(self, columns), True
+    def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
+        """Read the columns that are used; RecordingError, naming the line, where a row is bad."""
+        reader, is_empty = _RowReader(self, placed), True
         for number, text, is_whole in self._row_texts(progress):
             rows = reader.read(text, number) if is_whole else self._last(reader, text, number)
             if rows and len(rows.stamps_ns):
@@ -198,11 +198,10 @@ class Table:
 class _RowReader:
     """Converts the rows of a table, block by block."""
 
-    def __init__(self, table: Table, columns: Sequence[Column]) -> None:
+    def __init__(self, table: Table, placed: Placed) -> None:
         self._name, self.header, self._most = table.name, table.header, len(table.names)
-        self._values = [c for c in columns if c.channel not in {STAMP, STAMP_NANOSEC}]
-        self._more = [column for column in columns if column.channel == STAMP_NANOSEC]
-        (self._stamp,) = (column for column in columns if column.channel == STAMP)
+        self._values, self._stamp = placed.channels, placed.columns[STAMP]
+        self._more = [column for column in placed.stamps if column != self._stamp]
         self._stamps = StampReader(self._stamp.unit, self._stamp.factor)
 
     def read(self, text: str, number: int) -> Rows:
