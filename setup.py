@@ -32,6 +32,7 @@ setup(
         'setuptools',
         'numpy>=1.26,<3',
         'scipy>=1.11,<2',
+        'pandas>=2.1,<3',
         'PyYAML>=6.0,<7',
         'matplotlib>=3.6,<4',
         'jinja2>=3.1,<4',

@@ -12,11 +12,11 @@ ROOT = Path(__file__).parents[1]
 MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()  # noqa: S314 -- our own file
 #: What rosdep calls ``python3-`` and the name that is imported.
 PREFIXED = {
-    'hypothesis', 'jinja2', 'jsonschema', 'matplotlib', 'numpy', 'pytest', 'scipy', 'sklearn',
-    'tqdm', 'yaml',
+    'hypothesis', 'jinja2', 'jsonschema', 'matplotlib', 'numpy', 'pandas', 'pytest', 'scipy',
+    'sklearn', 'tqdm', 'yaml',
 }  # fmt: skip
 #: Used where they are there, from pip only; and what comes with rclpy's message packages.
-NOT_DECLARED = {'rosbags', 'rosidl_generator_py'}
+NOT_DECLARED = {'rosbags', 'openpyxl', 'pyarrow', 'rosidl_generator_py'}
 #: Loaded by name: storages by rosbag2_py, and the messages of TF.
 PLUGINS = {
     'rosbag2_compression_zstd', 'rosbag2_storage_mcap', 'rosbag2_storage_sqlite3', 'tf2_msgs',

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from wrist_ft_comp.fit.calibrate import calibrate
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
-    from wrist_ft_comp.recordings.columns import compensate, recording_from_columns
-    from wrist_ft_comp.recordings.recordings import read_recording
+    from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
+    from wrist_ft_comp.recordings.read import read_recording
     from wrist_ft_comp.report.evaluation import evaluate
     from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
     from wrist_ft_comp.report.summary import summarise
@@ -38,11 +38,11 @@ _HOMES = {
     'thermal_sensitivity_drift': 'report.performance_index',
     'calibrate': 'fit.calibrate', 'summarise': 'report.summary',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
-    'compensate': 'recordings.columns', 'recording_from_columns': 'recordings.columns',
+    'compensate': 'recordings.in_memory', 'recording_from_columns': 'recordings.in_memory',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
     'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
     'load_model': 'stored.model_file', 'save_model': 'stored.model_file',
-    'read_recording': 'recordings.recordings', 'WristFtCompError': 'errors',
+    'read_recording': 'recordings.read', 'WristFtCompError': 'errors',
     'Recording': 'signals', 'Topics': 'signals',
 }  # fmt: skip
 __all__ = [

@@ -1,17 +1,16 @@
 """
-What it costs to compensate long recordings, against scripts of a user.
+What it costs to read and to compensate long recordings.
 
 ``python bench/cost/rewriting.py [MINUTES]``, 60 by default, runs ``wrist_ft_comp compensate`` at
-1 kHz with a thermometer at 10 Hz, as mcap, sqlite3 and CSV. The script reads, computes and writes
-one message by one, in typed Python; it gets the first PEER_MINUTES only, and is compared per
-wrench, in processor time, which other programs disturb less. The command is run as a process of
-its own, start-up included. Peak memory is shown for the whole and for a quarter of it, because it
-must not grow. Figures are written to ``out/rewriting.json``.
+1 kHz with a thermometer at 10 Hz, as mcap, sqlite3 and CSV, and ``show`` of a day as a node
+records it, a row per second, each as a process of its own, start-up included. Processor time is
+what other programs disturb least. Peak memory is shown for the whole and for a quarter of it,
+because it must not grow. Figures are written to ``out/rewriting.json``.
 """
 
 import argparse
 from collections.abc import Callable, Iterator
-import csv
+from contextlib import closing
 from functools import partial
 import math
 import os
@@ -24,20 +23,19 @@ import time
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from warm_up import keep, make_model
 
+from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
 from wrist_ft_comp.signals import AXES, NANOSECONDS
-from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'
 HEADER = struct.Struct('<4siII12s')
 START_S = 1_723_248_197
 RATE_HZ = 1000
-PEER_MINUTES = 2.0
+DAY_S = 86_400
 #: Wrenches between two temperatures.
 THERMAL = 100
 
@@ -78,70 +76,17 @@ def write_csv(path: Path, minutes: float) -> None:
             file.write(f'{stamp},{",".join(f"{v:.6f}" for v in wrench.tolist())},{warm}\n')
 
 
-def rewrite_bag_typed(source: Path, target: Path, compensator: Compensator) -> None:
-    """Copy a bag, and add compensated wrenches, one typed message by one."""
-    with Reader(source) as reader, Writer(target, version=9, storage_plugin=_plugin(source)) as to:
-        copies = {
-            c.id: to.add_connection(c.topic, c.msgtype, typestore=STORE)
-            for c in reader.connections
-        }
-        output = to.add_connection('/wrench', WRENCH, typestore=STORE)
-        for connection, recorded, data in reader.messages():
-            message: Any = STORE.deserialize_cdr(data, connection.msgtype)
-            to.write(copies[connection.id], recorded, data)
-            stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
-            if connection.msgtype == TEMPERATURE:
-                compensator.add_temperature(0, stamp, message.temperature)
-                continue
-            force, torque = message.wrench.force, message.wrench.torque
-            values = compensator.correct(
-                stamp, (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-            )
-            force.x, force.y, force.z, torque.x, torque.y, torque.z = values
-            to.write(output, recorded, STORE.serialize_cdr(message, WRENCH))
-
-
-def _plugin(source: Path) -> StoragePlugin:
-    """Find out how a bag is stored."""
-    return StoragePlugin.MCAP if list(source.glob('*.mcap')) else StoragePlugin.SQLITE3
-
-
-def rewrite_csv_typed(source: Path, target: Path, compensator: Compensator) -> None:
-    """Copy a CSV file with its wrenches compensated, row by row."""
-    with source.open(newline='') as file, target.open('w', newline='') as made:
-        rows = csv.DictReader(file)
-        writer = csv.DictWriter(made, rows.fieldnames or ())
-        writer.writeheader()
-        for row in rows:
-            stamp = int(row['stamp_ns'])
-            if row['temperature_c']:
-                compensator.add_temperature(0, stamp, float(row['temperature_c']))
-            corrected = compensator.correct(stamp, [float(row[axis]) for axis in AXES])
-            writer.writerow(row | dict(zip(AXES, map(repr, corrected), strict=True)))
-
-
-def peer_rate(
-    rewrite: Callable[[Path, Path, Compensator], None], source: Path, model: Path, wrenches: int
-) -> float:
-    """Wrenches per second of processor time of the script."""
-    compensator = Compensator(1, StreamSettings(), load_model(model).model)
-    start = time.process_time()
-    rewrite(source, source.with_name('typed' + source.suffix), compensator)
-    return wrenches / (time.process_time() - start)
-
-
-def command_cost(source: Path, model: Path, target: Path) -> dict[str, float]:
-    """Measure processor time, s, elapsed time, s, and peak memory, MiB, of the command."""
+def command_cost(*words: object) -> dict[str, float]:
+    """Measure processor time, s, elapsed time, s, and peak memory, MiB, of a command."""
     start = time.perf_counter()
-    words = ('compensate', str(model), str(source), '-o', str(target))
     process = subprocess.Popen(
-        [sys.executable, '-m', 'wrist_ft_comp', *words],
+        [sys.executable, '-m', 'wrist_ft_comp', *map(str, words)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     _, status, usage = os.wait4(process.pid, 0)
     if status:
-        sys.exit(f'compensate failed on {source}')
+        sys.exit(f'{words} failed')
     return {
         'cpu_s': usage.ru_utime + usage.ru_stime,
         'elapsed_s': time.perf_counter() - start,
@@ -149,32 +94,25 @@ def command_cost(source: Path, model: Path, target: Path) -> dict[str, float]:
     }
 
 
-#: By kind of recording: its suffix, what writes it, and the script that rewrites it.
-KINDS: dict[str, tuple[str, Callable[[Path, float], None], Any]] = {
-    'mcap': ('', partial(write_bag, StoragePlugin.MCAP), rewrite_bag_typed),
-    'sqlite3': ('', partial(write_bag, StoragePlugin.SQLITE3), rewrite_bag_typed),
-    'csv': ('.csv', write_csv, rewrite_csv_typed),
+#: By kind of recording: its suffix, and what writes it.
+KINDS: dict[str, tuple[str, Callable[[Path, float], None]]] = {
+    'mcap': ('', partial(write_bag, StoragePlugin.MCAP)),
+    'sqlite3': ('', partial(write_bag, StoragePlugin.SQLITE3)),
+    'csv': ('.csv', write_csv),
 }
 
 
-def compare(kind: str, minutes: float, folder: Path, model: Path) -> dict[str, float]:
+def compensate(kind: str, minutes: float, folder: Path, model: Path) -> dict[str, float]:
     """Measure one kind of recording."""
-    suffix, write, rewrite = KINDS[kind]
-    long, part, short = (folder / f'{name}{suffix}' for name in ('long', 'part', 'short'))
-    peer_minutes = min(PEER_MINUTES, minutes)
-    for path, length in ((long, minutes), (part, minutes / 4), (short, peer_minutes)):
-        write(path, length)
-    typed = peer_rate(rewrite, short, model, round(peer_minutes * 60 * RATE_HZ))
-    quarter = command_cost(part, model, folder / f'part_made{suffix}')
-    whole = command_cost(long, model, folder / f'long_made{suffix}')
-    ours = minutes * 60 * RATE_HZ / whole['cpu_s']
-    return {
-        **whole,
-        'quarter_peak_mib': quarter['peak_mib'],
-        'wrenches_per_cpu_s': ours,
-        'typed_per_cpu_s': typed,
-        'ratio': ours / typed,
-    }
+    suffix, write = KINDS[kind]
+    costs = []
+    for name, length in (('part', minutes / 4), ('long', minutes)):
+        source, target = folder / f'{name}{suffix}', folder / f'{name}_made{suffix}'
+        write(source, length)
+        costs.append(command_cost('compensate', model, source, '-o', target))
+    quarter, whole = costs
+    rate = minutes * 60 * RATE_HZ / whole['cpu_s']
+    return {**whole, 'quarter_peak_mib': quarter['peak_mib'], 'wrenches_per_cpu_s': rate}
 
 
 def main() -> None:
@@ -183,19 +121,24 @@ def main() -> None:
     parser.add_argument('minutes', nargs='?', type=float, default=60.0)
     minutes = parser.parse_args().minutes
     print(f'{minutes:g} minutes; wrenches per second of processor time')
-    print(
-        'storage   compensate  typed script  ratio  whole: CPU, s  elapsed, s  peak MiB of 1/4, 1'
-    )
+    print('storage   compensate  whole: CPU, s  elapsed, s  peak MiB of 1/4, 1')
     figures = {}
     for kind in KINDS:
         with tempfile.TemporaryDirectory() as name:
-            row = figures[kind] = compare(kind, minutes, Path(name), make_model(Path(name)))
+            row = figures[kind] = compensate(kind, minutes, Path(name), make_model(Path(name)))
         print(
-            f'{kind:8}  {row["wrenches_per_cpu_s"]:10,.0f}  {row["typed_per_cpu_s"]:12,.0f}  '
-            f'{row["ratio"]:5.1f}  {row["cpu_s"]:13.1f}  {row["elapsed_s"]:10.1f}  '
-            f'{row["quarter_peak_mib"]:15.0f}  {row["peak_mib"]:4.0f}',
+            f'{kind:8}  {row["wrenches_per_cpu_s"]:10,.0f}  {row["cpu_s"]:13.1f}  '
+            f'{row["elapsed_s"]:10.1f}  {row["quarter_peak_mib"]:12.0f}  {row["peak_mib"]:4.0f}',
             flush=True,
         )
+    with tempfile.TemporaryDirectory() as name:
+        day = Path(name) / 'day.csv'
+        with closing(CsvRecordingWriter(day, (*AXES, 'temperature_c'))) as writer:
+            for second in range(DAY_S):
+                values = [0.1 * second, -0.2, 0.3, 0.01, -0.02, 0.03, 25 + second / DAY_S]
+                writer.append((START_S + second) * NANOSECONDS, values)
+        figures['day'] = command_cost('show', day)
+    print('show of 24 h: {cpu_s:.1f} s CPU, {peak_mib:.0f} MiB'.format(**figures['day']))
     keep('rewriting.json', figures)
 
 

@@ -36,7 +36,7 @@ from wrist_ft_comp.learning.diary import (
     survey,
 )
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore

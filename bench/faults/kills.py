@@ -39,7 +39,7 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, KIND
 from wrist_ft_comp.learning.memory import load_memory
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import AXES, GRAVITY, NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore

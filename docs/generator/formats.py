@@ -11,7 +11,7 @@ from markdown import table
 import wrist_ft_comp
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.recordings.columns import STAMPS
+from wrist_ft_comp.recordings.column_map import STAMPS
 from wrist_ft_comp.signals import (
     AXES,
     FORCE_CHANNELS,
@@ -24,9 +24,9 @@ SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\
 ## Recordings
 
-A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`, or a CSV file
-(UTF-8) with these columns in any order. A cell may be empty where a channel has no sample at that
-stamp.
+A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`, or a table (CSV or
+its relatives, packed or not, a workbook, parquet) with these columns in any order, or others and a
+map of them. A cell may be empty where a channel has no sample at that stamp.
 """
 EXITS = """\
 Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage, 130

@@ -19,7 +19,7 @@ import pytest
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.recordings.columns import recording_from_columns
+from wrist_ft_comp.recordings.in_memory import recording_from_columns
 
 ROWS = 600
 EPOCH_S = 1_723_248_197.0
@@ -120,24 +120,25 @@ REFUSED = {
         rename('stamp_s', 'stamp_ns', lambda v: ((v - EPOCH_S) * 1000).astype(int)),
         r'600 samples within 0.000599 s.*such as stamp_ms', COLUMNS),
     'no stamp': (
-        without('stamp_s'), 'no stamp column; expected stamp_ns or .* stamp_h, got f', COLUMNS),
+        without('stamp_s'), 'no stamp column; expected stamp_s .or .* got f', COLUMNS),
     'time instead of a stamp': (
-        rename('stamp_s', 'time'), r"Is 'time' meant to be 'stamp_s' \(or .*stamp_ms", COLUMNS),
-    'days': (
-        rename('stamp_s', 'stamp_days'), "Is 'stamp_days' meant to be 'stamp_s'", COLUMNS),
+        rename('stamp_s', 'time'), "say what they are, such as --columns 'stamp=time'", COLUMNS),
+    'seconds called days': (
+        rename('stamp_s', 'stamp_days'), "no stamp column.* such as --columns 'stamp=…'", COLUMNS),
     'no wrench': (
-        without('force_x', 'force_z'), 'no raw wrench column; expected force_x or', COLUMNS),
+        without('force_x', 'force_z'),
+        'no raw wrench column; expected any of force_x, .*force_z=…', COLUMNS),
     'short names of axes': (
         both(rename('force_x', 'fx'), rename('force_z', 'Fz [N]')),
-        r"Is 'fx' meant to be 'force_x' \(N\)\? Is 'Fz \[N\]' meant to be 'force_z'", COLUMNS),
+        r"--columns 'force_x=fx,force_z=Fz \[N\]:N'", COLUMNS),
     'kilonewtons': (
         both(rename('force_z', 'force_z_kn'), without('force_x')),
-        r"Is 'force_z_kn' meant to be 'force_z' \(N\)\?.* with its values in that unit", COLUMNS),
+        "--columns 'force_z=force_z_kn:kN'", COLUMNS),
     'no temperature': (
         without('temperature_c'), 'no temperature column; expected temperature_c.*, got', COLUMNS),
     'a temperature of another name': (
         rename('temperature_c', 'motor_temp'),
-        r"'motor_temp' meant to be 'temperature_c' \(or temperature_k, temperature_f\)", COLUMNS),
+        "--columns 'temperature_c=motor_temp'", COLUMNS),
     'a second thermometer without a first': (
         rename('temperature_c', 'temperature_2_c'), 'no temperature column', COLUMNS),
     'one thermometer in two units': (
@@ -186,10 +187,10 @@ WARNED = {
         r'hot throughout: .* Fahrenheit it would be 21.0 °C: then name it \S+(_f|:F)\.$', ALL),
     'columns that nobody knows': (
         both(put('note', 1.0), put('Torque_Z', 1.0), put('force_y_kn', 1.0)),
-        r'used: note, Torque_Z, force_y_kn. Is Torque_Z meant.* \(N m\)\? Is force_y_kn', COLUMNS),
+        r'used: note, Torque_Z, force_y_kn. .*force_y=force_y_kn:kN,torque_z=Torque_Z', COLUMNS),
     'a second time': (put('time', 1.0), 'not understood and not used: time\\.', COLUMNS),
     'a thermometer more': (
-        put('temp_motor', 30.0), 'Is temp_motor meant to be temperature_2_c', COLUMNS),
+        put('temp_motor', 30.0), 'temperature_2_c=temp_motor', COLUMNS),
     'a week': (
         put('stamp_s', lambda v: 1020 * (v - EPOCH_S)), r'lasts 7.1 days', COLUMNS),
     'a wrench without a stamp': (None, '1 of 600 samples have a stamp that', BAGS),

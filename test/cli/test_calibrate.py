@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 
 
@@ -74,7 +74,7 @@ def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
 def test_json_is_all_of_standard_output_even_with_warnings(run, make, tmp_path):
     columns = make.drifting()
     columns['temperature_c'][7] = float('nan')
-    columns['force_z'][9] = 'nan'
+    columns['force_z'][9] = 'inf'
     path = make.csv(tmp_path / 'run.csv', columns)
     outcome = run('calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls', '--json')
     printed = json.loads(outcome.out)

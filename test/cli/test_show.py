@@ -72,7 +72,7 @@ def test_a_model_whose_provenance_was_edited_is_shown(provenance, done, model, t
 
 def test_a_csv_says_its_channels_and_what_to_do_with_it(done, drift_csv, make, tmp_path):
     out = done('show', drift_csv)
-    assert out.startswith('drift.csv: CSV recording, 399.0 s')
+    assert out.startswith('drift.csv: table, 399.0 s')
     assert re.search(r'temperature_c +°C, 20\.\d to 3\d\.\d', out)
     assert re.search(r' 400 +1 +raw wrench', out)  # samples, per second
     assert f'wrist_ft_comp calibrate {drift_csv} -o model.yaml' in out

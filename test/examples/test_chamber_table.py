@@ -10,7 +10,8 @@ import pytest
 
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.recordings import describe_recording, read_recording
+from wrist_ft_comp.recordings.describe import describe_recording
+from wrist_ft_comp.recordings.read import read_recording
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / 'examples/paper/chamber_table.py'

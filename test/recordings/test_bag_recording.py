@@ -10,7 +10,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Topics
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader

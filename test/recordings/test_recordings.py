@@ -5,12 +5,9 @@ import pytest
 
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings import csv_file as csv_text
-from wrist_ft_comp.recordings.recordings import (
-    describe_recording,
-    read_recording,
-    rewrite_recording,
-)
+from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
+from wrist_ft_comp.recordings.describe import describe_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.wire import cdr
 
@@ -38,7 +35,7 @@ def raw_messages(path):
 
 
 def test_period_and_share_of_bad_samples_are_passed_on(make_csv):
-    rows = ''.join(f'{k},{"nan" if k == 7 else 1},20\n' for k in range(20))
+    rows = ''.join(f'{k},{"inf" if k == 7 else 1},20\n' for k in range(20))
     path = make_csv(f'stamp_s,force_z,temperature_c\n{rows}')
     with pytest.raises(RecordingError, match=r'run.csv: 1 of 20 samples'):
         read_recording(path)
@@ -72,16 +69,23 @@ def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentenc
             look(path if path.parent == tmp_path else path.parent)
 
 
-def test_a_rewritten_csv_differs_in_its_wrench_cells_only(make_csv, monkeypatch):
-    monkeypatch.setattr(csv_text, 'ROWS', 2)
-    source = make_csv(CSV)
+def every_other(_stamps_ns, wrench):
+    """An external wrench that is not known half of the time."""
+    return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
+
+
+def test_a_rewritten_table_has_our_columns_whatever_it_was(make_csv):
+    log = 't;Fz [kN];T;x\n0,0;0,0015;20;\n0,5;0,0025;;a\n1;;21;b\n'
+    source = make_csv(log)
     target = source.with_name('out.csv')
-    (warning,) = rewrite_recording(source, target, halve)
-    assert 'not understood and not used: note.' in warning
-    halved = CSV.replace('1.50', '0.75').replace('2.50', '1.25').replace(';7\n', ';3.5\n')
-    header, rest = halved.replace('\n', ';\n').split('\n', 1)
-    assert target.read_text() == f'{header}{csv_text.COMPENSATED}\n{rest}'
-    assert source.read_text() == CSV
+    topics = Topics(columns='stamp=t,force_z=Fz [kN],temperature_c=T')
+    (warning,) = rewrite_recording(source, target, halve, topics=topics, external=every_other)
+    assert 'not understood and not used: x.' in warning
+    assert target.read_text() == (
+        'stamp_ns,force_z,temperature_c,compensated_by_wrist_ft_comp,external_force_z\n'
+        '0,0.75,20.0,,2.5\n500000000,1.25,,,\n1000000000,,21.0,,\n'
+    )
+    assert source.read_text() == log
 
 
 def test_a_correction_sees_nan_for_absent_axes_and_only_rows_with_a_wrench(make_csv):
@@ -122,11 +126,6 @@ def test_a_rewritten_bag_holds_every_message_and_the_corrected_wrench(
     np.testing.assert_allclose(again.wrench, read_recording(source).wrench / 2)
 
 
-def every_other(_stamps_ns, wrench):
-    """An external wrench that is not known half of the time."""
-    return np.where(np.arange(len(wrench))[:, None] % 2, np.nan, wrench + 1)
-
-
 def test_an_external_wrench_has_its_own_topic_and_messages_where_it_is_finite(make_bag):
     source = make_bag(count=200)
     target = source.with_name('out')
@@ -137,18 +136,6 @@ def test_an_external_wrench_has_its_own_topic_and_messages_where_it_is_finite(ma
     raw = cdr.decode_many([data for _, data in after['/wrench_raw']], 6)
     np.testing.assert_array_equal(stamps, raw[0][::2])
     np.testing.assert_array_equal(values, raw[1][::2] + 1)
-
-
-def test_an_external_wrench_has_its_own_columns_and_cells_where_it_is_finite(make_csv):
-    source = make_csv(CSV)
-    target = source.with_name('out.csv')
-    rewrite_recording(source, target, halve, external=every_other)
-    lines = target.read_text().splitlines()
-    assert lines[0].endswith(f';{csv_text.COMPENSATED};external_force_z;external_torque_x')
-    assert [line.split(';')[-2:] for line in lines[1:]] == [['2.5', ''], ['', ''], ['', '']]
-    target.write_text(target.read_text().replace(csv_text.COMPENSATED, 'note'))
-    with pytest.raises(RecordingError, match='holds external_force_z already'):
-        rewrite_recording(target, source.with_name('again.csv'), halve, external=every_other)
 
 
 @pytest.mark.parametrize(('storage', 'suffix'), [('sqlite3', '.db3'), ('mcap', '.mcap')])

@@ -10,7 +10,7 @@ import yaml
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import GRAVITY, Topics
 
 by_either_backend = pytest.mark.usefixtures('backend')

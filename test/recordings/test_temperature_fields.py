@@ -14,7 +14,7 @@ from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.recordings.bag_opening import backend as chosen_backend
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
-from wrist_ft_comp.recordings.recordings import describe_recording
+from wrist_ft_comp.recordings.describe import describe_recording
 from wrist_ft_comp.signals import temperature_channel, Topics
 from wrist_ft_comp.wire.message_layout import _CODES as CODES
 

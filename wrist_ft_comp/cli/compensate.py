@@ -12,12 +12,12 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.external_offline import external_correction
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.recordings.recordings import (
+from wrist_ft_comp.recordings.compensated_copy import (
     check_copy,
     EXTERNAL_TOPIC,
-    read_recording,
     rewrite_recording,
 )
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import AXES, Correction, NANOSECONDS, Recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
@@ -33,11 +33,11 @@ _UNTARED = (
 )
 HELP = 'remove the drift from a recording'
 DESCRIPTION = """\
-Write a recording of the same kind with compensated wrenches.
-In CSV files they replace the raw ones; in bags they come beside them, on a
-topic of their own. An existing file or folder is never overwritten. An empty
-column tells that a CSV file is compensated, which is refused here. Without a
-tare every axis keeps a constant offset."""
+Write a recording with compensated wrenches.
+In bags they come beside the raw ones, on a topic of their own. Of a table they
+replace them, in a CSV file with this package's columns and units; an empty
+column tells that it is compensated, which is refused here. An existing file or
+folder is never overwritten. Without a tare every axis keeps a constant offset."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv

@@ -16,7 +16,7 @@ from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.learnt_payloads import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
     judge_errors,

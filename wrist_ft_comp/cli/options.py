@@ -15,9 +15,8 @@ from typing import Any, get_args, NoReturn, TypeVar
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.excerpt import parse_part
-from wrist_ft_comp.recordings.foreign_log import log_map
-from wrist_ft_comp.recordings.recordings import BAG, CSV, kind_of
+from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
+from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.signals import Reference, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.plain_values import to_plain
@@ -29,9 +28,7 @@ _OF_BAGS = (
     'output_topic',
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
-RECORDING_HELP = (
-    'a rosbag2 folder, a bare .mcap or .db3, or a CSV file (docs/files.md has its columns)'
-)
+RECORDING_HELP = 'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
 
 
 class Parser(argparse.ArgumentParser):
@@ -117,11 +114,11 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     log = parser.add_argument_group('logs of other programs')
     log.add_argument(
         '--columns', default='', metavar='NAME=COLUMN[:UNIT],…',
-        help="what a CSV log's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
+        help="what a table's columns are: 'stamp=time,force_z=fz:kN,temperature_c=temp:F' "
         '(default: recording.yaml beside it, or its own names)')  # fmt: skip
     log.add_argument(
         '--time', default='', metavar='FORM',
-        help='what its stamps are: s, ms, us, ns, min, h, iso, or a form such as '
+        help='what its stamps are: s, ms, us, ns, min, h, d, iso, or a form such as '
         '"%%d.%%m.%%y %%H:%%M"',
     )  # fmt: skip
     return group
@@ -150,7 +147,6 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     force = arguments.imu_topic, arguments.gravity_frame
     if all(force):
         raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
-    log_map(arguments.columns, arguments.time)
     part = {}
     if 'exclude' in arguments:
         part = {
@@ -158,10 +154,11 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
             'end': arguments.end,
             'exclude': tuple(arguments.exclude),
         }
-        parse_part(**part)
-    return Topics(
+    topics = Topics(
         arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
         columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
+    parse_options(topics)
+    return topics
 
 
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
@@ -169,8 +166,8 @@ def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> N
     kinds = {kind_of(path) for path in recordings}
     if BAG not in kinds:
         warn_of(arguments, _OF_BAGS, 'nothing that was named is a bag')
-    if CSV not in kinds:
-        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a CSV file')
+    if TABLE not in kinds:
+        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a table')
 
 
 def warn_of(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:

@@ -30,13 +30,9 @@ from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.specific_force_motion import ForceSummary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.recordings.foreign_log import MAP_FILE, recipe
-from wrist_ft_comp.recordings.recordings import (
-    describe_recording,
-    read_recording,
-    RecordingSummary,
-    REFERENCE,
-)
+from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
+from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.report.report_files import PICTURE, REPORT
 from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
@@ -242,6 +238,8 @@ def _read(
     summary: RecordingSummary, path: Path, progress: Progress
 ) -> tuple[str, tuple[str, ...]]:
     """Read a recording as others do: say why nothing can be learnt from it, and what to doubt."""
+    if summary.is_open:
+        return summary.refusal, ()
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
@@ -251,7 +249,9 @@ def _read(
     if summary.refusal and not summary.candidates:
         return f'Nothing can be learnt from it. {summary.refusal}', ()
     try:
-        recording = read_recording(path, topics=summary.topics, progress=progress)
+        recording = read_recording(
+            path, period_s=summary.period_s, topics=summary.topics, progress=progress
+        )
     except RecordingError as error:
         with_topics = ' with these topics' if summary.candidates else ''
         return f'Nothing can be learnt from it{with_topics}. {error}', ()
@@ -271,6 +271,7 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
     if refusal:
         yield refusal
+        yield from _commands(summary, path)[:1] if summary.is_open else ()
         return
     if not summary.candidates:
         yield f'Learn from it: {_commands(summary, path)[0]}'
@@ -313,7 +314,9 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     if not summary.candidates:
         if topics.columns:
             words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-        another = f'another_day{path.suffix}'
+        if summary.period_s != 1.0:
+            calibrate += ['--thermal-period', f'{summary.period_s:g}']
+        another = f'another_day{"".join(path.suffixes[-2:])}'
         evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
         return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]
     evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
@@ -326,6 +329,8 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    if reference and topics.reference != Topics().reference:
+        words += ['--reference-topic', topics.reference]
     if at_work and topics.imu:
         words += ['--imu-topic', topics.imu]
         run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
@@ -340,5 +345,5 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
 def _as_json(summary: RecordingSummary, path: Path, refusal: str) -> dict[str, object]:
     """Everything a script may want; of a bag, rates and commands, too."""
     candidates = [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates]
-    commands = _commands(summary, path) if candidates and not refusal else []
+    commands = [] if refusal else _commands(summary, path)
     return {**vars(summary), 'candidates': candidates, 'commands': commands, 'refusal': refusal}

@@ -16,7 +16,7 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob
-from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.report_content import calibration_content, ReportContent
 from wrist_ft_comp.signals import part_of, Progress, Recording
 from wrist_ft_comp.stored.model_file import save_model

@@ -22,7 +22,7 @@ from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.model_choice import Champion, describe_day, drift_words, take
 from wrist_ft_comp.learning.old_days import prune
 from wrist_ft_comp.learning.schedule import MOST_DAYS
-from wrist_ft_comp.recordings.recordings import hash_recording, read_recording
+from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.report_content import calibration_content, model_sources
 from wrist_ft_comp.report.report_files import REPORT

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from wrist_ft_comp.drift.drift_model import differences
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.csv_file import (
+from wrist_ft_comp.recordings.csv_writer import (
     CsvRecordingWriter,
     nanoseconds,
     origin_column,

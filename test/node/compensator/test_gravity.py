@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.stream.cell_averager import FORCE
 

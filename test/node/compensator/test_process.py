@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.state_file import load_state
 
 MODULE = 'wrist_ft_comp.node.compensator_node'

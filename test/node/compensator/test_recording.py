@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -10,7 +10,7 @@ import yaml
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 
 SECOND = 1_000_000_000

@@ -8,7 +8,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.recordings.recordings import read_recording
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stream.cell_averager import row_channels
 
 HOUR, DAY = 6, 144  # cells

@@ -1,0 +1,273 @@
+"""Tables: exact stamps, what other programs write, cut-off files, a sentence for what is bad."""
+
+from contextlib import closing
+from decimal import Decimal
+import gzip
+import math
+import sys
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import pandas
+import pytest
+
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recordings import table as table_file
+from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
+from wrist_ft_comp.recordings.open_recording import open_recording
+from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.signals import Topics
+
+EPOCH = 1_723_248_197_123_456_789
+HEADER = 'stamp_s,force_z,temperature_c\n'
+UNSHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def all_samples(path, columns='', time=''):
+    """Stamps and values per channel, over all blocks; and what was left out."""
+    channels = {}
+    with open_recording(path, Topics(columns=columns, time=time)) as opened:
+        for block in opened.samples():
+            for column, channel in enumerate(block.channels):
+                stamps, values = channels.setdefault(channel, ([], []))
+                stamps.extend(block.stamps_ns.tolist())
+                values.extend(block.values[:, column].tolist())
+        return channels, opened.warnings
+
+
+#: A stamp, its unit or form, and the nanoseconds.
+STAMPS = [
+    ('1723248197.123456789', 's', EPOCH),
+    ('-0.5', 's', -500_000_000),
+    ('.25', 's', 250_000_000),
+    (' 3. ', 's', 3_000_000_000),
+    ('1.5e3', 's', 1_500_000_000_000),
+    ('0.30000000000000004', 's', 300_000_000),
+    ('0.0000000009', 's', 1),
+    ('1.7232481971234567e9', 's', 1_723_248_197_123_456_700),
+    ('1723248197123.456789', 'ms', EPOCH),
+    (str(EPOCH), 'ns', EPOCH),
+    ('2024-08-10T00:03:17.123456789Z', 'iso', EPOCH),
+    ('2024-08-10 01:03:17.123456789+01:00', 'iso', EPOCH),
+    ('10.08.2024 00:03:17.123456789', '%d.%m.%Y %H:%M:%S.%f', EPOCH),
+    ('2024-08-10', 'iso', EPOCH - EPOCH % (86_400 * 10**9)),
+]
+
+
+@pytest.mark.parametrize(('text', 'time', 'ns'), STAMPS)
+@pytest.mark.parametrize('count', [1, 3])
+def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
+    """Row by row and in blocks."""
+    path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count)
+    assert all_samples(path, time=time)[0]['force_z'] == ([ns], [1.0])
+
+
+@given(st.lists(st.integers(-(10**19) // 2, 10**19 // 2), min_size=1, max_size=30, unique=True))
+@UNSHARED
+def test_any_nanosecond_survives_being_written_as_seconds(make_csv, stamps):
+    rows = '\n'.join(f'{Decimal(ns).scaleb(-9):f},1' for ns in stamps)
+    assert all_samples(make_csv(f'stamp_s,force_z\n{rows}\n'))[0]['force_z'][0] == stamps
+
+
+CELLS = st.one_of(st.floats(allow_nan=False, width=64), st.just(math.nan))
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**62), CELLS, CELLS, CELLS), min_size=1, max_size=20,
+                unique_by=lambda row: row[0]))  # fmt: skip
+@UNSHARED
+def test_a_written_recording_is_read_back_exactly(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp('csv') / 'own.csv'
+    channels = ('force_x', 'force_y', 'temperature_c')
+    with closing(CsvRecordingWriter(path, channels)) as writer:
+        for stamp, *values in rows:
+            writer.append(stamp, values)
+        writer.sync()
+        writer.close()
+    samples, warnings = all_samples(path)
+    assert warnings == ()
+    for column, channel in enumerate(channels, 1):
+        kept = [(row[0], row[column]) for row in rows if not math.isnan(row[column])]
+        assert list(zip(*samples.get(channel, ((), ())), strict=True)) == kept
+
+
+#: The same six rows as other programs write them, and what has to be said of them.
+SAID = 'stamp=t,force_z=Fz,temperature_c=T'
+ROWS = [(0, 1.5, 20.25), (1, -2.5, 20.5), (2, 1e-3, 20.75), (3, 4.0, 21.0), (4, 5.5, 21.5),
+        (5, 6.0, 22.0)]  # fmt: skip
+
+
+def lines(delimiter=',', *, above='t,Fz,T', behind='', comma=False, end='\n'):
+    """Write the rows."""
+    rows = [[str(value).replace('.', ',' * comma or '.') for value in row] for row in ROWS]
+    text = [above.replace(',', delimiter), *(delimiter.join(row) + behind for row in rows), '']
+    return end.join(text)
+
+
+FORMS = {
+    'commas': lines(),
+    'quotes': '"t", "Fz", "T"\n' + lines(above='').replace('20.25', '"20.25"').lstrip(),
+    'windows': lines(end='\r\n'),
+    'a byte order mark': '\ufeff' + lines(),
+    'UTF-16': lines('\t').encode('utf-16'),
+    'latin-1': (lines() + '# 5 °C\n').encode('latin-1'),
+    'decimal commas': lines(';', comma=True),
+    'tabs and decimal commas': lines('\t', comma=True),
+    'spaces': lines('   '),
+    'spaces and decimal commas': lines(' ', behind=' ', comma=True),
+    'trailing delimiters': lines(behind=','),
+    'a trailing delimiter in the header': lines(above='t,Fz,T,'),
+    'a column without cells': lines('\t', above='t,Fz,T,Comment'),
+    'lines above': 'Logger 3.1\nSerial: FT12345\nRate;1\n\n' + lines(),
+    'comments': '# cell 3\n' + lines(above='% new\nt,Fz,T\n// begin'),
+    'numpy.savetxt': lines(' ', above='# t,Fz,T\n#\n# begin'),
+    'a row of units': lines(above='t,Fz,T\ns,N,C'),
+    'units and statistics': lines(above='"TOA5","CR1000"\nt,Fz,T\nTS,N,Deg C\n,Avg,Smp'),
+    'missing ones': lines() + '6,NaN,N/A\n7,-,---\n8,null,\n,,\n\n',
+    'a repeated header': lines() + 't,Fz,T\n\n',
+    'a text column': 't,Fz,note,T\n' + ''.join(
+        f'{t},{force},"{note}",{reading}\n'
+        for (t, force, reading), note in zip(
+            ROWS, ('', 'a, b', 'c', 'two\nlines', '""', 'x'), strict=True)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('block', [40, table_file.BLOCK])
+def test_every_form_of_a_table_holds_the_same(make_csv, monkeypatch, form, block):
+    """Also where it is read in small blocks."""
+    monkeypatch.setattr(table_file, 'BLOCK', block)
+    samples, warnings = all_samples(make_csv(FORMS[form]), SAID)
+    stamps = [row[0] * 10**9 for row in ROWS]
+    assert samples['force_z'] == (stamps, [row[1] for row in ROWS])
+    assert samples['temperature_c'] == (stamps, [row[2] for row in ROWS])
+    assert not [warning for warning in warnings if 'not understood' not in warning]
+
+
+@pytest.mark.parametrize('name', ['log.csv.gz', 'log.txt', 'log.xlsx', 'log.parquet'])
+def test_packed_tables_and_workbooks_hold_the_same(tmp_path, name):
+    path = tmp_path / name
+    if name.endswith('.gz'):
+        path.write_bytes(gzip.compress(lines().encode()))
+    elif name.endswith('.txt'):
+        path.write_text(lines(above=''))  # no header: columns are numbered
+    else:
+        library = {'.xlsx': 'openpyxl', '.parquet': 'pyarrow'}[path.suffix]
+        pytest.importorskip(library)
+        frame = pandas.DataFrame(ROWS, columns=['t', 'Fz', 'T'])
+        frame.to_excel(path, index=False) if path.suffix == '.xlsx' else frame.to_parquet(path)
+    said = 'stamp=1,force_z=2,temperature_c=3' if name.endswith('.txt') else SAID
+    assert all_samples(path, said)[0]['force_z'][1] == [row[1] for row in ROWS]
+
+
+@pytest.mark.parametrize(('name', 'library'), [('a.xlsx', 'openpyxl'), ('a.parquet', 'pyarrow')])
+def test_what_a_library_reads_that_is_not_there_is_a_sentence(
+    make_csv, monkeypatch, name, library
+):
+    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
+    with pytest.raises(RecordingError, match=f"needs {library}, .* 'pip install {library}', or "):
+        all_samples(make_csv(b'PK', name))
+
+
+def test_empty_cells_are_no_samples_wherever_they_are(make_csv):
+    path = make_csv(
+        'stamp_ns,force_x,force_y,temperature_c,temperature_2_c,reference_force_x,note\n'
+        '1,1,2,20, ,,a\n2,3,4,,,,b\n3,5,,21,30,,c\n4,,6,,,,d\n'
+    )
+    assert all_samples(path)[0] == {
+        'force_x': ([1, 2, 3], [1.0, 3.0, 5.0]),
+        'force_y': ([1, 2, 4], [2.0, 4.0, 6.0]),
+        'temperature_c': ([1, 3], [20.0, 21.0]),
+        'temperature_2_c': ([3], [30.0]),
+        'reference_force_x': ([], []),
+    }
+
+
+def test_a_group_that_is_full_or_empty_together_is_one_block(make_csv):
+    path = make_csv('stamp_ns,force_x,force_y,temperature_c\n1,1,2,\n2,,,20\n3,3,4,21\n')
+    with open_recording(path, Topics()) as opened:
+        blocks = list(opened.samples())
+    assert [block.channels for block in blocks] == [('force_x', 'force_y'), ('temperature_c',)]
+    assert blocks[0].values.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+def test_rows_of_one_stamp_are_one_sample(make_csv):
+    """Of a clock that is too coarse for its recorder."""
+    path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
+    samples, _ = all_samples(path)
+    assert samples['force_z'] == ([0, 10**9, 2 * 10**9], [2.0, 5.0, 8.0])
+    assert samples['temperature_c'] == ([0, 10**9, 2 * 10**9], [20.5, 22.0, 24.0])
+
+
+def test_a_time_of_day_goes_on_after_midnight(make_csv, monkeypatch):
+    monkeypatch.setattr(table_file, 'BLOCK', 60)
+    times = [f'{h}:{m:02}' for h in (22, 23, 0, 1) for m in range(0, 60, 10)]
+    rows = ''.join(f'{at},{k},20\n' for k, at in enumerate(times))
+    stamps, _ = all_samples(make_csv(f't,Fz,T\n{rows}'), SAID)[0]['force_z']
+    assert stamps == [(22 * 3600 + 600 * k) * 10**9 for k in range(24)]
+
+
+#: What is in the file, and words of the sentence: what was expected, and where.
+BAD = [
+    ('', 'run.csv is empty'),
+    ('\n', 'run.csv is empty'),
+    (HEADER, 'no complete row'),
+    (HEADER.strip(), 'no complete row'),
+    ('0.1,2,3\n0.2,2,3\n', 'no stamp .* got 1, 2, 3.*number of a column'),
+    ('stamp_s,force_z,force_z,temperature_c\n0,1,1,1\n', 'column force_z twice'),
+    ('stamp_s,stamp_s,force_z\n0,1,1\n', 'column stamp_s twice'),
+    (HEADER + '0,1,20\n1,1\n2,1,20\n', 'Line 3 of run.csv has 2 cells.*3'),
+    (HEADER + '0,1,20\n\n1,1,2,3\n', 'Line 4 of run.csv has 4 cells'),
+    (HEADER + '0,"1",20\n\n1,1\n', 'Line 4 of run.csv has 2 cells'),
+    (HEADER + '0,1,20\n1,abc,20\n', "Line 3 of run.csv, column force_z.*number.*'abc'"),
+    (HEADER + '0,1,20\n1,1_0,20\n', "Line 3 of run.csv, column force_z.*number.*'1_0'"),
+    (HEADER + '0,1,20\n1,1,\n2,1,x\n', "Line 4 of run.csv, column temperature_c.*got 'x'"),
+    ('stamp_s;force_z;temperature_c\n0;1,5,0;20\n', "expected a number, got '1,5,0'"),
+    *((f'{HEADER}0,1,20\n{bad},1,20\n', f"Line 3 of run.csv, column stamp_s.*got '{bad}'")
+      for bad in ('', '-', 'nan', '1e40', '1_0', '8 h')),
+    ('stamp_ns,force_z,temperature_c\n99999999999999999999,1,2\n', "stamp_ns.*'9999"),
+    ('stamp_ns,force_z,temperature_c\n1,1,2\nnan,1,2\n', "Line 3 .*column stamp_ns.*got 'nan'"),
+    ('stamp_s,stamp_nanosec,force_z,temperature_c\n1,1,1,2\n2,,1,2\n', "stamp_nano.*got ''"),
+    (b'\x89PNG\r\n\x1a\n\0\0\r\n', 'is no text'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(('text', 'sentence'), BAD)
+def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, text, sentence):
+    with pytest.raises(RecordingError, match=sentence):
+        read_recording(make_csv(text))
+
+
+@pytest.mark.parametrize('tail', ['2,1', '2,1,-x', '2', '2,1,2x', '\0\0\0\0'])
+def test_a_cut_off_last_line_is_left_out_with_a_warning(make_csv, tail):
+    samples, (warning,) = all_samples(make_csv(f'{HEADER}0,1,20\n1,1,20\n{tail}'))
+    assert samples['force_z'] == ([0, 10**9], [1.0, 1.0])
+    assert 'Line 4 of run.csv is cut off' in warning
+
+
+def test_a_complete_last_line_without_line_end_is_kept_and_mentioned(make_csv):
+    samples, (warning,) = all_samples(make_csv(f'{HEADER}0,1,20\n1,1,2'))
+    assert samples['temperature_c'][1] == [20.0, 2.0]
+    assert "temperature_c = '2'" in warning
+
+
+def test_a_file_cut_anywhere_keeps_every_complete_row(tmp_path, make_csv):
+    path = tmp_path / 'own.csv'
+    with closing(CsvRecordingWriter(path, ('force_z', 'temperature_c'))) as writer:
+        for k in range(8):
+            writer.append(EPOCH + k, [0.1 * k, 20.25 if k % 2 else math.nan])
+    whole = path.read_bytes()
+    begin = whole.index(b'\n') + 1
+    for end in range(whole.index(b'\n', begin) + 1, len(whole)):
+        samples, _ = all_samples(make_csv(whole[:end]))
+        complete = whole[:end].count(b'\n') - 1
+        assert samples['force_z'][0][:complete] == [EPOCH + k for k in range(complete)]
+
+
+def test_the_writer_refuses_an_existing_file_and_a_missing_folder(tmp_path):
+    path = tmp_path / 'own.csv'
+    path.write_text('mine')
+    for target, reason in ((path, 'File exists'), (tmp_path / 'no' / 'own.csv', 'No such')):
+        with pytest.raises(RecordingError, match=f'cannot be written: {reason}'):
+            CsvRecordingWriter(target, ('force_z',))
+    assert path.read_text() == 'mine'

@@ -1,0 +1,123 @@
+"""A recording copied with its wrench corrected."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.recordings.bag import SUFFIXES
+from wrist_ft_comp.recordings.bag_recording import rewrite_bag
+from wrist_ft_comp.recordings.column_map import COMPENSATED, ORIGIN
+from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
+from wrist_ft_comp.recordings.table import Rows
+from wrist_ft_comp.signals import AXES, Correction, FloatArray, Progress, Topics
+from wrist_ft_comp.stored.own_file import Output, writing
+
+EXTERNAL_TOPIC = '/wrench_external'
+
+
+def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its default
+    source: Path | str,
+    target: Path | str,
+    correct: Correction,
+    *,
+    topics: Topics | None = None,
+    output_topic: str = '/wrench',
+    external: Correction | None = None,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """
+    Copy a recording with its wrench corrected; says what was left out.
+
+    A table becomes a CSV recording with this package's columns and units; a bag stays a bag and
+    gets the corrected wrench on a topic of its own, ``output_topic``. What ``external`` makes of
+    the raw wrench comes beside it, in columns ``external_force_x`` … or on EXTERNAL_TOPIC. The
+    target must not exist; for a bag it is a folder, or, with the suffix of the source's storage,
+    one file. ``correct`` gets consecutive pieces, NaN for absent axes. RecordingError when the
+    source cannot be read or the target cannot be made; a failure leaves nothing behind.
+    """
+    source, target, topics = Path(source), Path(target), topics or Topics()
+    outputs = {output_topic: correct, **({EXTERNAL_TOPIC: external} if external else {})}
+    copy = check_copy(source, target, list(outputs))
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        writing(target),
+        TemporaryDirectory(prefix=f'.{target.name}.', dir=target.parent) as folder,
+        open_recording(source, topics) as opened,
+    ):
+        made = Path(folder) / target.name
+        if isinstance(opened, OpenTable):
+            _write_table(opened, made, correct, external, progress)
+        else:
+            rewrite_bag(opened.bag, made, outputs, topics, progress)
+        copy.check_target(target)
+        made.rename(target)
+        return opened.warnings
+
+
+def check_copy(
+    source: Path, target: Path, topics: Sequence[str] = (), others: Sequence[Path] = ()
+) -> Output:
+    """Refuse a target of a copy, or topics that are added to it, before anything is read."""
+    copy = Output(name='copy', endings='.csv')
+    with open_recording(source, Topics()) as opened:
+        if isinstance(opened, OpenTable):
+            if opened.compensated:
+                raise RecordingError(opened.compensated)
+        else:
+            bag = opened.bag
+            taken = {connection.topic.strip('/') for connection in bag.connections}
+            for topic in topics:
+                if topic.strip('/') in taken:
+                    raise OutputError(
+                        f'{bag.name} holds {topic} already; name another topic for the output.'
+                    )
+                taken.add(topic.strip('/'))
+            (ending,) = (end for end, storage in SUFFIXES.items() if storage == bag.storage)
+            copy = replace(copy, endings=ending)
+    copy.check_target(target, [source, *others])
+    return copy
+
+
+def _write_table(
+    source: OpenTable,
+    target: Path,
+    correct: Correction,
+    external: Correction | None,
+    progress: Progress | None,
+) -> None:
+    """Write our own columns; an empty one says that they are compensated."""
+    import pandas  # noqa: PLC0415 -- a bag is copied without it
+
+    source.require('stamp', 'raw wrench')
+    names = [column.channel for column in source.columns.channels]
+    present = [axis for axis in AXES if axis in names]
+    origin = [name for name in source.table.names if name.startswith(ORIGIN)]
+    for number, rows in enumerate(source.rows(progress)):
+        columns: dict[str, object] = {'stamp_ns': rows.stamps_ns, **rows.values}
+        columns |= _corrected(rows, present, correct, '')
+        columns |= dict.fromkeys([*origin, COMPENSATED], '')
+        if external:
+            columns |= _corrected(rows, present, external, 'external_')
+        pandas.DataFrame(columns).to_csv(
+            target, mode='a', index=False, header=not number, lineterminator='\n'
+        )
+
+
+def _corrected(
+    rows: Rows, present: Sequence[str], correct: Correction, prefix: str
+) -> dict[str, FloatArray]:
+    """Correct the wrench of the rows that have one; by channel, NaN where there is none."""
+    wrench = np.full((len(rows.stamps_ns), len(AXES)), np.nan)
+    for axis in present:
+        wrench[:, AXES.index(axis)] = rows.values[axis]
+    absent = np.isnan(wrench)
+    filled = ~absent.all(axis=1)
+    if filled.any():
+        wrench[filled] = correct(rows.stamps_ns[filled], wrench[filled])
+    wrench[absent] = np.nan
+    return {f'{prefix}{axis}': wrench[:, AXES.index(axis)] for axis in present}
