@@ -129,7 +129,9 @@ def compensated(model_path, rows, folder):
     assert main(['compensate', str(model_path), str(path), '-o', str(out)]) == 0
     with out.open(newline='') as file:
         written = [row for row in csv.DictReader(file) if row['force_z']]
-    return {round(float(row['stamp_s'])) - START - 2: -float(row['force_z']) for row in written}
+    return {
+        round(int(row['stamp_ns']) / 10**9) - START - 2: -float(row['force_z']) for row in written
+    }
 
 
 @settings(

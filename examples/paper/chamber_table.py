@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 #: Time at every temperature, and at every load at its end, s.
 RESIDENCE_S, STEP_S = 1800, 30
+#: Of the time at a temperature, what the sensor takes to get there: nothing is written of it, s.
+CHANGE_S = 600
 #: The gain is 1 in the column whose temperature is nearest to this one, °C (T of eq. 23).
 REFERENCE_TEMPERATURE_C = 20.0
 
@@ -40,10 +42,10 @@ class ChamberTable:
         """Refuse by ValueError what is no test of a sensor."""
         if not all(np.isfinite(a).all() for a in (self.temperatures_c, self.load, self.output)):
             raise ValueError(f'Loads, temperatures and outputs of {self.name} must be finite.')
-        if max(self.load) == self.load[0] or len(self.load) > RESIDENCE_S // STEP_S:
+        if max(self.load) == self.load[0] or len(self.load) > (RESIDENCE_S - CHANGE_S) // STEP_S:
             raise ValueError(
                 f'{self.name} must begin without load and reach full load, in at most '
-                f'{RESIDENCE_S // STEP_S} steps.'
+                f'{(RESIDENCE_S - CHANGE_S) // STEP_S} steps.'
             )
 
     @property
@@ -95,11 +97,11 @@ def write_recording(table: ChamberTable, path: Path) -> None:
         rows.writerow(('stamp_s', 'temperature_c', 'force_z', 'reference_force_z'))
         for column, temperature_c in enumerate(table.temperatures_c.tolist()):
             end_s = RESIDENCE_S * (column + 1)
-            for stamp_s in range(end_s - RESIDENCE_S, end_s, STEP_S):
+            for stamp_s in range(end_s - RESIDENCE_S + (CHANGE_S if column else 0), end_s, STEP_S):
                 step = len(table.load) - (end_s - stamp_s) // STEP_S
                 reading = [table.output[step, column], table.reference[step]] if step >= 0 else []
                 rows.writerow([stamp_s, temperature_c, *(reading or ['', ''])])
-            # Temperature stands until the next one begins: between two rows it would be a slope.
+            # Temperature stands until the chamber changes it.
             rows.writerow([end_s - 1, temperature_c, '', ''])
 
 

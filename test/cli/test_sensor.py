@@ -132,15 +132,6 @@ class TestWhatWasLearntFrom:
         assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence
         assert not (tmp_path / 'm.yaml').exists()
 
-    def test_the_same_day_in_another_form_is_counted_once(self, drift_csv, run, tmp_path):
-        header, *rows = drift_csv.read_text().splitlines()
-        rows = [f'17{number:08d}{row[row.index(".") :]}' for number, row in enumerate(rows)]
-        whole, thinned = tmp_path / 'whole.csv', tmp_path / 'thinned.csv'
-        whole.write_text('\n'.join((header, *rows)) + '\n')
-        thinned.write_text('\n'.join((header, *rows[1::2])) + '\n')
-        refused = run('calibrate', whole, thinned, '-o', tmp_path / 'm.yaml').sentence
-        assert 'thinned.csv was recorded at the same time as' in refused
-
 
 def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp_path):
     """CSV, mcap and sqlite3; temperatures on topics of their own and inside other messages."""

@@ -95,7 +95,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--wrench-topic', default=defaults.wrench, metavar='TOPIC',
         help='a geometry_msgs/WrenchStamped (default: %(default)s)')  # fmt: skip
     group.add_argument(
-        '--temperature-topic', action='append', metavar='TOPIC[:FIELD[*FACTOR][:UNIT]]',
+        '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
