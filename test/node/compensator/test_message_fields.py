@@ -134,15 +134,15 @@ def test_a_topic_at_a_kilohertz_is_read_ten_times_a_second(wired):
     message = battery(0, 20.0)
     for second in range(1, 5):
         message.header.stamp.sec = START_S + second
-        message.temperature = 20.0 + second
+        message.temperature = 20.0 + 0.1 * second
         for millisecond in range(1000):
             message.header.stamp.nanosec = millisecond * 1_000_000
             state.publish(message)
         assert wrenches_pass(node)
     before = readings_handled(node)
     assert before < 1000, 'of 4001'
-    send(node, state, battery(5, 25.0), battery(6, 26.0))
-    assert held_c(node) == [25.0]
+    send(node, state, battery(5, 20.5), battery(6, 20.6))
+    assert held_c(node) == [20.5]
 
 
 @pytest.mark.parametrize(
@@ -231,8 +231,8 @@ def test_a_publisher_may_come_late_die_and_come_back_as_another_type(wired, driv
     assert wrenches_pass(node)
     second = driver()
     state = second.publisher(BatteryState, topic)
-    send(node, state, *(battery(s, 24.0) for s in range(3, 6)))
-    assert held_c(node) == [24.0]
+    send(node, state, *(battery(s, 22.0) for s in range(3, 6)))
+    assert held_c(node) == [22.0]
     second.close()
     send(node, driver().publisher(FluidPressure, topic), FluidPressure(header=header(7)))
     words = 'no temperature. Its numbers are fluid_pressure, variance'

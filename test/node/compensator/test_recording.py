@@ -24,7 +24,7 @@ def feed(rig, cells, *, first=0, per_cell=4, celsius=(25.0,)):
         stamps = START + cell * SECOND + np.arange(per_cell) * (SECOND // per_cell)
         wrenches = np.arange(per_cell)[:, np.newaxis] + np.full(6, 10.0 * cell)
         rig.stream(stamps, wrenches)
-        rig.warm(START + cell * SECOND + SECOND // 2, *(value + cell for value in celsius))
+        rig.warm(START + cell * SECOND + SECOND // 2, *(value + 0.1 * cell for value in celsius))
         sent.append(wrenches)
     return sent
 
@@ -44,8 +44,8 @@ def test_rows_are_the_means_per_cell(rig):
     np.testing.assert_allclose(table['force_x'], [wrenches.mean() for wrenches in sent[:7]])
     np.testing.assert_allclose(table['torque_z'], [wrenches.mean() for wrenches in sent[:7]])
     np.testing.assert_allclose(table['reference_force_y'], np.arange(7) + 0.5)
-    np.testing.assert_allclose(table['temperature_c'], 20.0 + np.arange(7))
-    np.testing.assert_allclose(table['temperature_2_c'], 40.0 + np.arange(7))
+    np.testing.assert_allclose(table['temperature_c'], 20.0 + 0.1 * np.arange(7))
+    np.testing.assert_allclose(table['temperature_2_c'], 40.0 + 0.1 * np.arange(7))
 
 
 def test_a_recording_is_readable_while_it_runs(rig):
@@ -54,7 +54,7 @@ def test_a_recording_is_readable_while_it_runs(rig):
     feed(node, 5)
     assert node.node.recording.current.rows == 4
     recording = read_recording(path)
-    np.testing.assert_allclose(recording.temperature_c[:, 0], 25.0 + np.arange(4))
+    np.testing.assert_allclose(recording.temperature_c[:, 0], 25.0 + 0.1 * np.arange(4))
     np.testing.assert_allclose(recording.wrench[:, 2], 1.5 + 10 * np.arange(4))
     assert np.isnan(recording.reference).all()
     assert recording.warnings == ()
@@ -104,7 +104,7 @@ def test_a_recording_keeps_its_cells_where_a_model_brings_longer_ones(rig, make_
     measured = np.isfinite(table['temperature_c'])
     assert cells[measured].tolist() == [0, 1, 2, 5, 15, 25, 35, 45, 55]
     recording = read_recording(path, period_s=10.0)
-    np.testing.assert_allclose(recording.temperature_c[2:4, 0], [49.5, 59.5])
+    np.testing.assert_allclose(recording.temperature_c[2:4, 0], [27.45, 28.45])
 
 
 def test_two_recordings_get_the_same_rows_and_one_that_ends_leaves_the_other(rig):

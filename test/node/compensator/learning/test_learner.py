@@ -211,7 +211,7 @@ def test_a_broken_memory_is_a_sentence_and_decisions_stay(learner, models):
     (node.rig.directory / 'active.json').write_text('[' * 986 + ']' * 986)
     node = learner()
     assert node.rig.diagnosis('learning').values['last_change'] == 'none yet'
-    assert 'active.json cannot be read' in node.rig.diagnosis('model').message
+    assert 'active.json is not a list of models' in node.rig.diagnosis('model').message
     assert day_of_choice(node.node.live.history) == '', 'a broken list is no decision'
     node.wait(lambda: node.node.learning.memory.judged == 'day_00003.csv', 'a day judged again')
 
