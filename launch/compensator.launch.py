@@ -20,7 +20,6 @@ TOPICS = {
 }
 #: Other arguments with their defaults; what is empty is left to the node.
 ARGUMENTS = {
-    'wrench_topic': ('', 'the raw wrench inside other messages, as /driver/state:wrench'),
     'temperature_topics': ('', 'the thermometers, a YAML list as in docs/interface.md'),
     'params_file': ('', 'a parameter file, as config/compensator.yaml'),
     'data_directory': ('', 'where models and recordings are kept'),
@@ -37,8 +36,8 @@ def compensator(context):
     parameters = [given['params_file']] if given['params_file'] else []
     if given['temperature_topics']:
         parameters.append({'temperature_topics': yaml.safe_load(given['temperature_topics'])})
-    plain = 'wrench_topic', 'data_directory'
-    parameters += [{name: given[name]} for name in plain if given[name]]
+    if given['data_directory']:
+        parameters.append({'data_directory': given['data_directory']})
     logger = '.'.join([*given['namespace'].split('/'), given['name']]).strip('.')
     node = Node(
         package='wrist_ft_comp',

@@ -48,15 +48,11 @@ _STREAM = StreamSettings()
 #: Parameters of the stream itself, which all parts share, and of all parts.
 PARAMETERS = (
     at_start(
-        'wrench_topic', 'wrench_raw',
-        'The raw wrench: a topic of geometry_msgs/WrenchStamped, or TOPIC:FIELD for a Wrench or '
-        'WrenchStamped inside messages of any type, such as /driver/state:wrench, or for six '
-        'numbers in an array, such as /driver/state:data[0..5].'),
-    at_start(
         'temperature_topics', ('temperature',),
         'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
         'TOPIC:FIELD for a number in messages of any type, such as '
-        '/driver/state:joints[2].temperature, with :K or :F behind it where that is not in °C.'),
+        '/driver/state:joints[2].temperature:K, with a factor where it is in other steps, such as '
+        '/plc/state:data[3]*0.1 for tenths of a degree.'),
     at_start(
         'hardware_id', '',
         'Serial number of the sensor, which no topic holds. Recordings and models keep it, and a '
@@ -86,7 +82,7 @@ PARAMETERS = (
 )  # fmt: skip
 #: What topics and services are for, by name.
 TOPICS = {
-    'wrench_raw': 'raw wrench of the driver, or another topic by wrench_topic',
+    'wrench_raw': 'raw wrench of the driver, to which it is remapped',
     'wrench': "compensated and tared wrench, with the input's header",
     **dict(topic for part in PARTS for topic in part.topics),
     '/diagnostics': 'state of the node, once a second',
@@ -108,7 +104,7 @@ class CompensatorNode(Hub):
         self._newest: Newest | None = None
         self._sources = self._thermometers(chosen['temperature_topics'])
         self._topics = tuple(self.resolve_topic_name(source.topic) for source in self._sources)
-        self._raw_topic = self._full_name(chosen['wrench_topic'])
+        self._raw_topic = self.resolve_topic_name('wrench_raw')
         self._check_topics()
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
@@ -122,9 +118,7 @@ class CompensatorNode(Hub):
             ),
         )
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
-        self._raw = self.subscribe(
-            WrenchStamped, chosen['wrench_topic'], self._on_wrench, FAST_SENSOR
-        )
+        self._raw = self.subscribe(WrenchStamped, 'wrench_raw', self._on_wrench, FAST_SENSOR)
         self.run(self._make_parts(chosen))
         self.add_post_set_parameters_callback(self._follow_uncalibrated)
         later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *self._topics)
@@ -143,7 +137,7 @@ class CompensatorNode(Hub):
             compensator=compensator, live_sha256=lambda: live.sha256, writer=writer
         )
         self.specific_force = SpecificForceInput(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest, chosen['wrench_topic'])
+        self.wrench_input = WrenchInput(counts, self.newest, 'wrench_raw')
         self.inputs = TemperatureInput(
             sources=self._sources, topics=self._topics, compensator=compensator,
             wrenches=self.wrench_input, specific_force=self.specific_force, live=live,
@@ -206,8 +200,8 @@ class CompensatorNode(Hub):
             return
         try:
             stamp_ns, raw = layout.decode(data)
-            if not math.hypot(*raw) < LARGEST:  # one comparison for six numbers; false for NaN
-                counts.drop(max(raw, key=abs) if all(map(math.isfinite, raw)) else math.nan)
+            # One comparison for six numbers; false for NaN.
+            if not math.hypot(*raw) < LARGEST and not self.wrench_input.admits(raw):
                 return
             stamp_ns = stamp_ns or self.now_ns()
             corrected = self.compensator.correct(stamp_ns, raw)

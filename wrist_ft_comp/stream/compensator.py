@@ -173,7 +173,7 @@ class Compensator:
         Where the payload's mean weight is known, the external wrench reads zero, too.
         """
         drift = self.compensation_at(stamp_ns)
-        self.tare = raw - drift.zero
+        self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
         if weight is not None:
             self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
         self.tared = True

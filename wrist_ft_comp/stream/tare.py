@@ -38,6 +38,8 @@ class TareCollector:
         """
         Average what was collected: raw wrench, N and N m, (6,), and the stamp of its middle, ns.
 
+        An axis that the sensor has not, NaN in every wrench, stays NaN.
+
         TareRefusedError when there are too few wrenches, they are not finite, or the load moved.
         """
         if len(self._wrenches) < _MIN_SAMPLES:
@@ -48,12 +50,13 @@ class TareCollector:
         wrenches = np.array(self._wrenches)
         with np.errstate(all='ignore'):
             mean: FloatArray = wrenches.mean(axis=0)
-        if not np.isfinite(mean).all():
+        absent = np.isnan(wrenches).all(axis=0)
+        if absent.all() or not np.isfinite(mean[~absent]).all():
             raise TareRefusedError(
                 'Taring needs finite wrenches; got NaN or infinity. Check the sensor.'
             )
         parts = [part.mean(axis=0) for part in np.array_split(wrenches, _PARTS)]
-        deviation = np.max(np.abs(np.stack(parts) - mean), axis=0)
+        deviation = np.nan_to_num(np.max(np.abs(np.stack(parts) - mean), axis=0))
         worst = int(np.argmax(deviation / self._limits))
         if deviation[worst] > self._limits[worst]:
             unit = axis_unit(AXES[worst])

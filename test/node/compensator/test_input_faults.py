@@ -152,7 +152,7 @@ class TestWrench:
     def test_an_unusable_wrench_is_dropped_and_counted(self, warm, warns):
         node, whole = warm(), serialize_message(wrench_message(START, 'tool0', RAW))
         for bad in (math.nan, math.inf, -math.inf):
-            node.put(START, [0, 0, bad, 0, 0, 0])
+            node.put(START, [bad] * 6)
         node.put(START, [0, math.inf, -math.inf, 0, 0, 0])
         node.put(START, [1e10, -1e10, 0, 0, 0, 0])  # their sum is plausible
         for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):

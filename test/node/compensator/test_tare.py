@@ -1,5 +1,7 @@
 import numpy as np
 
+from wrist_ft_comp.recordings.read import read_recording
+
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 OFFSET = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
@@ -33,6 +35,21 @@ def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig):
     answer = node.call('reset_tare')
     assert (answer.success, answer.message) == (True, 'the tare is zero again')
     assert node.ask_output(START + 4 * SECOND, OFFSET) == tuple(OFFSET)
+
+
+def test_a_sensor_with_three_forces_is_tared_and_recorded(rig):
+    node, three = rig(), OFFSET.copy()
+    three[3:] = np.nan
+    path = node.call('record', True).message.split()[-1]
+    for second in range(3):
+        node.warm(START + second * SECOND, 20.0)
+    assert tare(node, wrenches=np.tile(three, (51, 1))).success
+    corrected = node.ask_output(START + 2 * SECOND, three + 5.0)
+    np.testing.assert_allclose(corrected, [5.0, 5.0, 5.0, np.nan, np.nan, np.nan])
+    assert 'torque_x' in node.diagnosis('input', 'torque').message
+    node.warm(START + 3 * SECOND, 20.0)
+    assert node.call('record', False).success
+    assert read_recording(path).axes_present == ('force_x', 'force_y', 'force_z')
 
 
 def test_a_moving_load_is_refused_and_the_tare_stays(rig):
