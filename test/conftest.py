@@ -15,6 +15,7 @@ from hypothesis import settings
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
 from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
@@ -22,7 +23,7 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Recording
+from wrist_ft_comp.recording import Recording
 
 # Machines are shared and noisy: no test fails because it took long.
 settings.register_profile('shared', deadline=None)

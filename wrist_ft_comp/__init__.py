@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from wrist_ft_comp.fit.calibrate import calibrate
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
+    from wrist_ft_comp.recording import Recording, Topics
     from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
     from wrist_ft_comp.recordings.read import read_recording
     from wrist_ft_comp.report.evaluation import evaluate
     from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
     from wrist_ft_comp.report.summary import summarise
-    from wrist_ft_comp.signals import Recording, Topics
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
     from wrist_ft_comp.stream.tare import TareCollector
@@ -43,7 +43,7 @@ _HOMES = {
     'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
     'load_model': 'stored.model_file', 'save_model': 'stored.model_file',
     'read_recording': 'recordings.read', 'WristFtCompError': 'errors',
-    'Recording': 'signals', 'Topics': 'signals',
+    'Recording': 'recording', 'Topics': 'recording',
 }  # fmt: skip
 __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.robust import robust_cost, robust_weight
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 
 #: A step is explained by the readings within this time before and after it, s: longer than a
 #: contact, short enough for a parabola to follow the drift ...

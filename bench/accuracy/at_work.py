@@ -28,7 +28,8 @@ from working_days import SCENARIOS, Working, working
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.signals import FloatArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
 MEDIAN = STATISTICS['median']

@@ -17,8 +17,10 @@ from peers import Day, PEERS
 from scipy.signal import butter, lfilter
 from wrist import warm_up
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.signals import AXES, FloatArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
 Z = AXES.index('force_z')

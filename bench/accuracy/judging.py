@@ -16,7 +16,8 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 
 import numpy as np
 
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The folders that decide how drift is learnt: their last commit draws the worlds.

@@ -20,7 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from worlds_drawn import World
 
-    from wrist_ft_comp.signals import FloatArray, Recording
+    from wrist_ft_comp.recording import Recording
+    from wrist_ft_comp.series import FloatArray
 
 
 def answer_of_tree(tree: str, world: World) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.signal import lfilter
 from sklearn.cross_decomposition import PLSRegression
 
-from wrist_ft_comp.signals import FloatArray, IntArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray, IntArray
 
 BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
 STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)

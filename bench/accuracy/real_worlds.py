@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from worlds_drawn import World
 
-from wrist_ft_comp.signals import AXES, NANOSECONDS, Recording, Samples
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Recording, Samples
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import grid_samples
 
 DATA = Path(__file__).parents[3] / 'shared' / 'data'

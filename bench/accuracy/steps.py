@@ -16,8 +16,10 @@ import numpy as np
 from worlds import Answer, by_auto, left_of
 from worlds_drawn import FAMILIES, family
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.segments import segment
-from wrist_ft_comp.signals import AXES, FloatArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 
 #: Steps of a day, N; torques step by a twentieth in N m.
 STEPS, SIZE_N = (1, 3), (2.0, 20.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 ROOM, COOLANT, MOTOR, SUN = range(4)
 NIGHT_S, NIGHT_STEP_S = 36_000, 60.0

@@ -22,7 +22,9 @@ from scipy.spatial.transform import Rotation
 from thermal_networks import between, draw_day, draw_others, draw_sources, network
 from worlds_drawn import draw_gauges, draw_thermometers, FACTORY_C, Gauges, LOADS, read, shift_of
 
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.simulation.work import lever
 
 GRAVITY, RATE = 9.807, 10

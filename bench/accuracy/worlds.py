@@ -35,10 +35,11 @@ from peers import day_of, Peer, PEERS
 from real_worlds import CREDITS, load_cell_world, six_axes, SPLITS
 from worlds_drawn import FAMILIES, family, World
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
 AUTO, MORE, BEFORE, TRUTH = 'auto', 'auto, more', 'auto before', 'the truth'

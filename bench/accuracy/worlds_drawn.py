@@ -24,13 +24,9 @@ from thermal_networks import (
     rod,
 )
 
-from wrist_ft_comp.signals import (
-    AXES,
-    FloatArray,
-    IntArray,
-    Recording,
-    Reference,
-)
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: °C at which the sensor was calibrated at its factory, and newtons (or N m) of drift per kelvin.
 FACTORY_C = 22.0

@@ -3,7 +3,9 @@
 from judging import recording_of
 import numpy as np
 
-from wrist_ft_comp.signals import AXES, FloatArray, Recording
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
 from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings, true_wrench

@@ -26,7 +26,9 @@ from working_days import (
 )
 from worlds_drawn import draw_gauges, draw_thermometers, read, UNITS
 
-from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 #: Seconds of a thermal cell.
 CELL_S = 2

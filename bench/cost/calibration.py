@@ -26,7 +26,7 @@ from wrist import warm_up
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.signals import Recording, Reference
+from wrist_ft_comp.recording import Recording, Reference
 
 #: Hours of a recording, and how many recordings.
 LENGTHS = ((6.0, 1), (12.0, 1), (24.0, 1), (2.5, 5), (8.0, 14))

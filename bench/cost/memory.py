@@ -20,7 +20,7 @@ from stream_roles import wrench_bytes
 from warm_up import keep, make_model
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 
 TEMPERATURE_HZ = 10
 START_S = 1_723_248_197

@@ -27,8 +27,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from warm_up import keep, make_model
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
-from wrist_ft_comp.signals import AXES, NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WRENCH, TEMPERATURE = 'geometry_msgs/msg/WrenchStamped', 'sensor_msgs/msg/Temperature'

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.ros import qos
 from wrist_ft_comp.ros.running import make_executor
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 
 TEMPERATURE_HZ = 10
 _FRAME = b'wrist_ft\0'

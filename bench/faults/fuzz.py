@@ -24,6 +24,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from stand import keep, make_model, message, Sensor, write_warm_up
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli.tables import days_text
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
@@ -37,7 +38,6 @@ from wrist_ft_comp.learning.diary import (
 )
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState

@@ -35,12 +35,13 @@ from stand import (
 )
 from std_srvs.srv import SetBool
 
+from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, KIND
 from wrist_ft_comp.learning.memory import load_memory
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES, GRAVITY, NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from stand import keep, make_model, Sensor, write_warm_up
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model, restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_HISTORY
 from wrist_ft_comp.stored.state_file import save_state, SavedState

@@ -30,7 +30,7 @@ from stand import (
     write_warm_up,
 )
 
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 

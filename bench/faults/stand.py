@@ -23,11 +23,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
-from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 BENCH = Path(__file__).resolve().parents[1]
 NODE = 'stand'

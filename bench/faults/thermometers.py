@@ -31,7 +31,8 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.signals import FloatArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.gap import reporting_cells
 from wrist_ft_comp.stream.offline import simulate_drift
 from wrist_ft_comp.stream.thermometer_prediction import judge

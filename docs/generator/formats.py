@@ -9,16 +9,16 @@ from typing import Any
 from markdown import table
 
 import wrist_ft_comp
-from wrist_ft_comp.cli.main import build_parser
-from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.recordings.column_map import STAMPS
-from wrist_ft_comp.signals import (
+from wrist_ft_comp.channels import (
     AXES,
     FORCE_CHANNELS,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
     temperature_channel,
 )
+from wrist_ft_comp.cli.main import build_parser
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.recordings.column_map import STAMPS
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\

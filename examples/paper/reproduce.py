@@ -26,11 +26,12 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp as wfc
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.drift_model import correct
 from wrist_ft_comp.fit.settings import IdentificationSettings, Method, METHODS
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
 HERE = Path(__file__).resolve().parent

@@ -4,8 +4,8 @@ import json
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 

@@ -8,10 +8,10 @@ import json
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.jobs import calibration_job
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.payload_file import load_payloads
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import check_sensor, Drift, StoredModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.signals import AXES
 
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
 TRUTH = {

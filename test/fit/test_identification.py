@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
@@ -12,7 +13,6 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
-from wrist_ft_comp.signals import AXES
 
 Z = AXES.index('force_z')
 CELLS = 480

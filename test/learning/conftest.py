@@ -3,8 +3,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.learning.day import look_at
-from wrist_ft_comp.signals import AXES, NANOSECONDS, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import NANOSECONDS
 
 CELLS = 600
 PERIOD_S = 2

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.specific_force import RecentForces, SpecificForceInput
-from wrist_ft_comp.signals import GRAVITY
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload.accelerometer import calibrated_by_norm, fit_norm
 from wrist_ft_comp.payload.separation import medians, separate, separate_again
 from wrist_ft_comp.payload.weight_gains import cut
-from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.stream.offline import simulate_drift
 
 PLS = IdentificationSettings(method='pls')

@@ -6,12 +6,13 @@ import shutil
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES, REFERENCE_CHANNELS, Topics
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')

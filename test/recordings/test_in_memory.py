@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
 from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 ROWS = 400

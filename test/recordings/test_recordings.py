@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
 from wrist_ft_comp.recordings.describe import describe_recording
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.wire import cdr
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader

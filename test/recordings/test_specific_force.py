@@ -8,10 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 import yaml
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import GRAVITY, Topics
 
 by_either_backend = pytest.mark.usefixtures('backend')
 T0 = 1_723_248_197_000_000_000

@@ -12,11 +12,11 @@ import pandas
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import table as table_file
 from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
 from wrist_ft_comp.recordings.open_recording import open_recording
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import Topics
 
 EPOCH = 1_723_248_197_123_456_789
 HEADER = 'stamp_s,force_z,temperature_c\n'

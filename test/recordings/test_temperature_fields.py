@@ -8,14 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.recordings.bag_opening import backend as chosen_backend
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag
 from wrist_ft_comp.recordings.describe import describe_recording
-from wrist_ft_comp.signals import temperature_channel, Topics
 from wrist_ft_comp.wire.message_layout import _CODES as CODES
 
 BAGS = 'wrist_ft_comp.recordings'

@@ -9,6 +9,7 @@ import pytest
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.report_content import (
@@ -16,7 +17,6 @@ from wrist_ft_comp.report.report_content import (
     EvaluatedRecording,
     evaluation_content,
 )
-from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.model_file import save_model
 
 #: Markup in it, and longer than a line of a telephone.

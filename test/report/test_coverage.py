@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.report.coverage import (
     cover,
     unseen_temperatures,
@@ -10,7 +11,6 @@ from wrist_ft_comp.report.coverage import (
     what_was_not_learnt,
     WORKING_RANGE_C,
 )
-from wrist_ft_comp.signals import AXES
 
 HOUR = 360  # cells of 10 s
 

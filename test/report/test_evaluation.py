@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, tared_errors, TaredErrors
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stream.offline import initial_tare
 
 X, Z, TORQUE_Z = (AXES.index(axis) for axis in ('force_x', 'force_z', 'torque_z'))

@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.signals import GRAVITY
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.simulation.work import (
     Accelerometer,
     draw_work,

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx import Arx, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
@@ -23,7 +24,6 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.fit.result import AxisFit, Calibration, Candidate
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.signals import AXES
 from wrist_ft_comp.stored.model_file import KIND, load_model, save_model
 
 #: Written in C where PyYAML has it.

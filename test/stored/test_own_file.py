@@ -14,7 +14,7 @@ from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, save_diary
 from wrist_ft_comp.learning.memory import Memory, save_memory
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import beginning, Output, remove_leftovers, replace_file
 from wrist_ft_comp.stored.plain_values import from_plain

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import AXES, FORCE_CHANNELS, Samples, temperature_channel
+from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples, MAX_NUMBERS
 
 SECOND = 1_000_000_000

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.signals import Samples
+from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.clock import Sample

@@ -6,10 +6,11 @@ import pickle
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import AXES, Samples
+from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings

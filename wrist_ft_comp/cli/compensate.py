@@ -5,6 +5,7 @@ from contextlib import ExitStack
 import gc
 from pathlib import Path
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import print_result, range_warnings, Result
@@ -12,13 +13,14 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.external_offline import external_correction
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.recordings.compensated_copy import (
     check_copy,
     EXTERNAL_TOPIC,
     rewrite_recording,
 )
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import AXES, Correction, NANOSECONDS, Recording
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 

@@ -18,7 +18,7 @@ from wrist_ft_comp.cli.tables import print_result, Result
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page
 from wrist_ft_comp.report.report_files import REPORT
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 

@@ -8,6 +8,7 @@ import textwrap
 
 import numpy as np
 
+from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
@@ -16,6 +17,7 @@ from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.learnt_payloads import LearntPayloads, same_payload
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
@@ -31,15 +33,7 @@ from wrist_ft_comp.report.report_content import (
     ReportContent,
 )
 from wrist_ft_comp.report.report_files import REPORT
-from wrist_ft_comp.signals import (
-    axis_unit,
-    NANOSECONDS,
-    part_of,
-    Progress,
-    Recording,
-    Reference,
-    Topics,
-)
+from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 

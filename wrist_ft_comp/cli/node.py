@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.errors import NodeError
-from wrist_ft_comp.signals import AXES
 
 if TYPE_CHECKING:
     from wrist_ft_comp.cli.operate import Operator, Watch

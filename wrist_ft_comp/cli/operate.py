@@ -16,7 +16,7 @@ from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.qos import OUTPUT, SLOW_SENSOR
 from wrist_ft_comp.ros.running import make_executor
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0

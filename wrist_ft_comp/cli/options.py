@@ -14,10 +14,10 @@ from typing import Any, get_args, NoReturn, TypeVar
 
 from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.signals import Reference, Topics
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources

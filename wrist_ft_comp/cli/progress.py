@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from wrist_ft_comp.signals import Progress
+from wrist_ft_comp.series import Progress
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import shlex
 
 import numpy as np
 
+from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import (
@@ -29,13 +30,14 @@ from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.specific_force_motion import ForceSummary
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.report.report_files import PICTURE, REPORT
-from wrist_ft_comp.signals import axis_unit, NANOSECONDS, part_of, Progress, SENSOR_FACTS, Topics
+from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS

@@ -18,6 +18,7 @@ from wrist_ft_comp.learning.memory import last_change, Memory
 from wrist_ft_comp.payload.set_payload_commands import driver_calls
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
@@ -30,7 +31,6 @@ from wrist_ft_comp.report.days import (
     usual_drift,
 )
 from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
-from wrist_ft_comp.signals import Recording
 from wrist_ft_comp.stored.payload_file import payload_figures
 from wrist_ft_comp.stream.offline import thermometer_doubts
 

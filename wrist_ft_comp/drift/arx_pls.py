@@ -15,7 +15,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.signals import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: Up to this many cells, stepping all latents at once is faster than filtering each of them: with
 #: 28 latents one cell takes a sixth of the time, and 40 cells take as long. Of more, a relaxation

@@ -15,7 +15,7 @@ from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: A static gain is 1 as far as files round it.
 _UNIT_GAIN_TOLERANCE = 1e-6

@@ -12,16 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, SENSOR_FACTS, SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.signals import (
-    AXES,
-    FloatArray,
-    NANOSECONDS,
-    SENSOR_FACTS,
-    SensorNames,
-)
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 Document = dict[str, Any]
 #: While a start is averaged, the temperature of metal changes by less than this, K.

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: Clamped features follow temperatures up to this share of the calibrated span beyond it: drift
 #: does not stop at the coldest morning that was recorded, but how it goes on is a guess that must

@@ -14,7 +14,7 @@ import numpy as np
 from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.ranges import check_range
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
 MAX_POLE_RADIUS = 1.0 - 1e-5

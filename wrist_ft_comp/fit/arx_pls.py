@@ -28,7 +28,7 @@ from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, simplest_good
 from wrist_ft_comp.fit.pls import fit_pls, Pls
 from wrist_ft_comp.fit.xy_block import XyBlock
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: (n, m) that compete for each latent, the simplest first, ...
 _ORDERS = ((0, 1), (1, 1), (1, 2), (2, 2))

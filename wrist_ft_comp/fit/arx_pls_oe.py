@@ -32,7 +32,7 @@ from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.ridge_bank import POOL_S
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: Where τ is searched, s: below, no sensor is known to lag; above, a day hardly shows it.
 _BOUNDS_S = (20.0, 5600.0)

@@ -22,7 +22,7 @@ from wrist_ft_comp.fit.result import AxisFit, Candidate
 from wrist_ft_comp.fit.ridge_bank import candidates, LONG_BANK_S, Pool, POOL_S, RidgeFit
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData, sum_by_fold
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 COMBINATION = 'combination'
 #: An average that lowers what is left of held-out recordings by less than this share is not run.

@@ -9,16 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.fit.folds import assign_folds, bin_cells, find_plateaus
-from wrist_ft_comp.signals import (
-    AXES,
-    axis_unit,
-    FloatArray,
-    IntArray,
-    noise_level,
-    Recording,
-    Reference,
-)
+from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
 #: The load of an axis varies enough where its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.arx_pls_oe import identify_lags
@@ -34,7 +35,8 @@ from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.signals import AXES, IntArray, Progress, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import IntArray, Progress
 
 
 def calibrate(

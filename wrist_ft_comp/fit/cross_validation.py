@@ -8,7 +8,7 @@ import numpy as np
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.result import HeldOut
-from wrist_ft_comp.signals import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: What is left of a held-out fold is counted from its first minute, as people tare, s.
 _TARE_S = 60.0

@@ -7,23 +7,13 @@ import math
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.folds import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.fit.thermometer_prediction import runs_of
-from wrist_ft_comp.signals import (
-    AXES,
-    axis_unit,
-    BoolArray,
-    differ,
-    elapsed_s,
-    FloatArray,
-    noise_level,
-    Recording,
-    Reference,
-    require_recordings,
-    time_in,
-)
+from wrist_ft_comp.recording import elapsed_s, Recording, Reference, require_recordings, time_in
+from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.temperature_spikes import jumps
 
 #: Two recordings are the same day where readings differ by less than this many times their noise,

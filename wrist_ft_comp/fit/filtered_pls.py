@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, simplest_
 from wrist_ft_comp.fit.pls import dominant_weights, EXHAUSTED
 from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S
 from wrist_ft_comp.fit.xy_block import XyBlock
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: What h_r may be: the time constant of a relaxation, s (0 is h_r = 1), or the orders of an ARX.
 Filter = float | Orders

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.signals import IntArray, NANOSECONDS, Recording, stretches
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import IntArray, NANOSECONDS, stretches
 
 #: Candidates are fitted to sums over bins of this length, and errors are stated as means over it:
 #: features hardly change within it, s.

@@ -11,7 +11,7 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Beyond, Features
 from wrist_ft_comp.fit.folds import MOST_PLATEAUS
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 
 def build_features(

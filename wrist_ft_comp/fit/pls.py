@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 EXHAUSTED = 1e-24

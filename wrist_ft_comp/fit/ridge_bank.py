@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.signals import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: Time constants of the longest bank of relaxations, s; 0 is static.
 LONG_BANK_S = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)

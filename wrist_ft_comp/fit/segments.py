@@ -11,19 +11,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.fit.folds import JUDGED_BIN_S
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.signals import (
-    AXES,
-    axis_unit,
-    FloatArray,
-    noise_level,
-    Recording,
-    Reference,
-    time_in,
-)
+from wrist_ft_comp.recording import Recording, Reference, time_in
+from wrist_ft_comp.series import FloatArray, noise_level
 from wrist_ft_comp.steps import find_steps
 
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a

@@ -9,7 +9,7 @@ from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.ranges import check_range
-from wrist_ft_comp.signals import Reference
+from wrist_ft_comp.recording import Reference
 
 Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']
 METHODS: tuple[Method, ...] = get_args(Method)

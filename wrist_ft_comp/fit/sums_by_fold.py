@@ -15,7 +15,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.arx import Arx, mean_relaxation, relaxation
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: Share of a column's sum of squares below which what centring leaves is rounding.
 _SILENT = 1e-12

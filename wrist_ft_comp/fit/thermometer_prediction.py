@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0

@@ -10,7 +10,7 @@ from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, stretches
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, stretches
 
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0

@@ -16,9 +16,10 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.report_content import calibration_content, ReportContent
-from wrist_ft_comp.signals import part_of, Progress, Recording
+from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.signals import Topics
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.model_store import HistoryEntry
 from wrist_ft_comp.stored.plain_values import from_plain, parse_json, to_plain
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.cross_validation import bin_means, tare
@@ -18,7 +19,8 @@ from wrist_ft_comp.payload.separation import (
     SLOW_S,
 )
 from wrist_ft_comp.payload.weight_gains import contrast, COUNTS, unexplained_contrast
-from wrist_ft_comp.signals import AXES, BoolArray, differ, FloatArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, differ, FloatArray
 from wrist_ft_comp.steps import Step
 from wrist_ft_comp.stream.offline import simulate_drift
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 from typing import NamedTuple
 
+from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.drift.drift_model import differences
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.csv_writer import (
@@ -16,7 +17,7 @@ from wrist_ft_comp.recordings.csv_writer import (
     origin_column,
     sensor_in,
 )
-from wrist_ft_comp.signals import AXES, NANOSECONDS, REFERENCE_CHANNELS, SensorNames
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning, writing
 
 #: Length of a day, ns.

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
-from wrist_ft_comp.signals import AXES, FloatArray, LARGEST, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import Kind
 from wrist_ft_comp.stored.plain_values import to_plain

@@ -15,6 +15,7 @@ from itertools import permutations
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.learning.day import Day, longest_stills
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
@@ -29,7 +30,8 @@ from wrist_ft_comp.learning.diary import (
     TOOL,
     ZERO,
 )
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, NANOSECONDS, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
 #: one harms less than the drift that a model leaves.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
@@ -31,7 +32,7 @@ from wrist_ft_comp.learning.diary import (
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.learning.schedule import ANOTHER_DAY, FEWEST_DAYS, MOST_DAYS, reason
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import lies
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the

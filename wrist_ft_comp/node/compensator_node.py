@@ -9,6 +9,7 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 
+from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.calibrate import CalibrateService
@@ -24,13 +25,13 @@ from wrist_ft_comp.node.recorder import Recorder, RecordService
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
 from wrist_ft_comp.ros.running import run_node
-from wrist_ft_comp.signals import LARGEST, SensorNames, Topics
 from wrist_ft_comp.stored.model_store import ModelStore, node_directory
 from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings

@@ -9,6 +9,7 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
@@ -21,7 +22,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.signals import AXES, axis_unit, FloatArray, GRAVITY, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout

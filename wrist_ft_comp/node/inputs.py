@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, is_plausible, LARGEST, temperature_channel
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import SpecificForceInput
@@ -17,14 +18,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
-from wrist_ft_comp.signals import (
-    AXES,
-    is_plausible,
-    LARGEST,
-    NANOSECONDS,
-    SAME_CLOCK_S,
-    temperature_channel,
-)
+from wrist_ft_comp.series import NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch

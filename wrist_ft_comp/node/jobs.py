@@ -11,7 +11,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
 from wrist_ft_comp.node.recorder import Recorder
-from wrist_ft_comp.signals import NANOSECONDS, Topics
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import PAYLOADS
 

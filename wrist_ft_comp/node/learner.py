@@ -27,7 +27,7 @@ from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.services import Service
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import day_of_choice
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.inputs import Counts
 from wrist_ft_comp.ros.hub import Hub
@@ -18,14 +19,7 @@ from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR
 from wrist_ft_comp.ros.services import Service
-from wrist_ft_comp.signals import (
-    AXES,
-    FORCE_CHANNELS,
-    LARGEST,
-    NANOSECONDS,
-    REFERENCE_CHANNELS,
-    SensorNames,
-)
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels

@@ -9,7 +9,7 @@ from geometry_msgs.msg import TransformStamped, WrenchStamped
 import numpy as np
 from sensor_msgs.msg import Imu
 
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation.ft_sensor import NOMINAL_C
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,

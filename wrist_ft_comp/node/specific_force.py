@@ -17,7 +17,7 @@ from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR, LATCHED
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.tf_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from std_srvs.srv import Trigger
 
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.payload.live_weight import LivePayload
@@ -15,7 +16,7 @@ from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.ros.services import Service
-from wrist_ft_comp.signals import AXES, axis_unit, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 

@@ -5,17 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.payload.specific_force_motion import rotation_speed
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.robust import robust_weight
-from wrist_ft_comp.signals import (
-    BoolArray,
-    differ,
-    FloatArray,
-    GRAVITY,
-    noise_level,
-    Recording,
-)
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level, robust_weight
 
 #: An IMU is frozen that gives the same value for this time, s, ...
 FROZEN_S = 1200

@@ -16,7 +16,7 @@ from wrist_ft_comp.payload.weight_gains import (
     solve,
     unexplained_contrast,
 )
-from wrist_ft_comp.signals import Recording, Reference
+from wrist_ft_comp.recording import Recording, Reference
 
 #: Above this share of changes between poses that do not turn with the specific force, no payload
 #: is identified ...

@@ -2,17 +2,12 @@
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight_gains import axes_of
-from wrist_ft_comp.signals import (
-    AXES,
-    Correction,
-    FloatArray,
-    IntArray,
-    NANOSECONDS,
-    Recording,
-)
+from wrist_ft_comp.recording import Correction, Recording
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
 
 #: A specific force is used for wrenches within this time, ns ...

@@ -10,7 +10,7 @@ from wrist_ft_comp.payload.doubts import doubts
 from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation
-from wrist_ft_comp.signals import Recording
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.stream.offline import simulate_drift
 
 

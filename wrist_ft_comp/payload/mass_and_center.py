@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
-from wrist_ft_comp.signals import BoolArray, FloatArray
+from wrist_ft_comp.series import BoolArray, FloatArray
 
 #: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
 CONTRAST = 0.3

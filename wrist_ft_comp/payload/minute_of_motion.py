@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import fit_norm
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
@@ -26,7 +27,7 @@ from wrist_ft_comp.payload.weight_gains import (
     Fit,
     with_new_noise,
 )
-from wrist_ft_comp.signals import AXES, FloatArray, FORCE_CHANNELS, GRAVITY
+from wrist_ft_comp.series import FloatArray
 
 #: Numbers in a cell: wrench less drift, specific force, and speed of rotation.
 CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1

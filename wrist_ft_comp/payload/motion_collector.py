@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 import math
 
-from wrist_ft_comp.signals import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 
 #: Time that is collected, s of stamps.
 DURATION_S = 60.0

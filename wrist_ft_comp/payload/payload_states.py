@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.mass_and_center import CONTRAST, LIGHTEST_KG, MISFIT
 from wrist_ft_comp.payload.weight_gains import (
     BLOCK_S,
@@ -25,8 +26,7 @@ from wrist_ft_comp.payload.weight_gains import (
     solve,
     with_new_noise,
 )
-from wrist_ft_comp.robust import robust_cost, robust_weight
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 
 #: Width of the robust weight in the last rounds, in standard deviations of an axis.
 WIDTH = 4.0

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
@@ -37,7 +38,8 @@ from wrist_ft_comp.payload.weight_gains import (
     LONG_BLOCK_S,
     of_state,
 )
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 from wrist_ft_comp.steps import find_steps, Step
 
 #: Fewest cells with both wrench and specific force: those of four blocks.

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.signals import FloatArray, GRAVITY, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range
-from wrist_ft_comp.signals import FloatArray, Topics
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.series import FloatArray
 
 #: Largest mass that is accepted, kg.
 MOST_KG = 1000.0

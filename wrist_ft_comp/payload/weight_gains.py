@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfinv, gammaincinv
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.mass_and_center import blocks, information, rigid_bodies, RigidBodies
 from wrist_ft_comp.payload.specific_force_motion import rotation_speed
-from wrist_ft_comp.signals import AXES, BoolArray, FloatArray, IntArray, Recording
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: Length of a block, s, in which a parabola follows the drift.
 BLOCK_S = 300.0

@@ -10,7 +10,7 @@ import re
 from typing import Any, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import Progress
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.wire.message_layout import Definitions, FieldType, SEQUENCE
 
 #: Storage plugin by suffix.

@@ -15,24 +15,19 @@ import pathlib
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
-from wrist_ft_comp.recordings.bag_opening import backend
-from wrist_ft_comp.signals import (
+from wrist_ft_comp.channels import (
     AXES,
-    Correction,
-    FloatArray,
     FORCE_CHANNELS,
-    IntArray,
-    NANOSECONDS,
-    Progress,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
-    Samples,
     SensorNames,
     temperature_channel,
-    Topics,
 )
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Correction, Samples, Topics
+from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
+from wrist_ft_comp.recordings.bag_opening import backend
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import follow, Layout, NumberReader, Path

@@ -7,18 +7,13 @@ import re
 
 import numpy as np
 
+from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection
 from wrist_ft_comp.recordings.bag_recording import temperatures_inside
-from wrist_ft_comp.signals import (
-    FloatArray,
-    IntArray,
-    is_plausible,
-    NANOSECONDS,
-    Progress,
-    Topics,
-)
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import path_text

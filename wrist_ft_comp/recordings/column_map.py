@@ -14,19 +14,17 @@ import re
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.signals import (
+from wrist_ft_comp.channels import (
     AXES,
     axis_unit,
-    FloatArray,
     FORCE_CHANNELS,
     GRAVITY,
-    IntArray,
-    NANOSECONDS,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
-    Samples,
 )
+from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.recording import Samples
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.wire.units import to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.

@@ -7,13 +7,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
+from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.bag_recording import rewrite_bag
 from wrist_ft_comp.recordings.column_map import COMPENSATED, ORIGIN
 from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
 from wrist_ft_comp.recordings.table import Rows
-from wrist_ft_comp.signals import AXES, Correction, FloatArray, Progress, Topics
+from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.stored.own_file import Output, writing
 
 EXTERNAL_TOPIC = '/wrench_external'

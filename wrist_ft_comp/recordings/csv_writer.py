@@ -10,9 +10,10 @@ import os
 from pathlib import Path
 from urllib.parse import parse_qs, urlencode
 
+from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.column_map import ORIGIN
-from wrist_ft_comp.signals import NANOSECONDS, SensorNames
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import writing
 
 

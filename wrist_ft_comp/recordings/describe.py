@@ -7,9 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from wrist_ft_comp.channels import (
+    AXES,
+    axis_unit,
+    FORCE_CHANNELS,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+)
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag
 from wrist_ft_comp.recordings.bag_recording import gravity_samples, read_bag, uppermost_frame
 from wrist_ft_comp.recordings.bag_survey import (
@@ -24,16 +32,7 @@ from wrist_ft_comp.recordings.column_map import KINDS, listed
 from wrist_ft_comp.recordings.log_proposal import OPEN, propose
 from wrist_ft_comp.recordings.open_recording import BAG, open_recording, OpenTable, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.signals import (
-    AXES,
-    axis_unit,
-    FORCE_CHANNELS,
-    NANOSECONDS,
-    Progress,
-    REFERENCE_CHANNELS,
-    ROTATION_CHANNEL,
-    Topics,
-)
+from wrist_ft_comp.series import NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import GridBuilder
 from wrist_ft_comp.stream.sample_checks import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources

@@ -7,8 +7,10 @@ import re
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import AXES, CLOCK_NS, NANOSECONDS, Samples
+from wrist_ft_comp.recording import Samples
+from wrist_ft_comp.series import CLOCK_NS, NANOSECONDS
 from wrist_ft_comp.stream.clock import NO_TIME
 
 _UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}

@@ -6,8 +6,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Recording, Samples
 from wrist_ft_comp.recordings.column_map import (
     Column,
     ColumnMap,
@@ -19,7 +21,7 @@ from wrist_ft_comp.recordings.column_map import (
     TIME_UNITS_NS,
 )
 from wrist_ft_comp.recordings.log_proposal import refuse_missing, warn_of_unused
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, NANOSECONDS, Recording, Samples
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 

@@ -17,6 +17,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.column_map import (
     CHANNELS,
@@ -31,7 +32,6 @@ from wrist_ft_comp.recordings.column_map import (
 )
 from wrist_ft_comp.recordings.stamps import exact_ns, find_form
 from wrist_ft_comp.recordings.table_header import number_in
-from wrist_ft_comp.signals import AXES, is_plausible, temperature_channel
 from wrist_ft_comp.wire.temperature_source import may_be_temperature
 from wrist_ft_comp.wire.units import to_celsius
 

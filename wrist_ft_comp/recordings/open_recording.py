@@ -6,7 +6,9 @@ from pathlib import Path
 import re
 import shlex
 
+from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
 from wrist_ft_comp.recordings.bag_opening import open_bag
 from wrist_ft_comp.recordings.bag_recording import read_bag, sensor_of
@@ -15,7 +17,7 @@ from wrist_ft_comp.recordings.csv_writer import sensor_in
 from wrist_ft_comp.recordings.log_proposal import refuse_missing, warn_of_unused
 from wrist_ft_comp.recordings.read_options import options_beside, parse_options, ReadOptions
 from wrist_ft_comp.recordings.table import Rows, Table
-from wrist_ft_comp.signals import Progress, Samples, SensorNames, Topics
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
 
 #: Turns a table of a chamber test into a recording.

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.excerpt import Excerpt
 from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
-from wrist_ft_comp.signals import Progress, Recording, Samples, Topics
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import NO_TIME
 

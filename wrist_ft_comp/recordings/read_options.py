@@ -7,9 +7,9 @@ from pathlib import Path
 import yaml
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import ColumnMap, parse_map
 from wrist_ft_comp.recordings.excerpt import Excerpt, parse_excerpt
-from wrist_ft_comp.signals import Topics
 from wrist_ft_comp.stored.own_file import beginning
 
 #: File beside recordings that says how they are read.

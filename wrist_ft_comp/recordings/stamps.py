@@ -9,7 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.recordings.column_map import TIME_UNITS_NS
 from wrist_ft_comp.recordings.table_header import MISSING, NUMBER
-from wrist_ft_comp.signals import IntArray, NANOSECONDS
+from wrist_ft_comp.series import IntArray, NANOSECONDS
 
 #: Forms that are understood without a word. Day and month are told by what makes times follow.
 _FORMS = (

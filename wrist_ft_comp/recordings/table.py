@@ -34,7 +34,7 @@ from wrist_ft_comp.recordings.table_header import (
     MISSING,
     number_in,
 )
-from wrist_ft_comp.signals import FloatArray, IntArray, Progress
+from wrist_ft_comp.series import FloatArray, IntArray, Progress
 
 #: Characters of the longest line that a table may have.
 LONGEST_LINE = 1_000_000

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.cross_validation import bin_means
+from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.report.verdict import Level
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray, Recording, Reference, stretches
+from wrist_ft_comp.series import FloatArray, IntArray, stretches
 
 #: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)

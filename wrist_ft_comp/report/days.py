@@ -24,7 +24,7 @@ from wrist_ft_comp.learning.diary import (
     ZERO,
 )
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0

@@ -23,7 +23,7 @@ from wrist_ft_comp.report.days import (
     when,
 )
 from wrist_ft_comp.report.pictures import FRAME, INCIDENT, png_bytes, WITH, WITHOUT
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: Width of the picture, inches.
 _WIDTH = 11.0

@@ -3,7 +3,7 @@
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 
 def thermal_sensitivity_drift(

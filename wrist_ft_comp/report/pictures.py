@@ -20,7 +20,7 @@ import numpy as np
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.report_content import ErrorSeries
 from wrist_ft_comp.report.report_files import PAINTER
-from wrist_ft_comp.signals import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in
 # grey, and have a contrast of 3 or more to the report's papers, light and dark.

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
@@ -15,6 +16,7 @@ from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
 from wrist_ft_comp.payload.specific_force_motion import describe_force, moments_of
 from wrist_ft_comp.payload.weight_gains import COUNTS
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.report.coverage import (
     cover,
     Coverage,
@@ -29,16 +31,7 @@ from wrist_ft_comp.report.evaluation import (
 )
 from wrist_ft_comp.report.summary import acceptance
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
-from wrist_ft_comp.signals import (
-    AXES,
-    axis_unit,
-    FloatArray,
-    IntArray,
-    NANOSECONDS,
-    noise_level,
-    Recording,
-    Reference,
-)
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, noise_level
 
 #: Length of the response to a step that is drawn, s: what a body does later is hardly seen in a
 #: warm-up.

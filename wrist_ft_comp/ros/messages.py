@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 from geometry_msgs.msg import WrenchStamped
 
-from wrist_ft_comp.signals import AXES, NANOSECONDS
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.series import NANOSECONDS
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

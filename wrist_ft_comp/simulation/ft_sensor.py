@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation.heat_flow import (
     build_heat_flow,
     FtSensorSettings,

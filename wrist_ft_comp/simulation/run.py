@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation.ft_sensor import per_axis
 
 #: Sines that make up the load of an axis.

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: Legs of a program, each a motion and a rest.
 _LEGS = 200

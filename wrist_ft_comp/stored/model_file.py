@@ -13,12 +13,13 @@ import numpy as np
 import yaml
 
 import wrist_ft_comp
+from wrist_ft_comp.channels import AXES, SENSOR_FACTS
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
-from wrist_ft_comp.signals import AXES, NANOSECONDS, SENSOR_FACTS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import HEADER, Kind
 from wrist_ft_comp.stored.plain_values import from_plain, to_plain
 

@@ -7,9 +7,10 @@ import time
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.signals import AXES, FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import Kind
 from wrist_ft_comp.stored.plain_values import Document, to_plain
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory

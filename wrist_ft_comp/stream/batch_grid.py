@@ -6,22 +6,18 @@ from itertools import product
 
 import numpy as np
 
-from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.signals import (
+from wrist_ft_comp.channels import (
     AXES,
-    FloatArray,
     FORCE_CHANNELS,
     GRAVITY,
-    IntArray,
-    NANOSECONDS,
-    Recording,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
-    SAME_CLOCK_S,
-    Samples,
     temperature_channel,
 )
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recording import Recording, Samples
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stream.gap import fill_gaps
 from wrist_ft_comp.stream.sample_checks import SampleChecks, UNIT_OF_STAMPS
 from wrist_ft_comp.wire.temperature_source import TemperatureSource

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import inf, isnan, nan, sqrt
 
-from wrist_ft_comp.signals import (
+from wrist_ft_comp.channels import (
     AXES,
     FORCE_CHANNELS,
     REFERENCE_CHANNELS,

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.signals import BoolArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)

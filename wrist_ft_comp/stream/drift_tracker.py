@@ -4,7 +4,7 @@ import numpy as np
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
-from wrist_ft_comp.signals import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_prediction
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, slowest_time_constant_s

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import LEAP_S
 
 #: A model's memory in slowest time constants: after three, 5 % of a change are left.

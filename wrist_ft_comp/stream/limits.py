@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift
-from wrist_ft_comp.signals import AXES, FloatArray
+from wrist_ft_comp.series import FloatArray
 
 #: Limits for torques are limits for forces times this lever arm, m.
 TORQUE_LEVER_M = 0.1

@@ -6,16 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES, temperature_channel
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import (
-    AXES,
-    FloatArray,
-    IntArray,
-    Recording,
-    temperature_channel,
-)
+from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
 from wrist_ft_comp.stream.thermometer_prediction import judge
 

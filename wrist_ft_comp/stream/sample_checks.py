@@ -7,7 +7,9 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.signals import LARGEST, NANOSECONDS, PLAUSIBLE_C, Samples, temperature_channel
+from wrist_ft_comp.channels import LARGEST, PLAUSIBLE_C, temperature_channel
+from wrist_ft_comp.recording import Samples
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import in_order, NO_TIME
 from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
 from wrist_ft_comp.wire.temperature_source import TemperatureSource

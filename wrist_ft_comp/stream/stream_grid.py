@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.gap import outage_cells
 
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.signals import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 
 #: A thermometer in metal does not change by more than this from sample to sample, K ...
 _JUMP_K = 2.0

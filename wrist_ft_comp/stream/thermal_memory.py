@@ -13,7 +13,7 @@ import numpy as np
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.thermometer_prediction import start, ThermometerState
 
 

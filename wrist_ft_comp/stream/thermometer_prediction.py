@@ -19,7 +19,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.signals import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
 
 #: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrist_ft_comp.signals import AXES, FloatArray, IntArray
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.clock import StampWatch
 
 #: A reading is frozen after this many looks in a row with the same value.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
 #: Doubles of a wrench: force and torque.
 WRENCH_DOUBLES = 6

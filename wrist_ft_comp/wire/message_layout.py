@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
 #: What a field is, and how often: once (None), a fixed number of times, or SEQUENCE.
 FieldType = tuple[str, int | None]

@@ -19,7 +19,7 @@ import re
 from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.wire.message_layout import Layout, Path
 from wrist_ft_comp.wire.units import split_scale, TEMPERATURE_UNITS, to_celsius
 

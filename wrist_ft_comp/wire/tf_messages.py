@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.signals import IntArray, NANOSECONDS
+from wrist_ft_comp.series import IntArray, NANOSECONDS
 from wrist_ft_comp.wire import message_layout
 from wrist_ft_comp.wire.cdr import TF
 from wrist_ft_comp.wire.message_layout import Definitions, SEQUENCE

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.signals import FloatArray, GRAVITY, IntArray, NANOSECONDS
+from wrist_ft_comp.channels import GRAVITY
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
 #: Transforms that are further apart than this leave a gap.
 GAP_NS = NANOSECONDS // 2

@@ -10,7 +10,7 @@ import math
 from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.signals import FloatArray
+from wrist_ft_comp.series import FloatArray
 
 _Number = TypeVar('_Number', float, FloatArray)
 #: Factor and offset to °C of every unit of temperatures.

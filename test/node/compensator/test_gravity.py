@@ -7,8 +7,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.stream.cell_averager import FORCE
 
 SECOND = 1_000_000_000

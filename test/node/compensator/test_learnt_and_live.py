@@ -11,9 +11,9 @@ import pytest
 from rclpy.serialization import deserialize_message
 from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.signals import GRAVITY
 from wrist_ft_comp.wire.tf_messages import Layouts
 
 SECOND = 1_000_000_000

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from wrist_ft_comp.signals import AXES, temperature_channel
+from wrist_ft_comp.channels import AXES, temperature_channel
 
 SECOND = 1_000_000_000
 

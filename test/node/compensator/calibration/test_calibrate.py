@@ -4,7 +4,7 @@ from time import monotonic
 
 import numpy as np
 
-from wrist_ft_comp.signals import AXES
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.stored.model_file import load_model
 
 WARM = range(300)

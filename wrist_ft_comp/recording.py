@@ -1,57 +1,20 @@
-"""
-What a recording is: samples as they were read, and their means on the thermal grid.
+"""What a recording is: samples as they were read, and their means on the thermal grid."""
 
-Channels are named like the columns of a CSV recording: ``force_x`` … ``torque_z`` (raw wrench, N
-and N m), ``reference_force_x`` … (reference wrench), ``temperature_c``, ``temperature_2_c`` …,
-``linear_acceleration_x`` … (specific force, m/s²: +9.81 upwards at rest), ``rotation_speed``
-(rad/s).
-"""
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, PLAUSIBLE_C, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 #: What is known of the true wrench in a recording.
 Reference = Literal['unloaded', 'constant', 'payload', 'recorded']
 
-#: Reports progress: takes the share of the work that is done, 0 to 1.
-Progress = Callable[[float], None]
 #: Takes stamps_ns (n,) and raw wrenches (n, 6), N and N m; returns corrected wrenches (n, 6).
 Correction = Callable[[IntArray, FloatArray], FloatArray]
-
-#: The names of a sensor, by fact: one name, but of temperature_topics one per thermometer.
-#: A fact that is not known is left out.
-SensorNames = Mapping[str, Sequence[str]]
-SENSOR_FACTS = ('hardware_id', 'frame_id', 'wrench_topic', 'temperature_topics')
-
-#: Axis order of every wrench array in this package.
-AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
-REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
-FORCE_CHANNELS = ('linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z')
-ROTATION_CHANNEL = 'rotation_speed'
-#: Norm of the specific force at rest, m/s².
-GRAVITY = 9.807
-NANOSECONDS = 1_000_000_000
-#: A thermometer of a wrist reads between these, °C; 0 K and readings in kelvin lie outside.
-PLAUSIBLE_C = (-100.0, 200.0)
-#: Every other channel stays below this in any unit; a larger number is damaged: sums overflow.
-LARGEST = 1e9
-#: Means of equal readings differ by less than this share, because sums are rounded.
-_ROUNDING = 1e-9
-#: Stamps of two drivers that lie farther apart come from two clocks, s.
-SAME_CLOCK_S = 3600.0
-#: Stamps from this one on are of a clock, ns; those of many logs begin at 0.
-CLOCK_NS = 10**9 * NANOSECONDS
-#: Samples further apart than this many times the usual distance belong to different stretches.
-_GAP_FACTOR = 10.0
 
 
 @dataclass(frozen=True)
@@ -95,28 +58,6 @@ class Topics:
                 f'Specific force comes from the IMU {self.imu} or by the frame '
                 f'{self.gravity_frame}, not from both; name one.'
             )
-
-
-def axis_unit(axis: str) -> str:
-    """Return the unit of a channel that is no temperature."""
-    if axis in {*FORCE_CHANNELS, ROTATION_CHANNEL}:
-        return 'rad/s' if axis == ROTATION_CHANNEL else 'm/s²'
-    return 'N' if axis.startswith('force') else 'N m'
-
-
-def is_plausible(value: float) -> bool:
-    """Tell whether a thermometer may read a value, °C; NaN and infinities may not."""
-    return PLAUSIBLE_C[0] < value < PLAUSIBLE_C[1]
-
-
-def differ(values: FloatArray, others: FloatArray | float) -> BoolArray:
-    """Mark means of different readings, and what is not a number."""
-    return np.asarray(~(np.abs(values - others) <= _ROUNDING * np.abs(others)))
-
-
-def temperature_channel(thermometer: int) -> str:
-    """Name the channel of a thermometer, counted from 0, which is the one inside the sensor."""
-    return 'temperature_c' if thermometer == 0 else f'temperature_{thermometer + 1}_c'
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,28 +204,3 @@ def require_recordings(given: object) -> None:
             f'Expected a list of recordings; got {type(given).__name__}. Read a file with '
             'read_recording, and put what it gives into a list: [day].'
         )
-
-
-def noise_level(series: Sequence[FloatArray]) -> float:
-    """Estimate the noise of slow series, robust against steps, from neighbours; 0 of none."""
-    steps = np.concatenate([np.diff(values[np.isfinite(values)]) for values in series])
-    if not len(steps):
-        return 0.0
-    # A normal variable's median absolute value is 0.6745 σ; a difference has twice the variance.
-    return float(np.median(np.abs(steps)) / 0.6745 / np.sqrt(2))
-
-
-def stretches(present: BoolArray, period_s: float) -> IntArray:
-    """Count the stretches of a channel from 0, shape (N,); a gap belongs to the one before it."""
-    at = np.flatnonzero(present)
-    numbers = np.zeros(len(present), dtype=np.int64)
-    if len(at) > 2:
-        distance = np.diff(at)
-        limit = max(_GAP_FACTOR * float(np.median(distance)), 60.0 / period_s)
-        numbers[at[1:][distance > limit]] = 1
-    return np.cumsum(numbers)
-
-
-def part_of(report: Progress, number: int, count: int) -> Progress:
-    """Turn the progress of part ``number`` of ``count`` into the progress of the whole."""
-    return lambda done: report((number + done) / count)

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.ranges import check_range
-from wrist_ft_comp.robust import robust_cost, robust_weight
-from wrist_ft_comp.signals import axis_unit, noise_level, Recording, Samples, stretches, Topics
+from wrist_ft_comp.recording import Recording, Samples, Topics
+from wrist_ft_comp.series import noise_level, robust_cost, robust_weight, stretches
 
 
 def test_samples_refuse_values_that_do_not_fit_their_channels():
