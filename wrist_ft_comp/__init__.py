@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
     from wrist_ft_comp.stream.tare import TareCollector
 
-__version__ = '0.2.0'
+__version__ = '0.3.0'
 
 #: Environment in which numpy computes in one thread. The sums of a fit are too small for more:
 #: on a busy computer threads that wait for one another cost it four times the processor time.

@@ -1,0 +1,19 @@
+"""How many lines there are: what is not needed is not kept."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+#: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
+#: what a user gets for it.
+MOST = {'wrist_ft_comp': 26_000, 'test': 24_000, 'bench': 6_000}
+
+
+@pytest.mark.parametrize('folder', MOST)
+def test_there_are_no_more_lines_than_there_were(folder):
+    lines = sum(
+        len(path.read_text('utf-8').splitlines()) for path in (ROOT / folder).rglob('*.py')
+    )
+    assert lines <= MOST[folder], 'what could go instead?'
+    assert lines > 0.95 * MOST[folder], 'fewer than there were: lower the number'
