@@ -122,13 +122,6 @@ def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_pat
     assert (back.thermal is None) == (place > 1)
 
 
-def test_a_table_of_rows_of_different_length_is_refused(load):
-    document = plain(example())
-    document['thermal']['start_c'] = [[20.0], [20.0, 21.0]]
-    with pytest.raises(StateFileError, match='rows that differ in length'):
-        load(document)
-
-
 @pytest.fixture
 def load(tmp_path):
     """Write a document, or bytes, and load it."""
@@ -141,23 +134,10 @@ def load(tmp_path):
     return write_and_load
 
 
-@pytest.mark.parametrize(
-    ('content', 'sentence'),
-    [
-        *((content, r'state\.json is not a state file') for content in (
-            b'', b'{', b'[]', b'{}', b'nul', b'\xff\xfe', b'[' * 100_000, b'{"format":' * 50_000,
-            b'9' * 100_000, b'{"format": "other"}',
-        )),
-        *(
-            ({**plain(example()), 'version': version}, r'of version .* reads version 2')
-            for version in (0, 3, '1', None)
-        ),
-    ],
-    ids=range(14),
-)  # fmt: skip
-def test_content_that_is_no_state_is_refused(load, content, sentence):
-    with pytest.raises(StateFileError, match=sentence):
-        load(content)
+@pytest.mark.parametrize('version', [0, 3, '1', None])
+def test_a_state_of_another_version_is_refused(load, version):
+    with pytest.raises(StateFileError, match=r'of version .* reads version 2'):
+        load({**plain(example()), 'version': version})
 
 
 @pytest.mark.parametrize(
@@ -185,16 +165,6 @@ def test_what_nothing_can_go_on_from_is_refused(load, place, value):
     document = plain(example())
     document['thermal'][place] = value
     with pytest.raises(StateFileError, match=r'is damaged: .* Remove it, or restore the file\.'):
-        load(document)
-
-
-@pytest.mark.parametrize('key', list(plain(example())))
-def test_nothing_may_be_missing_or_more(load, key):
-    document = plain(example())
-    with pytest.raises(StateFileError, match='more must be none of'):
-        load({**document, 'more': 1})
-    del document[key]
-    with pytest.raises(StateFileError):
         load(document)
 
 
