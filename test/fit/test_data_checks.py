@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
-    idle_thermometers,
-    jumping_thermometers,
     silent_stretches,
 )
 
@@ -42,38 +39,6 @@ def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 209), 9.0, force_y=coarse)
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
-
-
-def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings_or_refused(record):
-    stuck, sound = record(slice(200, 251), 9.0), record()
-    (left, whole), (sentence,) = drop_stuck_cells([stuck, sound], ['force_x'])
-    assert np.isnan(left.wrench[:, 0]).all()
-    assert whole is sound
-    assert '510 s (5.1 %) without any change, first at 0:33:20; it is not learnt' in sentence
-    with pytest.raises(CalibrationRefusedError, match=r'510 s \(5.1 %\).* up to 5 % can be left'):
-        drop_stuck_cells([stuck], ['force_x'])
-
-
-def test_a_thermometer_that_jumps_is_named(record):
-    recording = record()
-    assert jumping_thermometers([recording]) == []
-    recording.temperature_c[300, 0] += 60.0
-    (sentence,) = jumping_thermometers([recording])
-    assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
-    recording.measured[200:300] = recording.measured[301:700] = False
-    assert jumping_thermometers([recording]) == []
-
-
-def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
-    first = record().temperature_c[:, 0]
-    wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))
-    still_c = 21.0 + np.spacing(21.0) * (np.arange(CELLS) % 2)
-    columns = (first, still_c, 2 * first + 5, wander)
-    temperature_c = np.stack(columns, axis=1)
-    four = replace(record(), temperature_c=temperature_c, measured=temperature_c > -np.inf)
-    still, same = idle_thermometers([four])
-    assert still.startswith('Thermometer 2 reads 21.0 °C throughout')
-    assert same.startswith('Thermometers 1 and 3 say the same')
 
 
 def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(record):

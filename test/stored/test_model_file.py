@@ -279,7 +279,7 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
         ('axes force_z model filters', THREE, '3 filters cannot give 4'),
         ('axes force_z model filters', [], 'thermometers'),
         ('axes torque_z model features knots_c', [[0.0, 1.0]], 'knots'),
-        ('axes torque_z model features knots_c 0', [20.0, 10.0, 60.0], 'increasing'),
+        ('axes torque_z model features knots_c 0', [20.0, 20.0, 60.0], 'increasing'),
     ],
 )
 def test_an_impossible_value_is_refused_with_its_place(document, load, place, value, sentence):
