@@ -55,20 +55,6 @@ def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path
     done('evaluate', model, path, '--tare', 50)
 
 
-def test_the_reference_is_subtracted(done, make, model, tmp_path):
-    """With a model of zero drift only, a recorded load changes nothing in the errors."""
-    columns = make.drifting(seed=3)
-    plain = make.csv(tmp_path / 'plain.csv', columns)
-    load = np.repeat([0.0, 7.0, -4.0, 11.0], 100)
-    columns['force_z'] = (np.array(columns['force_z']) + load).tolist()
-    columns['reference_force_z'] = load.tolist()
-    path = make.csv(tmp_path / 'loaded.csv', columns)
-    expected = json.loads(done('evaluate', model, plain, '--json'))['axes']['force_z']
-    judged = json.loads(done('evaluate', model, path, '--reference', 'recorded', '--json'))
-    assert judged['axes'] == {'force_z': pytest.approx(expected, rel=1e-9)}
-    assert judged['recordings'][0]['reference'] == 'recorded'
-
-
 def test_a_model_that_was_learnt_with_a_reference_is_judged_with_one(done, make, tmp_path):
     days = [make.csv(tmp_path / f'{seed}.csv', make.loaded(seed=seed)) for seed in (1, 2)]
     model, plain = tmp_path / 'model.yaml', make.csv(tmp_path / 'plain.csv', make.drifting())

@@ -7,9 +7,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.stored.model_file import KIND
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 
@@ -34,14 +32,6 @@ def test_a_device_is_refused_at_once(run, tmp_path):
         assert 'is a device' in run(*words).sentence
 
 
-def test_model_and_recording_with_other_thermometers_are_refused(run, make, model, tmp_path):
-    path = make.csv(tmp_path / 'two.csv', make.drifting(both=True))
-    for argv in (['evaluate', model, path], ['compensate', model, path, '-o', tmp_path / 'out']):
-        sentence = run(*argv).sentence
-        assert '2 thermometers' in sentence
-        assert 'expects 1' in sentence
-
-
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
 def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR0913, PLR0917
     command, run, model, drift_csv, bags, tmp_path
@@ -53,16 +43,6 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     assert 'is a model file' in run(command, model, model, *more).sentence
     (tmp_path / 'empty').touch()
     assert 'is not a model file' in run(command, tmp_path / 'empty', drift_csv, *more).sentence
-
-
-@pytest.mark.parametrize('name', ['m.yaml', 'm', 'm.csv'])
-def test_a_model_is_one_by_its_content(name, tmp_path):
-    path = tmp_path / name
-    path.write_text(f'format: {KIND.says}\nversion: 99\n')
-    options.check_model(path)
-    KIND.check_target(path)
-    with pytest.raises(RecordingError, match='is a model file'):
-        options.check_recordings([path])
 
 
 @pytest.mark.parametrize('target', ['/proc/nowhere/m.yaml', '/dev/null/m.yaml', 'file/m.yaml'])

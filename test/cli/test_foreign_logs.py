@@ -103,13 +103,6 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
     assert 'must have the keys columns and time' in run('show', other).sentence
 
 
-def test_a_map_that_was_given_is_called_no_guess(logs, done):
-    assert 'the map is a guess' in done('show', logs[0])
-    shown = done('show', logs[0], *GIVEN, '--time', 'iso')
-    assert 'guess' not in shown
-    assert f'columns: {GIVEN[1]}\ntime: iso' in shown
-
-
 def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, done):
     """Also where a part is cut off, times count from the file's first stamp."""
     words = ['calibrate', logs[2], '-o', 'model.yaml', '--method', 'pls', *GIVEN]

@@ -155,7 +155,8 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
 
 
 def test_show_rates_every_topic(done, drivers, messages, tmp_path):
-    out = done('show', messages.write(tmp_path / 'day', drivers.ur_like(), 'mcap'))
+    out = done('show', messages.write(tmp_path / 'day', drivers.ur_like(), 'mcap', 'file'))
+    assert 'rosbag2, mcap, file compression' in out
     cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }

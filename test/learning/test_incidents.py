@@ -117,11 +117,6 @@ def test_a_step_that_is_no_jump_of_the_zero_is_no_incident(jumped, before, harml
     assert named(harmless(jumped, *jumped.steps), before) == ('', '')
 
 
-def test_a_jump_beside_minutes_in_contact_is_named(jumped, before):
-    (step,) = jumped.steps
-    assert named(in_contact(jumped, step.cell - 120, step.cell), before)[0] == 'zero'
-
-
 @pytest.mark.parametrize('missed', [0.3, 0.7])
 def test_a_jump_that_leaves_a_share_of_itself_is_no_tare(jumped, before, missed):
     (step,) = jumped.steps
