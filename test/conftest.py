@@ -4,7 +4,6 @@ Fixtures of several rooms: recordings, temperatures, drifts with a known truth, 
 Everything here is seeded and written without the package's mathematics and codecs.
 """
 
-import csv
 from dataclasses import replace
 from functools import cache
 import gc
@@ -129,8 +128,26 @@ def make_working_day(make_recording, warm_up):
     return make
 
 
+def _cell(value):
+    missing = value is None or value != value  # noqa: PLR0124 -- NaN
+    return '' if missing else repr(value).strip("'")
+
+
 @pytest.fixture(scope='session')
-def write_working_day():
+def write_table():
+    """Write columns by name as a CSV file; None and NaN become empty cells."""
+
+    def write(path, columns, delimiter=','):
+        values = (np.asarray(column, dtype=object).tolist() for column in columns.values())
+        rows = (delimiter.join(map(_cell, row)) for row in zip(*values, strict=True))
+        path.write_text('\n'.join([delimiter.join(columns), *rows, '']), encoding='utf-8')
+        return path
+
+    return write
+
+
+@pytest.fixture(scope='session')
+def write_working_day(write_table):
     """Write such a day as a CSV file, with more columns by name."""
 
     def write(path, day, more=None):
@@ -142,11 +159,7 @@ def write_working_day():
             'rotation_speed': day.rotation_speed,
             **(more or {}),
         }
-        with path.open('w', newline='') as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-        return path
+        return write_table(path, columns)
 
     return write
 

@@ -74,17 +74,6 @@ def process():
     return start
 
 
-def write_csv(path, columns, delimiter=','):
-    """Write columns as text; None and NaN become empty cells."""
-    rows = zip(*columns.values(), strict=True)
-    lines = [
-        delimiter.join('' if v is None or v != v else repr(v).strip("'") for v in row)  # noqa: PLR0124
-        for row in rows
-    ]
-    path.write_text('\n'.join([delimiter.join(columns), *lines, '']), encoding='utf-8')
-    return path
-
-
 def warm_up(seconds, seed=0):
     """A warm-up, sampled once a second, with two thermometers."""
     rng = np.random.default_rng(seed)
@@ -125,9 +114,9 @@ def loaded(seconds=600, seed=0):
 
 
 @pytest.fixture(scope='session')
-def drift_csv(tmp_path_factory):
+def drift_csv(tmp_path_factory, write_table):
     """One thermometer, unloaded."""
-    return write_csv(tmp_path_factory.mktemp('csv') / 'drift.csv', drifting())
+    return write_table(tmp_path_factory.mktemp('csv') / 'drift.csv', drifting())
 
 
 @pytest.fixture(scope='session')
@@ -165,6 +154,6 @@ def bags(tmp_path_factory, messages):
 
 
 @pytest.fixture(scope='session')
-def make():
+def make(write_table):
     """The builders above, for tests: fixtures are what importlib mode shares."""
-    return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded)
+    return SimpleNamespace(csv=write_table, drifting=drifting, loaded=loaded)

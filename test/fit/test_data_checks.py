@@ -7,6 +7,7 @@ import pytest
 
 from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
+    jumping_thermometers,
     silent_stretches,
 )
 
@@ -39,6 +40,16 @@ def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     coarse = np.round(np.linspace(0, 5, CELLS))
     recording = record(slice(200, 209), 9.0, force_y=coarse)
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
+
+
+def test_a_thermometer_that_jumps_is_named(record):
+    recording = record()
+    assert jumping_thermometers([recording]) == []
+    recording.temperature_c[300, 0] += 60.0
+    (sentence,) = jumping_thermometers([recording])
+    assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
+    recording.measured[200:300] = recording.measured[301:700] = False
+    assert jumping_thermometers([recording]) == []
 
 
 def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(record):

@@ -35,17 +35,9 @@ def columns():
 
 
 @pytest.fixture
-def as_csv(tmp_path):
+def as_csv(tmp_path, write_table):
     """Write a table as a CSV recording."""
-
-    def write(table):
-        rows = zip(*(values.tolist() for values in table.values()), strict=True)
-        cells = (','.join(map(str, row)).replace('nan', '') for row in rows)
-        path = tmp_path / 'table'
-        path.write_text('\n'.join([','.join(table), *cells, '']), 'utf-8')
-        return path
-
-    return write
+    return lambda table: write_table(tmp_path / 'table', table)
 
 
 def assert_same(one, other):
