@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.stream.compensator import Compensator
 
 
 @pytest.mark.parametrize('tare_s', [5, 60])
@@ -119,23 +118,15 @@ def pair_model(make, tmp_path_factory):
     return folder / 'model.yaml'
 
 
-def test_a_thermometer_that_froze_in_a_file_is_named_as_the_node_does(
-    run, make, pair_model, tmp_path
-):
+def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model, tmp_path):
     healthy, failed = (
         make.csv(tmp_path / f'frozen_{frozen}.csv', lagged_pair(7, frozen=frozen))
         for frozen in (False, True)
     )
     assert 'stands still' not in run('evaluate', pair_model, healthy).err
-    judged = run('evaluate', pair_model, failed).err
-    live = Compensator(2, model=load_model(pair_model).model)
-    for cell, pair in enumerate(read_recording(failed, period_s=10.0).temperature_c):
-        for thermometer, value in enumerate(pair):
-            live.add_temperature(thermometer, (10 * cell + thermometer + 1) * 10**9, value)
-    (finding,) = live.tracker.thermometers.sentences
-    assert finding.startswith('thermometer 2 stands still')
-    assert judged.count(finding) == 1
-    assert finding in run('compensate', pair_model, failed, '-o', tmp_path / 'copy.csv').err
+    for argv in (['evaluate'], ['compensate', '-o', tmp_path / 'copy.csv']):
+        said = run(argv[0], pair_model, failed, *argv[1:]).err
+        assert said.count('thermometer 2 stands still') == 1
 
 
 def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):

@@ -197,19 +197,13 @@ def test_the_table_of_days_has_a_row_for_every_day(done, folder):
         assert words in text
     assert max(map(len, lines[1:])) <= 80
     (document,) = json.loads(done('show', folder, '--json')).values()
-    assert document['days'][0]['left']['abc'] == [0.3] * 6
-    assert document['days'][0]['force_n'] == pytest.approx(
-        {'without': 3.0, 'left': 0.3, 'share': 0.1}
-    )
-    assert document['days'][1]['force_n'] == pytest.approx(
-        {'without': 4.0, 'left': None, 'share': None}
-    )
-    assert document['summary']['force_n'] == pytest.approx(
-        {'without': 3.0, 'left': 0.3, 'share': 0.1}
-    )
-    assert document['summary']['days'] == 1
-    assert document['days'][1]['left']['none'][1] is None
-    assert document['paused'] == 'zero of force_z jumped'
+    first, second = document['days'][:2]
+    assert first['left']['abc'] == [0.3] * 6
+    assert second['left']['none'][1] is None
+    assert first['force_n'] == pytest.approx({'without': 3.0, 'left': 0.3, 'share': 0.1})
+    assert second['force_n'] == pytest.approx({'without': 4.0, 'left': None, 'share': None})
+    assert document['summary']['force_n'] == pytest.approx(first['force_n'])
+    assert (document['summary']['days'], document['paused']) == (1, 'zero of force_z jumped')
 
 
 def test_a_day_without_date_and_length_is_shown_without_them(done, folder):
