@@ -9,18 +9,6 @@ import yaml
 from wrist_ft_comp.stored.model_file import load_model
 
 
-def test_learns_gain_drift_where_the_reference_was_recorded(done, make, tmp_path):
-    path = make.csv(tmp_path / 'loaded.csv', make.loaded())
-    model = tmp_path / 'm.yaml'
-    done('calibrate', path, '-o', model, '--reference', 'recorded')
-    other = make.csv(tmp_path / 'other.csv', make.loaded(seed=5))
-    out = done('evaluate', model, other, '--reference', 'recorded', '--json')
-    force = json.loads(out)['axes']['force_z']
-    assert force['rms_after'] < 0.05
-    assert force['rms_before'] > 2
-    assert 'gain' in done('show', model)
-
-
 @pytest.mark.parametrize('method', ['auto', 'pls'])
 def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, make, tmp_path):
     """Which test_cross_validation.py computes by hand."""
