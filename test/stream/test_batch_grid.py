@@ -152,19 +152,6 @@ def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
         grid_samples(blocks, name='a.csv')
 
 
-@pytest.mark.parametrize(('late_s', 'named'), [(61, True), (60, False)])
-def test_a_thermometer_that_comes_late_is_named(late_s, *, named):
-    blocks = [
-        samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
-        samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
-        wrenches(*range(200)),
-    ]
-    warnings = grid_samples(blocks, name='a.csv').warnings
-    assert len(warnings) == named
-    if named:
-        assert warnings[0].startswith('Thermometer 2 of a.csv came after 61 s of wrenches, of')
-
-
 def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
     assert not grid_samples(blocks).warnings

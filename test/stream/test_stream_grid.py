@@ -150,16 +150,3 @@ def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number,
     assert before.number == 0
     assert first.number == number
     assert first.temperature_c == pytest.approx([number, last_c])
-
-
-@pytest.mark.parametrize('before', [1, 20])
-def test_time_that_ran_back_restarts_the_grid_there(before):
-    """Also where it ran back in the first cell."""
-    tracker = DriftTracker(2, SECOND, 5.0, 1000.0)
-    both = [s for k in range(before) for j in (0, 1) for s in seconds(j, (k + 100.1, 20.0 + j))]
-    again = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
-    feed_tracker(tracker, both)
-    numbers, temperature_c, _ = table(feed_tracker(tracker, again))
-    assert tracker.clocks.restarts == 1
-    assert numbers[0] == 0
-    np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
