@@ -5,8 +5,6 @@ import pytest
 
 from wrist_ft_comp.drift.features import Features
 
-WIDE = (np.array([-100.0]), np.array([200.0]))
-
 
 def hats(*knots_c, lower=-100.0, upper=200.0):
     ones = np.ones(len(knots_c))
@@ -94,20 +92,3 @@ class TestTangents:
         step = 1e-6
         below, at, above = self.powers([theta - step, theta, theta + step])
         np.testing.assert_allclose((above - at) / step, (at - below) / step, rtol=1e-5)
-
-
-def test_features_are_named_in_the_order_of_their_values():
-    """Each name says how its value follows from the temperatures."""
-    powers = Features('powers', np.zeros(2), np.full(2, -99.0), np.full(2, 99.0), degree=4)
-    values = dict(zip(powers.names, powers.expand(np.array([2.0, 3.0])), strict=True))
-    expected = {'θ1': 2, 'θ2': 3, 'θ1²': 4, 'θ2²': 9, 'θ1³': 8, 'θ2³': 27, 'θ1⁴': 16, 'θ2⁴': 81}
-    assert values == pytest.approx(expected)
-    assert Features('powers', np.zeros(1), *WIDE, degree=5).names[-1] == 'θ1^5'
-    knots = hats([-15.0, 22.5], [0.0, 10.0, 100 / 3])
-    assert knots.names == (
-        'T1 near -15 °C', 'T1 near 22.5 °C',
-        'T2 near 0 °C', 'T2 near 10 °C', 'T2 near 33.33 °C',
-    )  # fmt: skip
-    assert dict(zip(knots.names, knots.expand(np.array([22.5, 10.0])), strict=True)) == {
-        name: float(name in {'T1 near 22.5 °C', 'T2 near 10 °C'}) for name in knots.names
-    }

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.payload.accelerometer import calibrated_by_norm, fit_norm
+from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
 from wrist_ft_comp.payload.separation import separate, separate_again
 from wrist_ft_comp.stream.offline import simulate_drift
 
@@ -203,16 +202,6 @@ class TestDrift:
 
 
 class TestAccelerometer:
-    def test_bias_is_found_beside_samples_in_another_unit(self):
-        felt = np.random.default_rng(0).standard_normal((2000, 3))
-        bias = np.array([0.1, -0.05, 0.08])
-        force = GRAVITY * felt / np.linalg.norm(felt, axis=1, keepdims=True) + bias
-        force[::10] *= 1000
-        frame, drift, _ = fit_norm(force, np.zeros((len(force), 1)))
-        np.testing.assert_allclose(frame.bias, bias, atol=0.02)
-        np.testing.assert_allclose(frame.scale, 1.0, atol=0.01)
-        np.testing.assert_allclose(drift, 0.0)
-
     def test_bias_and_scale_are_found_by_the_norm_at_rest(self, days):
         bias, scale = np.array([0.1, -0.2, 0.05]), np.array([1.02, 0.99, 1.01])
         crooked = replace(days[0], specific_force=days[0].specific_force * scale + bias)

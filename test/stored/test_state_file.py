@@ -28,26 +28,15 @@ blocks = st.lists(
 by_thermometer = st.lists(number, min_size=1, max_size=5).map(np.array)
 rows = st.lists(st.lists(number, min_size=2, max_size=2), min_size=1, max_size=3).map(np.array)
 thermometers = st.builds(
-    ThermometerState,
-    by_thermometer,
-    rows,
-    rows,
-    *[by_thermometer] * 7,
-    number,
+    ThermometerState, by_thermometer, rows, rows, *[by_thermometer] * 7, number,
     st.lists(st.text(max_size=20), min_size=1, max_size=5).map(tuple),
-)
+)  # fmt: skip
 memories = st.builds(
-    ThermalMemory,
-    stamps,
-    st.integers(1, 600 * 10**9),
-    by_thermometer,
+    ThermalMemory, stamps, st.integers(1, 600 * 10**9), by_thermometer,
     st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
-    st.builds(Drift, six, six),
-    rows,
-    blocks,
-    st.none() | thermometers,
-)
+    st.builds(Drift, six, six), rows, blocks, st.none() | thermometers,
+)  # fmt: skip
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
 )
@@ -55,15 +44,10 @@ states = st.builds(
 
 def example(end_ns=5, saved_ns=7):
     memory = ThermalMemory(
-        end_ns,
-        10,
-        np.array([20.0]),
-        (0,),
-        {'force_z': np.ones(2)},
-        Drift(np.ones(6), np.zeros(6)),
-        np.array([[20.0]]),
+        end_ns, 10, np.array([20.0]), (0,), {'force_z': np.ones(2)},
+        Drift(np.ones(6), np.zeros(6)), np.array([[20.0]]),
         (Block(np.array([20.0]), 1), Block(np.array([21.0]), 60)),
-    )
+    )  # fmt: skip
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
 
 

@@ -91,11 +91,7 @@ class TestGap:
             (-1e9, 0, 'ahead of the temperatures'),
             (1801, 0, 'is 1801 s old and this model remembers 1800 s'),
             (1e9, 0, 'this model remembers 1800 s'),
-            (
-                10,
-                100,
-                's while 100 s passed since the thermal state was saved: their clock was set',
-            ),
+            (10, 100, 's while 100 s passed since the thermal state was saved: their clock was'),
         ],
     )
     def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
