@@ -4,12 +4,12 @@ Fixtures of several rooms: recordings, temperatures, drifts with a known truth, 
 Everything here is seeded and written without the package's mathematics and codecs.
 """
 
-import csv
 from dataclasses import replace
 from functools import cache
 import gc
 from importlib.util import find_spec
 import struct
+from types import SimpleNamespace
 
 from hypothesis import settings
 import numpy as np
@@ -129,8 +129,66 @@ def make_working_day(make_recording, warm_up):
     return make
 
 
+def _cell(value):
+    missing = value is None or value != value  # noqa: PLR0124 -- NaN
+    return '' if missing else repr(value).strip("'")
+
+
 @pytest.fixture(scope='session')
-def write_working_day():
+def write_table():
+    """Write columns by name as a CSV file; None and NaN become empty cells."""
+
+    def write(path, columns, delimiter=','):
+        values = (np.asarray(column, dtype=object).tolist() for column in columns.values())
+        rows = (delimiter.join(map(_cell, row)) for row in zip(*values, strict=True))
+        path.write_text('\n'.join([delimiter.join(columns), *rows, '']), encoding='utf-8')
+        return path
+
+    return write
+
+
+def _warm_day(seconds, seed):
+    """A warm-up, sampled once a second: times, and two thermometers, °C."""
+    t = np.arange(float(seconds))
+    wave_s = np.random.default_rng(seed).uniform(60, 90)
+    inside = 20 + 12 * (1 - np.exp(-t / 150)) + 3 * np.sin(t / wave_s)
+    return t, inside, 20 + 6 * (1 - np.exp(-t / 400)) + 2 * np.sin(t / 150)
+
+
+def _drifting(seconds=400, seed=0, *, both=False, offset=3.0):
+    """Columns of an unloaded recording: force z drifts with temperatures, torque x hardly."""
+    t, inside, outside = _warm_day(seconds, seed)
+    rng = np.random.default_rng(seed + 100)
+    drift = 1.5 * (inside - 20) - 0.8 * (outside - 20) * both
+    columns = {
+        'stamp_s': t, 'temperature_c': inside, **({'temperature_2_c': outside} if both else {}),
+        'force_z': offset + drift + rng.normal(0, 0.02, seconds),
+        'torque_x': 0.01 * (inside - 20) + rng.normal(0, 0.001, seconds),
+    }  # fmt: skip
+    return {name: column.tolist() for name, column in columns.items()}
+
+
+def _loaded(seconds=600, seed=0):
+    """Columns of a loaded recording with its reference: zero 0.5 N/K, gain -0.2 %/K."""
+    t, inside, _ = _warm_day(seconds, seed)
+    rng = np.random.default_rng(seed + 200)
+    load = np.repeat(rng.uniform(-50, 50, seconds // 5), 5)[:seconds]
+    load[:60] = 0.0
+    raw = (1 - 0.002 * (inside - 20)) * load + 0.5 * (inside - 20) + rng.normal(0, 0.01, seconds)
+    columns = {
+        'stamp_s': t, 'temperature_c': inside, 'force_z': raw, 'reference_force_z': load,
+    }  # fmt: skip
+    return {name: column.tolist() for name, column in columns.items()}
+
+
+@pytest.fixture(scope='session')
+def make(write_table):
+    """Make a CSV file, and columns of days with a known drift."""
+    return SimpleNamespace(csv=write_table, drifting=_drifting, loaded=_loaded)
+
+
+@pytest.fixture(scope='session')
+def write_working_day(write_table):
     """Write such a day as a CSV file, with more columns by name."""
 
     def write(path, day, more=None):
@@ -142,11 +200,7 @@ def write_working_day():
             'rotation_speed': day.rotation_speed,
             **(more or {}),
         }
-        with path.open('w', newline='') as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-        return path
+        return write_table(path, columns)
 
     return write
 

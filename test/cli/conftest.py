@@ -1,8 +1,7 @@
-"""Recordings with a known drift, and the command line run in this process."""
+"""The command line run in this process, its models, reports and bags."""
 
 import subprocess
 import sys
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -74,60 +73,10 @@ def process():
     return start
 
 
-def write_csv(path, columns, delimiter=','):
-    """Write columns as text; None and NaN become empty cells."""
-    rows = zip(*columns.values(), strict=True)
-    lines = [
-        delimiter.join('' if v is None or v != v else repr(v).strip("'") for v in row)  # noqa: PLR0124
-        for row in rows
-    ]
-    path.write_text('\n'.join([delimiter.join(columns), *lines, '']), encoding='utf-8')
-    return path
-
-
-def warm_up(seconds, seed=0):
-    """A warm-up, sampled once a second, with two thermometers."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(seconds, dtype=float)
-    inside = 20 + 12 * (1 - np.exp(-t / 150)) + 3 * np.sin(t / rng.uniform(60, 90))
-    outside = 20 + 6 * (1 - np.exp(-t / 400)) + 2 * np.sin(t / 150)
-    return {
-        'stamp_s': t.tolist(),
-        'temperature_c': inside.tolist(),
-        'temperature_2_c': outside.tolist(),
-    }
-
-
-def drifting(seconds=400, seed=0, *, both=False, offset=3.0):
-    """An unloaded recording: force z drifts with the temperatures, torque x hardly."""
-    columns = warm_up(seconds, seed)
-    rng = np.random.default_rng(seed + 100)
-    inside = np.array(columns['temperature_c'])
-    outside = np.array(columns['temperature_2_c'])
-    drift = 1.5 * (inside - 20) - (0.8 * (outside - 20) if both else 0.0)
-    force = offset + drift + rng.normal(0, 0.02, seconds)
-    torque = 0.01 * (inside - 20) + rng.normal(0, 0.001, seconds)
-    if not both:
-        del columns['temperature_2_c']
-    return {**columns, 'force_z': force.tolist(), 'torque_x': torque.tolist()}
-
-
-def loaded(seconds=600, seed=0):
-    """A loaded recording with its reference: zero 0.5 N/K, gain -0.2 %/K."""
-    columns = warm_up(seconds, seed)
-    del columns['temperature_2_c']
-    rng = np.random.default_rng(seed + 200)
-    inside = np.array(columns['temperature_c'])
-    load = np.repeat(rng.uniform(-50, 50, seconds // 5), 5)[:seconds]
-    load[:60] = 0.0
-    raw = (1 - 0.002 * (inside - 20)) * load + 0.5 * (inside - 20) + rng.normal(0, 0.01, seconds)
-    return {**columns, 'force_z': raw.tolist(), 'reference_force_z': load.tolist()}
-
-
 @pytest.fixture(scope='session')
-def drift_csv(tmp_path_factory):
+def drift_csv(tmp_path_factory, make):
     """One thermometer, unloaded."""
-    return write_csv(tmp_path_factory.mktemp('csv') / 'drift.csv', drifting())
+    return make.csv(tmp_path_factory.mktemp('csv') / 'drift.csv', make.drifting())
 
 
 @pytest.fixture(scope='session')
@@ -162,9 +111,3 @@ def bags(tmp_path_factory, messages):
         )
         for storage in ('sqlite3', 'mcap')
     }
-
-
-@pytest.fixture(scope='session')
-def make():
-    """The builders above, for tests: fixtures are what importlib mode shares."""
-    return SimpleNamespace(csv=write_csv, drifting=drifting, loaded=loaded)

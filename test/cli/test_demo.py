@@ -6,7 +6,6 @@ import json
 import os
 from pathlib import Path
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -147,12 +146,3 @@ def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
     assert chosen['ROS_DOMAIN_ID'] != domain
     assert chosen['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert os.environ['ROS_DOMAIN_ID'] == domain
-
-
-def test_a_bar_says_percent_and_nothing_cuts_it(capsys, monkeypatch):
-    monkeypatch.setattr(sys.stderr, 'isatty', lambda: True, raising=False)
-    listen(99)
-    said = capsys.readouterr().err
-    assert '%|' in said
-    assert '0.' not in said
-    assert '\n' not in said

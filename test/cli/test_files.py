@@ -2,14 +2,13 @@
 
 import json
 import os
+import re
 import shutil
 
 import pytest
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.stored.model_file import KIND
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 
@@ -34,14 +33,6 @@ def test_a_device_is_refused_at_once(run, tmp_path):
         assert 'is a device' in run(*words).sentence
 
 
-def test_model_and_recording_with_other_thermometers_are_refused(run, make, model, tmp_path):
-    path = make.csv(tmp_path / 'two.csv', make.drifting(both=True))
-    for argv in (['evaluate', model, path], ['compensate', model, path, '-o', tmp_path / 'out']):
-        sentence = run(*argv).sentence
-        assert '2 thermometers' in sentence
-        assert 'expects 1' in sentence
-
-
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
 def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR0913, PLR0917
     command, run, model, drift_csv, bags, tmp_path
@@ -53,16 +44,6 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     assert 'is a model file' in run(command, model, model, *more).sentence
     (tmp_path / 'empty').touch()
     assert 'is not a model file' in run(command, tmp_path / 'empty', drift_csv, *more).sentence
-
-
-@pytest.mark.parametrize('name', ['m.yaml', 'm', 'm.csv'])
-def test_a_model_is_one_by_its_content(name, tmp_path):
-    path = tmp_path / name
-    path.write_text(f'format: {KIND.says}\nversion: 99\n')
-    options.check_model(path)
-    KIND.check_target(path)
-    with pytest.raises(RecordingError, match='is a model file'):
-        options.check_recordings([path])
 
 
 @pytest.mark.parametrize('target', ['/proc/nowhere/m.yaml', '/dev/null/m.yaml', 'file/m.yaml'])
@@ -98,27 +79,39 @@ def contents(folder):
     return {path: path.is_file() and path.read_bytes() for path in folder.rglob('*')}
 
 
-def foreign(tmp_path, day, own_model):
-    """Whatever is neither report nor picture of this package's."""
-    (tmp_path / 'page.html').write_text('<html>of somebody else</html>')
-    (tmp_path / 'photo.png').write_bytes(PNG)
-    (tmp_path / 'bag.mcap').write_bytes(b'\x89MCAP0\r\n')
+#: Whatever is none of ours, though some quote a file of ours, at their beginning or further on.
+FOREIGN = {
+    'page.html': '<html>of somebody else</html>',
+    'photo.png': PNG.decode('latin-1'),
+    'bag.mcap': '\x89MCAP0\r\n',
+    'notes.md': '# Models\n\nEach begins with\n\nformat: wrist_ft_comp drift model\nversion: 2\n',
+    'first.md': 'format: wrist_ft_comp drift model\nversion: 2\n\nis how each model begins.\n',
+    'other.yaml': 'of: me\nsays: |\n  format: wrist_ft_comp drift model\n  version: 2\n',
+    'quote.html': '<!doctype html>\n&lt;meta name="generator" content="wrist_ft_comp report">',
+    'head.html': '<html><head><meta name="author" content="me">\n'
+    '<meta name="generator" content="wrist_ft_comp report"></head></html>',
+    'text.png': (PNG + b'tEXtComment\0Software\0wrist_ft_comp picture').decode('latin-1'),
+}
+
+
+def test_nothing_of_ours_takes_the_place_of_another_file(run, day, own_model, folder, tmp_path):
+    for name, text in FOREIGN.items():
+        (tmp_path / name).write_bytes(text.encode('latin-1'))
     (tmp_path / 'dangling.html').symlink_to(tmp_path / 'nothing')
     os.link(day, tmp_path / 'hard.html')
     (tmp_path / 'link.html').symlink_to(own_model)
-    names = 'page.html', 'photo.png', 'bag.mcap', 'dangling.html', 'hard.html', 'link.html'
-    return [day, own_model, *(tmp_path / name for name in names), '/dev/null']
-
-
-def test_neither_report_nor_picture_takes_another_s_place(run, day, own_model, folder, tmp_path):
-    for target in foreign(tmp_path, day, own_model):
+    names = *FOREIGN, 'dangling.html', 'hard.html', 'link.html'
+    for target in (day, own_model, *(tmp_path / name for name in names), '/dev/null'):
         before = contents(tmp_path)
-        for words in (
+        commands = [
             ['calibrate', day, '-o', tmp_path / 'new.yaml', '--report', target],
             ['evaluate', own_model, day, '--report', target],
             ['show', folder, '--picture', target],
-        ):
-            assert 'cannot be written: it ' in run(*words).sentence
+        ]
+        if getattr(target, 'name', '') in FOREIGN:
+            commands.append(['calibrate', day, '--method', 'pls', '-o', target])
+        for words in commands:
+            assert re.search('cannot be written: it |not in [.]', run(*words).sentence)
             assert contents(tmp_path) == before, target
 
 
@@ -132,31 +125,6 @@ def test_the_demo_looks_before_it_starts_a_process(place, run, tmp_path, monkeyp
     assert words in run('demo', '--output', output).sentence
     assert path.read_bytes() == PNG
     assert list(tmp_path.iterdir()) == [path]
-
-
-#: Texts that quote a file of ours, at their beginning or further on.
-QUOTES = {
-    'notes.md': '# Models\n\nEach begins with\n\nformat: wrist_ft_comp drift model\nversion: 2\n',
-    'first.md': 'format: wrist_ft_comp drift model\nversion: 2\n\nis how each model begins.\n',
-    'other.yaml': 'of: me\nsays: |\n  format: wrist_ft_comp drift model\n  version: 2\n',
-    'page.html': '<!doctype html>\n&lt;meta name="generator" content="wrist_ft_comp report">',
-    'head.html': '<html><head><meta name="author" content="me">\n'
-    '<meta name="generator" content="wrist_ft_comp report"></head></html>',
-    'photo.png': (PNG + b'tEXtComment\0Software\0wrist_ft_comp picture').decode('latin-1'),
-}
-
-
-@pytest.mark.parametrize('name', QUOTES)
-def test_a_text_that_quotes_a_file_of_ours_is_not_replaced(name, run, day, own_model, tmp_path):
-    path = tmp_path / name
-    path.write_bytes(QUOTES[name].encode('latin-1'))
-    for words in (
-        ['calibrate', day, '--method', 'pls', '-o', path],
-        ['calibrate', day, '-o', tmp_path / 'new.yaml', '--report', path],
-        ['evaluate', own_model, day, '--report', path],
-    ):
-        assert 'it exists and is no ' in run(*words).sentence
-        assert path.read_bytes() == QUOTES[name].encode('latin-1')
 
 
 def test_a_folder_that_does_not_exist_is_not_made(run, day, own_model, folder, tmp_path):

@@ -108,29 +108,26 @@ def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_
     assert 'right_ft in recording 2, other' in warning
 
 
-class TestWhatWasLearntFrom:
-    def is_marked(self, run, learnt, path):
-        return 'learnt from' in ' '.join(
-            warnings(run('evaluate', learnt, path, '--json', *named()))
-        )
+def test_a_copy_is_found_under_another_name_and_another_day_of_that_name_is_none(
+    learnt, day, bag, run, tmp_path
+):
+    shutil.copytree(day, tmp_path / 'wednesday')
+    (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
+    for path, marked in (
+        (tmp_path / 'wednesday', True), (day / 'day.mcap', True), (bag('day', 2), False),
+    ):  # fmt: skip
+        said = ' '.join(warnings(run('evaluate', learnt, path, '--json', *named())))
+        assert ('learnt from' in said) == marked
 
-    def test_a_copy_is_found_under_another_name(self, learnt, day, run, tmp_path):
-        shutil.copytree(day, tmp_path / 'wednesday')
-        (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
-        assert self.is_marked(run, learnt, tmp_path / 'wednesday')
-        assert self.is_marked(run, learnt, day / 'day.mcap')
 
-    def test_another_day_of_the_same_name_is_no_copy(self, learnt, bag, run):
-        assert not self.is_marked(run, learnt, bag('day', 2))
-
-    def test_a_copy_is_counted_once(self, day, drift_csv, run, tmp_path):
-        output = '-o', tmp_path / 'm.yaml'
-        copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
-        assert 'twice' in run('calibrate', drift_csv, drift_csv, *output).sentence
-        assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
-        bare = day / 'day.mcap'
-        assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence
-        assert not (tmp_path / 'm.yaml').exists()
+def test_a_copy_is_counted_once(day, drift_csv, run, tmp_path):
+    output = '-o', tmp_path / 'm.yaml'
+    copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
+    assert 'twice' in run('calibrate', drift_csv, drift_csv, *output).sentence
+    assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
+    bare = day / 'day.mcap'
+    assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence
+    assert not (tmp_path / 'm.yaml').exists()
 
 
 def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp_path):

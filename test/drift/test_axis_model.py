@@ -1,7 +1,5 @@
 """The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
 
-from dataclasses import replace
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -86,15 +84,11 @@ def textbook_run(axis, temperature_c):
 every_form = pytest.mark.parametrize(
     ('filters', 'latents'),
     [
-        ((), LATENTS),
-        (FILTERS, (static_gain(),)),
-        (FILTERS[:1], (static_gain(), static_gain(0.3))),
-        ((static_gain(), FILTERS[1]), LATENTS),
-        (FILTERS, LATENTS),
-        ((), (static_gain(),)),
+        ((), LATENTS), (FILTERS, (static_gain(),)), (FILTERS, LATENTS), ((), (static_gain(),)),
+        (FILTERS[:1], (static_gain(), static_gain(0.3))), ((static_gain(), FILTERS[1]), LATENTS),
     ],
-    ids=['paper', 'relaxations', 'one relaxation', 'static and relaxed', 'both', 'static'],
-)
+    ids=['paper', 'relaxations', 'both', 'static', 'one relaxation', 'static and relaxed'],
+)  # fmt: skip
 
 
 @every_form
@@ -164,26 +158,6 @@ def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):
     _, drift = axis.without_gain_drift().run(axis.start(temperature_c[0]), temperature_c)
     _, whole = axis.run(axis.start(temperature_c[0]), temperature_c)
     np.testing.assert_allclose(drift, whole[:, :1], rtol=1e-12)
-
-
-UNSTABLE = Arx(np.array([-1.01]), np.array([-0.01]))
-WRONG_GAIN = (FILTERS[0], replace(FILTERS[1], b=1.001 * FILTERS[1].b), FILTERS[2])
-ONE_POWER = Features('powers', np.zeros(2), np.zeros(2), np.ones(2))
-
-
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'filters': (*FILTERS, static_gain())}, '4 filters cannot give 6 filtered temperatures'),
-        ({'filters': WRONG_GAIN}, r'^Filter 2 .* 1\.001; .* be temperatures\.$'),
-        ({'filters': (*FILTERS[:2], UNSTABLE)}, r'pole of radius 1\.01'),
-        ({'features': ONE_POWER}, 'features give 2 inputs, the dynamics expect 12'),
-    ],
-)
-def test_parts_that_do_not_fit_are_refused(make_axis, change, sentence):
-    assert UNSTABLE.gain == pytest.approx(1.0)
-    with pytest.raises(ModelFileError, match=sentence):
-        replace(make_axis(), **change)
 
 
 def test_a_third_output_is_refused(make_axis):

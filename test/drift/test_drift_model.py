@@ -1,16 +1,15 @@
 """The drift of a sensor: step and run, the measurement equation, and what a model refuses."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.drift_model import check_sensor, Drift, StoredModel
+from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.errors import ModelFileError
 
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
 TRUTH = {
@@ -40,22 +39,6 @@ def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
         moved = lagged(mean_theta, tau, period_s=1.0)
         np.testing.assert_allclose(track.zero[:, i], zero * moved, atol=1e-10)
         np.testing.assert_allclose(track.sensitivity[:, i], sensitivity * moved, atol=1e-10)
-
-
-def test_a_run_is_the_fold_of_step_for_all_axes(model, temperature_c):
-    state = first = drift_model.start(model, temperature_c[0])
-    rows = []
-    for row in temperature_c:
-        state, drift = drift_model.step(model, state, row)
-        rows.append(drift)
-    end, whole = drift_model.run(model, first, temperature_c)
-    same_end, last = drift_model.run(model, first, temperature_c, last_only=True)
-    np.testing.assert_allclose(whole, np.swapaxes(rows, 0, 1), atol=1e-12)
-    np.testing.assert_allclose(last, np.array(whole)[:, -1:], atol=1e-12)
-    assert set(state) == set(TRUTH)
-    for axis, value in end.items():
-        np.testing.assert_allclose(state[axis], value, atol=1e-12)
-        np.testing.assert_array_equal(same_end[axis], value)
 
 
 def test_correct_inverts_the_measurement():
@@ -96,36 +79,8 @@ class TestUncertainty:
         assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
 
 
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'axes': {'force_q': None}}, r"Unknown axis 'force_q'; .* force_x, force_y, "),
-        ({'thermometers': 1}, 'expects 2 thermometers, the model has 1'),
-        ({'period_ns': 0}, 'positive thermal period .* got 0 ns and 2'),
-        ({'thermometers': 0}, 'at least one thermometer; got 1000000000 ns and 0'),
-    ],
-)
-def test_a_model_whose_parts_do_not_fit_is_refused(model, change, sentence):
-    assert replace(model, period_ns=1).period_ns == 1
-    with pytest.raises(ModelFileError, match=sentence):
-        replace(model, **change)
-
-
 def test_predicted_thermometers_that_do_not_fit_are_refused():
     parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))
     assert ThermometerPrediction(*parts).predict(np.ones((1, 2))).tolist() == [0, 0]
     with pytest.raises(ModelFileError, match=r'^still_k .* shape \(2,\); got \(3,\)'):
         ThermometerPrediction(*parts[:3], np.ones(3), *parts[4:])
-
-
-def test_a_model_is_doubted_beside_another_sensor_only(model):
-    names = {
-        'wrench_topic': ['/left/wrench'],
-        'temperature_topics': ['/left/inside', '/left/room'],
-    }
-    stored = StoredModel(Path('model.yaml'), '', model, {'provenance': names})
-    assert check_sensor(stored, stored.sensor) == ()
-    (warning,) = check_sensor(stored, {**stored.sensor, 'wrench_topic': ['/right/wrench']})
-    assert '/right/wrench' in warning
-    with pytest.raises(SettingsError, match='/left/room, /left/inside'):
-        check_sensor(stored, {'temperature_topics': ['/left/room', '/left/inside']})

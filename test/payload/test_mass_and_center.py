@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.payload.mass_and_center import blocks, rigid_bodies, small_rotation
+from wrist_ft_comp.payload.mass_and_center import rigid_bodies
 
 BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.12]))]
 #: Products of three directions seen equally, by two bodies for half of the time each.
@@ -18,25 +18,6 @@ def gains_of(rotation, bodies=BODIES):
             for m, c in bodies
         ]
     )
-
-
-@pytest.mark.parametrize('turn', [[0.0, 0, 0], [0.1, -0.2, 3.0], [2.0, 1.0, -0.5]])
-def test_bodies_are_recovered_in_any_frame(turn):
-    rotation = small_rotation(np.array(turn))
-    found = rigid_bodies(gains_of(rotation), NORMAL, np.full(6, 1e-4), 1000.0)
-    np.testing.assert_allclose(found.mass_kg, [1.3, 2.1], rtol=1e-8)
-    np.testing.assert_allclose(found.center_m, [c for _, c in BODIES], atol=1e-9)
-    np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
-    assert not found.doubts()
-
-
-def test_a_rotation_is_one():
-    rotation = small_rotation(np.array([0.3, -1.2, 0.7]))
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-    np.testing.assert_allclose(rotation @ [0.3, -1.2, 0.7], [0.3, -1.2, 0.7], atol=1e-14)
-    quarter = small_rotation(np.array([0, 0, np.pi / 2]))
-    np.testing.assert_allclose(quarter @ [1, 0, 0], [0, 1, 0], atol=1e-14)
 
 
 def test_errors_are_as_large_as_they_say():
@@ -77,7 +58,3 @@ def test_a_press_that_comes_again_is_no_body_however_rarely_it_comes():
     assert any('not that of a rigid body' in doubt for doubt in found.doubts())
     empty = np.concatenate((gains[:2], 1e-3 * press))  # an empty gripper is nobody's misfit
     assert not rigid_bodies(empty, normal, np.full(6, 1e-4), 1000.0).doubts()
-
-
-def test_blocks_of_no_axis_are_empty():
-    assert blocks(np.zeros((5, 0)), 2).shape == (3, 2, 0)

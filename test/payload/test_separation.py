@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.payload.accelerometer import calibrated_by_norm, fit_norm
-from wrist_ft_comp.payload.separation import medians, separate, separate_again
-from wrist_ft_comp.payload.weight_gains import cut
+from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
+from wrist_ft_comp.payload.separation import separate, separate_again
 from wrist_ft_comp.stream.offline import simulate_drift
 
 PLS = IdentificationSettings(method='pls')
@@ -33,17 +31,6 @@ def plain(make_working_day):
 @pytest.fixture(scope='module')
 def learnt(days):
     return calibrate(days, AT_WORK)
-
-
-def test_medians_leave_out_what_is_not_usable():
-    rng = np.random.default_rng(0)
-    wrench = rng.standard_normal((9, 14, 6))
-    for unknown, block in enumerate(wrench[1:], start=1):
-        block[rng.permutation(14)[:unknown]] = np.nan
-    wrench[0] = np.nan
-    found = medians(wrench)
-    np.testing.assert_array_equal(found[1:], np.nanmedian(wrench[1:], axis=1))
-    assert not found[0].any()
 
 
 def masses_and_centers(calibration):
@@ -79,13 +66,6 @@ class TestPayloads:
         rotation = learnt.payloads.frame.rotation @ turn
         np.testing.assert_allclose(again.payloads.frame.rotation, rotation, atol=2e-3)
 
-    def test_the_frame_turns_what_was_measured_into_the_wrench(self, days, learnt):
-        held = separate(days).drift[0]
-        tool = next(iter(learnt.payloads.payloads.values()))
-        pushed = tool.weight(learnt.payloads.frame.turn(days[0].specific_force))[:50]
-        free = np.isfinite(held.wrench[:50, 0])
-        np.testing.assert_allclose(pushed[free], held.reference[:50][free], atol=0.1)
-
     def test_an_absent_speed_of_rotation_is_taken_from_the_specific_force(self, days):
         blind = [replace(day, rotation_speed=None) for day in days]
         masses, _ = masses_and_centers(calibrate(blind, AT_WORK))
@@ -95,16 +75,6 @@ class TestPayloads:
 def without_drift(day):
     theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
     return day.wrench - theta
-
-
-def test_blocks_end_at_steps_and_are_joined_again(plain):
-    ends = [[907, 20], []]
-    cells = cut(plain, [day.specific_force for day in plain], ends)
-    numbers = [np.arange(len(day)) for day in plain]
-    blocked = cells.cut(numbers)
-    for before, after in zip(cells.join(blocked), numbers, strict=True):
-        np.testing.assert_array_equal(before, after)
-    assert blocked[:5, 0].tolist() == [0, 20, 320, 620, 907]
 
 
 def test_cells_of_ten_seconds_give_the_same_payloads_and_steps(make_working_day):
@@ -232,21 +202,6 @@ class TestDrift:
 
 
 class TestAccelerometer:
-    def test_bias_is_found_beside_samples_in_another_unit(self):
-        felt = np.random.default_rng(0).standard_normal((2000, 3))
-        bias = np.array([0.1, -0.05, 0.08])
-        force = GRAVITY * felt / np.linalg.norm(felt, axis=1, keepdims=True) + bias
-        force[::10] *= 1000
-        frame, drift, _ = fit_norm(force, np.zeros((len(force), 1)))
-        np.testing.assert_allclose(frame.bias, bias, atol=0.02)
-        np.testing.assert_allclose(frame.scale, 1.0, atol=0.01)
-        np.testing.assert_allclose(drift, 0.0)
-
-    @pytest.mark.parametrize('samples', [0, 5])
-    def test_without_specific_force_nothing_is_found(self, samples):
-        frame, _, _ = fit_norm(np.zeros((samples, 3)), np.zeros((samples, 1)))
-        np.testing.assert_allclose(frame.bias, 0.0)
-
     def test_bias_and_scale_are_found_by_the_norm_at_rest(self, days):
         bias, scale = np.array([0.1, -0.2, 0.05]), np.array([1.02, 0.99, 1.01])
         crooked = replace(days[0], specific_force=days[0].specific_force * scale + bias)
@@ -293,12 +248,6 @@ class TestDoubts:
         calibration = calibrate([replace(days[0], wrench=drift + noise)], AT_WORK)
         assert calibration.payloads is None
         assert 'nothing weighs on the sensor' in '\n'.join(calibration.warnings)
-
-    def test_a_wrench_that_follows_gravity_is_not_unloaded(self, make_working_day):
-        slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
-        turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
-        constant = replace(AT_WORK, reference='constant')
-        assert 'follows gravity' in warned([turning], constant)
 
     @pytest.mark.parametrize(
         ('kept', 'numbers'),

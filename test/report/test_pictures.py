@@ -96,21 +96,6 @@ def test_text_stays_text():
     assert {'time, h', 'error, N', 'with'} <= set(words)
 
 
-def test_references_end_inside_the_picture_and_two_share_no_id():
-    kept = set()
-    for name in ('p0', 'p1'):
-        nodes = list(xml(pictures.svg_text(drawn(), name, 'x')).iter())
-        ids = [node.get('id') for node in nodes if node.get('id')]
-        assert len(set(ids)) == len(ids) > 0
-        targets = {node.get(XLINK)[1:] for node in nodes if node.get(XLINK)}
-        clips = {node.get('clip-path')[5:-1] for node in nodes if node.get('clip-path')}
-        assert targets
-        assert clips
-        assert targets | clips <= set(ids)
-        assert not kept & set(ids)
-        kept |= set(ids)
-
-
 def test_the_same_picture_is_the_same_text_and_its_description_too():
     text, again = (pictures.svg_text(drawn(), 'p0', '<b> & "x"') for _ in range(2))
     assert text == again

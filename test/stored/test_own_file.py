@@ -13,12 +13,14 @@ import pytest
 from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, save_diary
-from wrist_ft_comp.learning.memory import Memory, save_memory
+from wrist_ft_comp.learning.diary import KIND as DIARY
+from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import beginning, Output, remove_leftovers, replace_file
+from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.plain_values import from_plain
-from wrist_ft_comp.stored.state_file import save_state, SavedState
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 
 STATE = SavedState(1, None, np.zeros(6), None)
 
@@ -124,6 +126,33 @@ def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     path.write_bytes(written[:40])  # cut off by a disk
     write(tmp_path)
     assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
+
+
+#: What reads each kind of file that is JSON.
+READERS = {
+    'state.json': load_state,
+    'payloads.json': load_payloads,
+    'learning.json': lambda path: load_memory(path.parent),
+    'active.json': lambda path: ModelStore(path.parent).history(),
+    'days/diary.json': lambda path: DIARY.load(Diary, path),
+}
+BROKEN = [
+    b'', b'{', b'{}', b'[]', b'[[]]', b'3', b'nul', b'null', b'"a.yaml"', b'\xff\xfe', b'\x00',
+    b'[' * 100_000, b'{"format":' * 50_000, b'9' * 100_000, b'[null' + b',null' * 10**6 + b']',
+    b'{"format": "other"}', b'{"format": NaN}', b'{"format": 1e999}',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize('name', READERS)
+def test_a_broken_file_is_refused_by_its_name_and_stays(name, tmp_path):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    for content in BROKEN:
+        path.write_bytes(content)
+        with pytest.raises(WristFtCompError, match=f'{path.name}') as refused:
+            READERS[name](path)
+        assert len(str(refused.value)) < 600
+        assert path.read_bytes() == content
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n'])

@@ -28,26 +28,15 @@ blocks = st.lists(
 by_thermometer = st.lists(number, min_size=1, max_size=5).map(np.array)
 rows = st.lists(st.lists(number, min_size=2, max_size=2), min_size=1, max_size=3).map(np.array)
 thermometers = st.builds(
-    ThermometerState,
-    by_thermometer,
-    rows,
-    rows,
-    *[by_thermometer] * 7,
-    number,
+    ThermometerState, by_thermometer, rows, rows, *[by_thermometer] * 7, number,
     st.lists(st.text(max_size=20), min_size=1, max_size=5).map(tuple),
-)
+)  # fmt: skip
 memories = st.builds(
-    ThermalMemory,
-    stamps,
-    st.integers(1, 600 * 10**9),
-    by_thermometer,
+    ThermalMemory, stamps, st.integers(1, 600 * 10**9), by_thermometer,
     st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
-    st.builds(Drift, six, six),
-    rows,
-    blocks,
-    st.none() | thermometers,
-)
+    st.builds(Drift, six, six), rows, blocks, st.none() | thermometers,
+)  # fmt: skip
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
 )
@@ -55,15 +44,10 @@ states = st.builds(
 
 def example(end_ns=5, saved_ns=7):
     memory = ThermalMemory(
-        end_ns,
-        10,
-        np.array([20.0]),
-        (0,),
-        {'force_z': np.ones(2)},
-        Drift(np.ones(6), np.zeros(6)),
-        np.array([[20.0]]),
+        end_ns, 10, np.array([20.0]), (0,), {'force_z': np.ones(2)},
+        Drift(np.ones(6), np.zeros(6)), np.array([[20.0]]),
         (Block(np.array([20.0]), 1), Block(np.array([21.0]), 60)),
-    )
+    )  # fmt: skip
     return SavedState(saved_ns, 'a' * 64, np.arange(6.0), memory)
 
 
@@ -122,13 +106,6 @@ def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_pat
     assert (back.thermal is None) == (place > 1)
 
 
-def test_a_table_of_rows_of_different_length_is_refused(load):
-    document = plain(example())
-    document['thermal']['start_c'] = [[20.0], [20.0, 21.0]]
-    with pytest.raises(StateFileError, match='rows that differ in length'):
-        load(document)
-
-
 @pytest.fixture
 def load(tmp_path):
     """Write a document, or bytes, and load it."""
@@ -141,23 +118,10 @@ def load(tmp_path):
     return write_and_load
 
 
-@pytest.mark.parametrize(
-    ('content', 'sentence'),
-    [
-        *((content, r'state\.json is not a state file') for content in (
-            b'', b'{', b'[]', b'{}', b'nul', b'\xff\xfe', b'[' * 100_000, b'{"format":' * 50_000,
-            b'9' * 100_000, b'{"format": "other"}',
-        )),
-        *(
-            ({**plain(example()), 'version': version}, r'of version .* reads version 2')
-            for version in (0, 3, '1', None)
-        ),
-    ],
-    ids=range(14),
-)  # fmt: skip
-def test_content_that_is_no_state_is_refused(load, content, sentence):
-    with pytest.raises(StateFileError, match=sentence):
-        load(content)
+@pytest.mark.parametrize('version', [0, 3, '1', None])
+def test_a_state_of_another_version_is_refused(load, version):
+    with pytest.raises(StateFileError, match=r'of version .* reads version 2'):
+        load({**plain(example()), 'version': version})
 
 
 @pytest.mark.parametrize(
@@ -185,16 +149,6 @@ def test_what_nothing_can_go_on_from_is_refused(load, place, value):
     document = plain(example())
     document['thermal'][place] = value
     with pytest.raises(StateFileError, match=r'is damaged: .* Remove it, or restore the file\.'):
-        load(document)
-
-
-@pytest.mark.parametrize('key', list(plain(example())))
-def test_nothing_may_be_missing_or_more(load, key):
-    document = plain(example())
-    with pytest.raises(StateFileError, match='more must be none of'):
-        load({**document, 'more': 1})
-    del document[key]
-    with pytest.raises(StateFileError):
         load(document)
 
 

@@ -10,7 +10,7 @@ import pytest
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples
-from wrist_ft_comp.stream.batch_grid import grid_samples, MAX_NUMBERS
+from wrist_ft_comp.stream.batch_grid import grid_samples
 
 SECOND = 1_000_000_000
 #: Stamps as they are since 1970, so that rounding to floats would show.
@@ -152,50 +152,9 @@ def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
         grid_samples(blocks, name='a.csv')
 
 
-@pytest.mark.parametrize(
-    ('channels', 'sentence'),
-    [
-        ((), 'a.csv holds no usable temperature_c'),
-        (('force_z',), 'a.csv holds no usable temperature_c'),
-        (('force_z', 'temperature_2_c'), 'a.csv holds no usable temperature_c'),
-        (('force_z', 'temperature_c', 'temperature_3_c'), 'a.csv holds no usable temperature_2_c'),
-        (('temperature_c',), r'a.csv holds no wrench.*got temperature_c\.'),
-    ],
-)
-def test_a_channel_that_is_missing_is_named(channels, sentence):
-    empty = Samples(('temperature_c',), np.zeros(0, dtype=np.int64), np.zeros((0, 1)))
-    for blocks in ([], [empty]):
-        with pytest.raises(RecordingError, match=sentence):
-            grid_samples([*blocks, *(samples(name, (0, 20)) for name in channels)], name='a.csv')
-
-
-@pytest.mark.parametrize(('late_s', 'named'), [(61, True), (60, False)])
-def test_a_thermometer_that_comes_late_is_named(late_s, *, named):
-    blocks = [
-        samples('temperature_c', *((k, 20 + k / 100) for k in range(200))),
-        samples('temperature_2_c', *((k, 30) for k in range(late_s, 200))),
-        wrenches(*range(200)),
-    ]
-    warnings = grid_samples(blocks, name='a.csv').warnings
-    assert len(warnings) == named
-    if named:
-        assert warnings[0] == (
-            'Thermometer 2 of a.csv came after 61 s of wrenches, of which no drift is known: '
-            'nothing is learnt, judged or tared before it came, and compensate writes them with '
-            'its first drift. The sensor is taken as soaked from there on. If it was warming up '
-            'by then, record again, with all thermometers from the beginning.'
-        )
-
-
 def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
     assert not grid_samples(blocks).warnings
-
-
-def test_one_stamp_of_another_century_is_refused_before_memory_is_taken():
-    blocks = [samples('temperature_c', (0, 20), (MAX_NUMBERS, 21)), wrenches(0)]
-    with pytest.raises(RecordingError, match=r'span 4.2e\+06 s; at most 2100000 thermal cells'):
-        grid_samples(blocks)
 
 
 @pytest.mark.parametrize('period_s', [0.0, -1.0, 1e-10, 1e30, math.nan, math.inf])

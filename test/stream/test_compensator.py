@@ -131,15 +131,6 @@ def test_a_stream_starts_as_the_batch_after_any_cells(model, make_recording, cel
     np.testing.assert_allclose(fed_cell_by_cell(model, temperature_c), expected, atol=1e-12)
 
 
-def test_a_first_reading_of_nothing_is_not_taken_for_the_start(make_model):
-    """Nor are 15 s of it: a lag of ten minutes would remember them for as long."""
-    for wrong_s in (1, 15):
-        temperature_c = np.full(60, 20.0)
-        temperature_c[:wrong_s] = 0.0
-        slow = make_model({'force_z': (1.0, 0.0, 600.0)})
-        assert fed_cell_by_cell(slow, temperature_c)[-1] == 0.0
-
-
 def test_seconds_of_nothing_leave_no_trace_and_are_said_as_long_as_they_last(make_model):
     """A bus error: 0 °C for 15 s."""
     compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 60.0)}))

@@ -150,36 +150,3 @@ def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number,
     assert before.number == 0
     assert first.number == number
     assert first.temperature_c == pytest.approx([number, last_c])
-
-
-@pytest.mark.parametrize('stamp_s', [5.5, 5.2, 1.5, 0.6])
-def test_a_stamp_that_does_not_increase_is_counted(stamp_s):
-    tracker = DriftTracker(1, SECOND, 5.0, 1000.0)
-    feed_tracker(tracker, seconds(0, *((k + 0.5, 20.0) for k in range(6))))
-    assert not feed_tracker(tracker, seconds(0, (stamp_s, 21.0)))
-    assert (tracker.clocks.rejected, tracker.clocks.restarts) == (1, 0)
-    (cells,) = feed_tracker(tracker, seconds(0, (6.5, 20.0)))
-    assert cells.temperature_c == pytest.approx([20.0])
-
-
-@pytest.mark.parametrize('before', [1, 20])
-def test_time_that_ran_back_restarts_the_grid_there(before):
-    """Also where it ran back in the first cell."""
-    tracker = DriftTracker(2, SECOND, 5.0, 1000.0)
-    both = [s for k in range(before) for j in (0, 1) for s in seconds(j, (k + 100.1, 20.0 + j))]
-    again = [s for k in range(10) for j in (0, 1) for s in seconds(j, (k + 0.5, 30.0 + j))]
-    feed_tracker(tracker, both)
-    numbers, temperature_c, _ = table(feed_tracker(tracker, again))
-    assert tracker.clocks.restarts == 1
-    assert numbers[0] == 0
-    np.testing.assert_allclose(temperature_c, np.tile([30.0, 31.0], (9, 1)))
-
-
-@pytest.mark.parametrize('stray_s', [30, 18_000])
-def test_a_first_stamp_far_ahead_does_not_stop_the_stream(stray_s):
-    tracker = DriftTracker(2, SECOND, 5.0, 1000.0)
-    feed_tracker(tracker, seconds(0, *((k + 0.5, 20.0) for k in range(10))))
-    late = [*seconds(1, (10.5 + stray_s, 30.0)), *seconds(1, (11.5, 30.0), (12.5, 30.0))]
-    feed_tracker(tracker, late)
-    both = [s for k in range(13, 20) for j in (0, 1) for s in seconds(j, (k + 0.5, 20.0 + j))]
-    assert feed_tracker(tracker, both)[-1].number == 18

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.stream import thermometer_prediction
-from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.offline import lies, simulate_drift, thermometer_doubts
 
 PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
@@ -102,20 +102,6 @@ def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
     (found,) = lies(model, day)
     assert found.startswith('thermometer 2 ')
     assert left(day, model) < 0.5 * left(day, replace(model, prediction=None))
-
-
-@pytest.mark.parametrize(('thermometers', 'fault'), FAULTS[1:3])
-def test_the_stream_does_what_the_file_does_in_every_cell(learn, make_day, thermometers, fault):
-    """So no cell is revised: what the file has after all of the day, the stream had at once."""
-    model, day = learn(thermometers).model, failing(make_day(7, thermometers), fault)
-    compensator = Compensator(thermometers, StreamSettings(temperature_timeout_s=60.0), model)
-    seen = stream(compensator, day)
-    simulated = simulate_drift(model, day).zero[:, FORCE_Z]
-    cells = sorted(seen)
-    assert len(cells) > CELLS - 10
-    np.testing.assert_allclose([seen[k] for k in cells], simulated[cells], atol=1e-9)
-    healthy = simulate_drift(model, make_day(7, thermometers)).zero[:, FORCE_Z]
-    np.testing.assert_allclose(simulated[:BEGIN], healthy[:BEGIN], atol=1e-12)
 
 
 def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
