@@ -37,8 +37,7 @@ from wrist_ft_comp.wire.temperature_source import (
     temperatures_in,
     TemperatureSource,
 )
-from wrist_ft_comp.wire.tf_messages import decode_transforms
-from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
+from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
 #: from its stamp, ns.
