@@ -36,7 +36,7 @@ class Topics:
     #: What columns and stamps of a table mean, as ``column_map`` reads them.
     columns: str = ''
     time: str = ''
-    #: Which part of a recording counts, as ``excerpt`` reads it; all of it where these are empty.
+    #: Which part of a recording counts, as ``read_options`` reads it; all where they are empty.
     begin: str = ''
     end: str = ''
     exclude: tuple[str, ...] = ()

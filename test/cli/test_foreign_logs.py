@@ -12,9 +12,9 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.column_map import parse_map
-from wrist_ft_comp.recordings.excerpt import Excerpt, parse_excerpt
 from wrist_ft_comp.recordings.in_memory import recording_from_columns
 from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt
 
 ROWS = 3600
 BEGIN = datetime(2026, 11, 20, 8)

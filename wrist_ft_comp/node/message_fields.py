@@ -5,7 +5,6 @@ import math
 from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
-from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.qos import SLOW_SENSOR
@@ -19,7 +18,12 @@ from wrist_ft_comp.ros.topic_types import (
     unpublished,
 )
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader
+from wrist_ft_comp.wire.message_layout import (
+    define_installed,
+    Definitions,
+    follow,
+    NumberReader,
+)
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 
 #: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
@@ -93,7 +97,7 @@ class TemperatureTopic:
         if self._is_plain and name != TEMPERATURE:
             raise SettingsError(no_temperature(self._hub, self._topic))
         kind = load_type(self._topic, name)
-        self._definitions = define_installed(Connection(0, self._topic, name, 0, None))
+        self._definitions = define_installed(self._topic, name)
         paths = [source.number for source in self.sources.values()]
         self._reader = NumberReader(self._definitions, name, paths)
         if self._is_plain:

@@ -19,8 +19,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topic_types import load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
-from wrist_ft_comp.wire.tf_messages import Layouts
-from wrist_ft_comp.wire.tf_tree import GravityByTf
+from wrist_ft_comp.wire.tf_tree import GravityByTf, Layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000

@@ -4,26 +4,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import difflib
-import importlib
 from itertools import islice
-import re
 from typing import Any, TypeVar
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import Progress
-from wrist_ft_comp.wire.message_layout import Definitions, FieldType, SEQUENCE
+from wrist_ft_comp.wire.message_layout import Definitions
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 #: Messages in memory at once.
 BATCH = 20_000
 _Stream = TypeVar('_Stream')
-#: What may be imported: names come from a file.
-_MESSAGE_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
-#: Such as ``double``, ``string<9>``, ``std_msgs/Header``; and arrays of these.
-_FIELD_TYPE = re.compile(
-    r'(?:sequence<)?(?P<element>[\w/]+)(?:<\d+>)?(?:(?P<sequence>(?:, \d+)?>)|\[(?P<size>\d+)\])?'
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,38 +142,3 @@ def translated(name: str) -> Iterator[None]:
             "Try 'ros2 bag reindex' on the folder, 'mcap recover' on an .mcap file, or "
             "'sqlite3 FILE .recover' on a .db3 file."
         ) from error
-
-
-def define_installed(connection: Connection) -> Definitions:
-    """Collect definitions from Python packages; RecordingError where one is not installed."""
-    definitions: dict[str, list[tuple[str, FieldType]]] = {}
-    missing = [connection.msgtype]
-    while missing:
-        kind = missing.pop()
-        parts = _MESSAGE_NAME.fullmatch(kind)
-        if parts is None:
-            raise RecordingError(f'{connection.topic} is {kind!r}, which is no message of ROS.')
-        package, name = parts.groups()
-        try:
-            message = getattr(importlib.import_module(f'{package}.msg'), name)
-        except (ImportError, AttributeError) as error:
-            raise RecordingError(
-                f'{connection.topic} is {connection.msgtype}, and {kind} is not known here '
-                f'({error}). Install and source its package {package}; or, where the bag carries '
-                "its definition, as those of ROS 2 Iron and later do, run 'pip install rosbags'."
-            ) from error
-        fields = message.get_fields_and_field_types()
-        definitions[kind] = [(field, _field_type(text)) for field, text in fields.items()]
-        elements = {element for _, (element, _) in definitions[kind] if '/' in element}
-        missing += elements - definitions.keys()
-    return definitions
-
-
-def _field_type(text: str) -> FieldType:
-    """Read the type of a field as messages of rclpy name it."""
-    match = _FIELD_TYPE.fullmatch(text)
-    if match is None:
-        return text, None
-    element = match['element'].replace('/', '/msg/')
-    size = int(match['size']) if match['size'] else None
-    return element, SEQUENCE if match['sequence'] else size

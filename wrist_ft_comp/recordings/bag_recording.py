@@ -1,5 +1,5 @@
 """
-Recordings as rosbag2: their topics as samples, and copies with the corrected wrench added.
+Recordings as rosbag2: their topics as samples.
 
 Times are the messages' header stamps; the time at which the recorder got a message counts only
 where a temperature is a field of messages without a stamp. Specific force is an IMU's, or what
@@ -7,11 +7,10 @@ where a temperature is a field of messages without a stamp. Specific force is an
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain, islice
-import pathlib
 
 import numpy as np
 
@@ -24,21 +23,19 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recording import Correction, Samples, Topics
-from wrist_ft_comp.recordings.bag import Bag, Connection, Message, SUFFIXES
-from wrist_ft_comp.recordings.bag_opening import backend
+from wrist_ft_comp.recording import Samples, Topics
+from wrist_ft_comp.recordings.bag import Bag, Connection, Message
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.message_layout import follow, Layout, NumberReader, Path
+from wrist_ft_comp.wire.message_layout import follow, NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import (
     parse_sources,
     path_text,
     temperatures_in,
     TemperatureSource,
 )
-from wrist_ft_comp.wire.tf_messages import decode_transforms
-from wrist_ft_comp.wire.tf_tree import GAP_NS, GravityByTf
+from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
 #: from its stamp, ns.
@@ -65,25 +62,36 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
     found = _streams(bag, topics)
     streams = {stream.connection.id: stream for stream in found}
-    unstamped = {stream for stream in found if not stream.sources}
+    unstamped = [stream for stream in found if not stream.sources]
     unread = {stream for stream in found if stream.sources}
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
     for stream, times_ns, messages in bag.grouped(streams, progress):
-        stamps_ns, values = _decode(bag, stream, messages)
+        connection, channels = stream.connection, stream.channels
+        stamps_ns, values = decode(bag, connection, messages, stream.reader)
         if not stream.sources:
             if stamps_ns.any():
-                unstamped.discard(stream)
+                unstamped = [other for other in unstamped if other is not stream]
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
-            yield from _samples(stream, np.where(stamps_ns, stamps_ns, NO_TIME), values)
+            stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)
+            if connection.msgtype == cdr.IMU:
+                yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
+                speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
+                measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
+                yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+            else:
+                yield Samples(channels, stamps_ns, values[:, : len(channels)])
             continue
         if stream in unread:
-            _check_first(bag, stream, messages, values)
             unread.discard(stream)
+            for source, column in zip(stream.sources, values.T, strict=True):
+                if not np.isfinite(column).any():
+                    layout = follow(bag.define(connection), connection.msgtype, messages[0])
+                    raise RecordingError(f'{bag.name}: {source.missing(layout)}')
         if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
             raise RecordingError(
-                f'Messages on {stream.connection.topic} of {bag.name} have no stamp, and their '
+                f'Messages on {connection.topic} of {bag.name} have no stamp, and their '
                 'time of arrival says nothing: wrenches are stamped '
                 f'{abs(ahead_ns) / NANOSECONDS:.0f} s {"after" if ahead_ns > 0 else "before"} '
                 "they arrived, by another clock than the recorder's. Let the wrench's driver "
@@ -94,32 +102,16 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         else:  # in simulated time, many may arrive at once
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
-        for channel, source, column in zip(stream.channels, stream.sources, values.T, strict=True):
+        for channel, source, column in zip(channels, stream.sources, values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
-    _refuse_unstamped(bag, [stream.connection for stream in unstamped])
-
-
-def _refuse_unstamped(bag: Bag, connections: Sequence[Connection]) -> None:
-    """Refuse topics of which no message has a stamp."""
-    for connection in connections:
-        topic, remedy = connection.topic, 'and record again'
-        if connection.msgtype == cdr.TEMPERATURE:
+    for stream in unstamped:
+        topic, remedy = stream.connection.topic, 'and record again'
+        if stream.connection.msgtype == cdr.TEMPERATURE:
             remedy = f'or name it {topic}:temperature, which takes the times of arrival'
         raise RecordingError(
             f'Every message on {topic} of {bag.name} has the header stamp 0; expected the time of '
             f'measurement. Let the driver fill header.stamp, {remedy}.'
         )
-
-
-def _samples(stream: _Stream, stamps_ns: IntArray, values: FloatArray) -> Iterator[Samples]:
-    """Name what a topic of doubles holds."""
-    if stream.connection.msgtype != cdr.IMU:
-        yield Samples(stream.channels, stamps_ns, values[:, : len(stream.channels)])
-        return
-    yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
-    speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
-    measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
-    yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
@@ -133,9 +125,17 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
         channel = temperature_channel(number)
         if source.path:
             fields[source.topic.strip('/')].append((channel, source))
-        else:
-            _check_plain(bag, source)
-            plain.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
+            continue
+        for connection in bag.named(source.topic):
+            if connection.msgtype == cdr.TEMPERATURE:
+                continue
+            for path in temperatures_inside(bag, connection)[:1]:
+                raise RecordingError(
+                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
+                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
+                    f'{source.topic}:{path_text(path)}?'
+                )
+        plain.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
         plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
@@ -148,9 +148,8 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     ]
     for topic, parts in fields.items():
         channels, named = zip(*parts, strict=True)
-        found = bag.find(topic, None, 'temperature')
         paths = [source.path for source in named]
-        for connection in found:
+        for connection in bag.find(topic, None, 'temperature'):
             reader = NumberReader(bag.define(connection), connection.msgtype, paths)
             streams.append(_Stream(connection, channels, named, reader))
     seen: set[int] = set()
@@ -163,50 +162,28 @@ def _streams(bag: Bag, topics: Topics) -> list[_Stream]:
     return streams
 
 
-def _check_plain(bag: Bag, source: TemperatureSource) -> None:
-    """Refuse a topic of another type than sensor_msgs/Temperature that has temperatures inside."""
-    for connection in bag.named(source.topic):
-        if connection.msgtype != cdr.TEMPERATURE:
-            for path in temperatures_inside(bag, connection)[:1]:
-                raise RecordingError(
-                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
-                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
-                    f'{source.topic}:{path_text(path)}?'
-                )
-
-
 def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     """Find the numbers of a topic's first message that are named like temperatures."""
-    first = _followed(bag, connection)
-    return [] if first is None else temperatures_in(first, connection.topic)
+    with suppress(RecordingError):  # a message that cannot be decoded shows none
+        if content := bag.first(connection):
+            layout = follow(bag.define(connection), connection.msgtype, content)
+            return temperatures_in(layout, connection.topic)
+    return []
 
 
-def _followed(bag: Bag, connection: Connection) -> Layout | None:
-    """Follow the first message of a topic; None where there is none, or it cannot be decoded."""
-    content = bag.first(connection)
+def decode(
+    bag: Bag, connection: Connection, messages: list[bytes], reader: NumberReader | None = None
+) -> tuple[IntArray, FloatArray]:
+    """
+    Read stamps, ns, (n,), and the doubles of messages, or the reader's numbers, shape (n, P).
+
+    RecordingError, which names bag and topic, where one is damaged.
+    """
+    topic = connection.topic
     try:
-        return follow(bag.define(connection), connection.msgtype, content) if content else None
-    except RecordingError:
-        return None
-
-
-def _check_first(bag: Bag, stream: _Stream, messages: list[bytes], values: FloatArray) -> None:
-    """Refuse a source without a number in the first messages, and say what these hold."""
-    for column, source in enumerate(stream.sources):
-        if np.isfinite(values[:, column]).any():
-            continue
-        connection = stream.connection
-        layout = follow(bag.define(connection), connection.msgtype, messages[0])
-        raise RecordingError(f'{bag.name}: {source.missing(layout)}')
-
-
-def _decode(bag: Bag, stream: _Stream, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
-    """Read stamps and numbers, naming bag and topic where a message is none of this form."""
-    topic, kind = stream.connection.topic, stream.connection.msgtype
-    try:
-        if stream.reader is not None:
-            return stream.reader.read(messages)
-        return cdr.decode_many(messages, cdr.DOUBLES[kind])
+        if reader is not None:
+            return reader.read(messages)
+        return cdr.decode_many(messages, cdr.DOUBLES[connection.msgtype])
     except RecordingError as error:
         if messages[0].startswith(_ZSTD_MAGIC):
             raise RecordingError(
@@ -298,56 +275,3 @@ def _add_transforms(
     except RecordingError as error:
         raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
     return stamps
-
-
-def rewrite_bag(
-    bag: Bag,
-    target: pathlib.Path,
-    outputs: Mapping[str, Correction],
-    topics: Topics,
-    progress: Progress | None = None,
-) -> tuple[str, ...]:
-    """
-    Copy a bag with every message, and add wrenches by topic at the raw one's times.
-
-    Storage and compression are those of the source. The target is a folder or, where it is named
-    like one, the bare storage file. Where a correction gives NaN for a finite wrench, none is
-    added. Says what was lost.
-    """
-    bare = target.suffix in SUFFIXES
-    folder = target.with_name(f'{target.stem}_bag') if bare else target
-    compression = '' if bare else bag.compression
-    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
-    stream, raw = _Stream(wrenches[0], AXES), {wrench.id for wrench in wrenches}
-    with backend().write_bag(folder, bag, compression) as (add, write):
-        copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
-        added = [add(stream.connection, f'/{name.strip("/")}', cdr.WRENCH) for name in outputs]
-        for batch in bag.batches(bag.connections, progress):
-            found = [data for connection, _, data in batch if connection.id in raw]
-            corrected = iter(_corrected(bag, stream, found, outputs.values()))
-            for connection, stamp, data in batch:
-                write(copies[connection.id], stamp, data)
-                if connection.id in raw:
-                    for output, message in zip(added, next(corrected), strict=True):
-                        if message is not None:
-                            write(output, stamp, message)
-    if bare:
-        (made,) = folder.glob(f'*{target.suffix}')
-        made.rename(target)
-    return bag.warnings
-
-
-def _corrected(
-    bag: Bag, stream: _Stream, messages: list[bytes], corrections: Iterable[Correction]
-) -> list[tuple[bytes | None, ...]]:
-    """Correct messages in several ways; None where a correction gives NaN for a finite wrench."""
-    if not messages:
-        return []
-    stamps_ns, raw = _decode(bag, stream, messages)
-    columns = []
-    for correct in corrections:
-        wrench = correct(stamps_ns, raw)
-        lost = np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1)
-        pairs = zip(cdr.encode_many(messages, wrench), np.asarray(lost).tolist(), strict=True)
-        columns.append([None if is_lost else message for message, is_lost in pairs])
-    return list(zip(*columns, strict=True))

@@ -1,6 +1,6 @@
 """A recording copied with its wrench corrected."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,13 +10,14 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
-from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.bag_recording import rewrite_bag
+from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
+from wrist_ft_comp.recordings.bag_recording import decode
 from wrist_ft_comp.recordings.column_map import COMPENSATED, ORIGIN
-from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
+from wrist_ft_comp.recordings.open_recording import backend, open_recording, OpenTable
 from wrist_ft_comp.recordings.table import Rows
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.stored.own_file import Output, writing
+from wrist_ft_comp.wire import cdr
 
 EXTERNAL_TOPIC = '/wrench_external'
 
@@ -55,7 +56,7 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
         if isinstance(opened, OpenTable):
             _write_table(opened, made, correct, external, progress)
         else:
-            rewrite_bag(opened.bag, made, outputs, topics, progress)
+            _write_bag(opened.bag, made, outputs, topics, progress)
         copy.check_target(target)
         made.rename(target)
         return opened.warnings
@@ -83,6 +84,44 @@ def check_copy(
             copy = replace(copy, endings=ending)
     copy.check_target(target, [source, *others])
     return copy
+
+
+def _write_bag(
+    bag: Bag,
+    target: Path,
+    outputs: Mapping[str, Correction],
+    topics: Topics,
+    progress: Progress | None,
+) -> None:
+    """Copy storage, compression and every message; add wrenches at the times of the raw one."""
+    bare = target.suffix in SUFFIXES
+    folder = target.with_name(f'{target.stem}_bag') if bare else target
+    wrenches = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')
+    numbers = {wrench.id for wrench in wrenches}
+    with backend().write_bag(folder, bag, '' if bare else bag.compression) as (add, write):
+        copies = {c.id: add(c, c.topic, c.msgtype) for c in bag.connections}
+        added = [add(wrenches[0], f'/{name.strip("/")}', cdr.WRENCH) for name in outputs]
+        for batch in bag.batches(bag.connections, progress):
+            messages = [data for connection, _, data in batch if connection.id in numbers]
+            columns = []
+            if messages:
+                stamps_ns, raw = decode(bag, wrenches[0], messages)
+            for correct in outputs.values() if messages else ():
+                wrench = correct(stamps_ns, raw)
+                # A correction that gives NaN for a finite wrench has none at this time.
+                lost = np.asarray(np.isnan(wrench).any(axis=1) & np.isfinite(raw).all(axis=1))
+                pairs = zip(cdr.encode_many(messages, wrench), lost.tolist(), strict=True)
+                columns.append([None if is_lost else message for message, is_lost in pairs])
+            corrected = zip(*columns, strict=True)
+            for connection, time_ns, data in batch:
+                write(copies[connection.id], time_ns, data)
+                if connection.id in numbers:
+                    for output, message in zip(added, next(corrected), strict=True):
+                        if message is not None:
+                            write(output, time_ns, message)
+    if bare:
+        (made,) = folder.glob(f'*{target.suffix}')
+        made.rename(target)
 
 
 def _write_table(

@@ -30,7 +30,7 @@ from wrist_ft_comp.recordings.column_map import (
     STAMP,
     STAMP_NANOSEC,
 )
-from wrist_ft_comp.recordings.stamps import exact_ns, find_form
+from wrist_ft_comp.recordings.table import exact_ns, find_form
 from wrist_ft_comp.recordings.table_header import number_in
 from wrist_ft_comp.wire.temperature_source import may_be_temperature
 from wrist_ft_comp.wire.units import to_celsius

@@ -1,6 +1,6 @@
 """A recording of any kind read onto the thermal grid."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 import hashlib
 from pathlib import Path
@@ -9,8 +9,8 @@ from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.excerpt import Excerpt
 from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
+from wrist_ft_comp.recordings.read_options import Excerpt
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import NO_TIME
@@ -34,14 +34,24 @@ def read_recording(
     default. The recording's warnings say what was left out. RecordingError when it cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
-    topics, origin = topics or Topics(), list[int]()
+    topics = topics or Topics()
+    origin_ns: int | None = None
     with open_recording(Path(path), topics) as source:
         if isinstance(source, OpenTable):
             source.require()
-        blocks = _noting_first_stamp(source.samples(progress), origin)
+
+        def blocks() -> Iterator[Samples]:
+            """Read, and note the first stamp of all, from which times count."""
+            nonlocal origin_ns
+            for block in source.samples(progress):
+                timed = block.stamps_ns[block.stamps_ns != NO_TIME]
+                if origin_ns is None and len(timed):
+                    origin_ns = int(timed[0])
+                yield block
+
         excerpt = source.options.excerpt
         recording = grid_samples(
-            blocks if excerpt == Excerpt() else excerpt.select(blocks, source.name),
+            blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
             name=source.name,
             period_s=period_s,
             max_bad_share=max_bad_share,
@@ -51,16 +61,7 @@ def read_recording(
         if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
             raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
         warnings = *source.warnings, *recording.warnings
-        return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin[0])
-
-
-def _noting_first_stamp(blocks: Iterable[Samples], origin: list[int]) -> Iterator[Samples]:
-    """Pass blocks on; the first stamp of all, from which times count, comes into ``origin``."""
-    for block in blocks:
-        timed = block.stamps_ns[block.stamps_ns != NO_TIME]
-        if len(timed) and not origin:
-            origin.append(int(timed[0]))
-        yield block
+        return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
 
 
 def hash_recording(path: Path) -> str:

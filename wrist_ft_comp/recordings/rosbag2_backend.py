@@ -10,7 +10,8 @@ from typing import Any
 import rosbag2_py
 import yaml
 
-from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, define_installed, Message
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
+from wrist_ft_comp.wire.message_layout import define_installed
 
 #: rosbag2 drops messages that wait for compression when there are more than this.
 _QUEUE = 1 << 40
@@ -35,7 +36,8 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         name=name, storage=metadata.storage_identifier, compression=compression,
         connections=tuple(topics.values()),
         span_ns=(begin_ns, begin_ns + metadata.duration.nanoseconds),
-        read=partial(_read, chosen, compression, topics), define=define_installed)  # fmt: skip
+        read=partial(_read, chosen, compression, topics),
+        define=lambda topic: define_installed(topic.topic, topic.msgtype))  # fmt: skip
 
 
 def _compression(chosen: Path) -> str:

@@ -22,8 +22,13 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, define_installed, Message
-from wrist_ft_comp.wire.message_layout import Definitions, FieldType, SEQUENCE
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
+from wrist_ft_comp.wire.message_layout import (
+    define_installed,
+    Definitions,
+    FieldType,
+    SEQUENCE,
+)
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = 0x0F
@@ -159,7 +164,7 @@ def _define(connection: Connection) -> Definitions:
     with suppress(Exception):  # a text that is no definition is none
         types.update(_parse(connection.native))
     if connection.msgtype not in types:
-        return define_installed(connection)
+        return define_installed(connection.topic, connection.msgtype)
     return {
         name: [(field, _field_type(what)) for field, what in fields]
         for name, (_, fields) in types.items()

@@ -9,9 +9,8 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.recordings.bag import Connection, define_installed
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.message_layout import follow, Path
+from wrist_ft_comp.wire.message_layout import define_installed, follow, Path
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
 _NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
@@ -112,7 +111,7 @@ def _numbers_on(node: Node, topic: str) -> list[Path]:
     (kind, *_) = types_on(node, topic)
     try:
         empty = serialize_message(load_type(topic, kind)())
-        definitions = define_installed(Connection(0, topic, kind, 0, None))
+        definitions = define_installed(topic, kind)
         return numbers_in(follow(definitions, kind, empty))
     except WristFtCompError:
         return []

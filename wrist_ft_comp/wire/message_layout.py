@@ -8,8 +8,10 @@ have the same lengths at the same bytes: for each one that arrives, or for many 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import importlib
 import math
 from operator import itemgetter
+import re
 import struct
 from typing import Generic, TypeVar
 
@@ -37,12 +39,53 @@ _CODES = {
 }  # fmt: skip
 #: A stamp of a message's header.
 _STAMP: tuple[Path, Path] = ('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec')
+#: What may be imported: names come from a file, or from the network.
+_MESSAGE_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
+#: Such as ``double``, ``string<9>``, ``std_msgs/Header``; and arrays of these.
+_FIELD_TYPE = re.compile(
+    r'(?:sequence<)?(?P<element>[\w/]+)(?:<\d+>)?(?:(?P<sequence>(?:, \d+)?>)|\[(?P<size>\d+)\])?'
+)
 #: A message that claims to hold more than this is damaged.
 _MOST_PARTS = 100_000
 #: Most sizes of messages with remembered layouts: new texts in every message must not fill memory.
 _MOST_SIZES = 100
 #: Most remembered layouts of one size: a topic has a publisher or two.
 _MOST_OF_A_SIZE = 4
+
+
+def define_installed(topic: str, kind: str) -> Definitions:
+    """
+    Collect the definitions of a topic's type from the Python packages that are installed.
+
+    RecordingError where one is not.
+    """
+    definitions: dict[str, list[tuple[str, FieldType]]] = {}
+    missing = [kind]
+    while missing:
+        part = missing.pop()
+        parts = _MESSAGE_NAME.fullmatch(part)
+        if parts is None:
+            raise RecordingError(f'{topic} is {part!r}, which is no message of ROS.')
+        package, name = parts.groups()
+        try:
+            message = getattr(importlib.import_module(f'{package}.msg'), name)
+        except (ImportError, AttributeError) as error:
+            raise RecordingError(
+                f'{topic} is {kind}, and {part} is not known here '
+                f'({error}). Install and source its package {package}; or, where the bag carries '
+                "its definition, as those of ROS 2 Iron and later do, run 'pip install rosbags'."
+            ) from error
+        definitions[part] = []
+        for field_name, text in message.get_fields_and_field_types().items():
+            what: FieldType = text, None
+            if match := _FIELD_TYPE.fullmatch(text):
+                size = int(match['size']) if match['size'] else None
+                element = match['element'].replace('/', '/msg/')
+                what = element, SEQUENCE if match['sequence'] else size
+            definitions[part].append((field_name, what))
+            if '/' in what[0] and what[0] not in definitions:
+                missing.append(what[0])
+    return definitions
 
 
 @dataclass(frozen=True)

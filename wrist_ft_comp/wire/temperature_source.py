@@ -85,14 +85,29 @@ class TemperatureSource:
             found = f'{present} is no number'
         else:
             found = f'{present} has no {path_text(path[depth:])}'
-        return f'The temperature {self.entry!r} is not there: {found}. {_listed(layout, path)}'
+        # Its numbers: first the most similar one, then those that may be meant.
+        paths = {path_text(number): number for number in numbers_in(layout)}
+        temperatures = [text for text, number in paths.items() if may_be_temperature(number)]
+        alike = difflib.get_close_matches(path_text(path), paths, _NAMED, 0.5)
+        named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
+        more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
+        numbers = f'Its numbers are {", ".join(named[:_NAMED])}{more}.'
+        if not named:
+            numbers = 'The message holds no number at all; name another topic.'
+        return f'The temperature {self.entry!r} is not there: {found}. {numbers}'
 
 
 def parse_source(entry: str) -> TemperatureSource:
     """Parse one entry; SettingsError with what was expected where it is wrong."""
     entry = entry.strip()
-    topic, inside = split_entry(entry, 'temperature', _FORM)
-    if inside is None:
+    topic, colon, inside = entry.partition(':')
+    if not _TOPIC.fullmatch(topic):
+        name, dot, field_name = topic.partition('.')
+        meant = f' Did you mean {name}:{field_name}?' if dot and _TOPIC.fullmatch(name) else ''
+        raise SettingsError(
+            f'The temperature {entry!r} does not begin with the name of a topic; {_FORM}.{meant}'
+        )
+    if not colon:
         return TemperatureSource(topic, entry=entry)
     name, factor, unit = split_scale(inside)
     if inside in TEMPERATURE_UNITS:
@@ -105,32 +120,15 @@ def parse_source(entry: str) -> TemperatureSource:
             f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
             'for °C.'
         )
-    path = parse_path(name, entry, 'temperature', _FORM)
-    return TemperatureSource(topic, path, unit or 'C', factor, entry)
-
-
-def split_entry(entry: str, what: str, form: str) -> tuple[str, str | None]:
-    """Split an entry at its first colon; SettingsError where it does not begin with a topic."""
-    topic, colon, inside = entry.partition(':')
-    if not _TOPIC.fullmatch(topic):
-        name, dot, field_name = topic.partition('.')
-        meant = f' Did you mean {name}:{field_name}?' if dot and _TOPIC.fullmatch(name) else ''
-        raise SettingsError(
-            f'The {what} {entry!r} does not begin with the name of a topic; {form}.{meant}'
-        )
-    return topic, inside if colon else None
-
-
-def parse_path(inside: str, entry: str, what: str, form: str) -> Path:
-    """Parse the names of fields and the indices of an entry; SettingsError where it has others."""
-    steps = re.sub(r'\[([0-9]+)\]', r'.\1', inside).split('.')
+    steps = re.sub(r'\[([0-9]+)\]', r'.\1', name).split('.')
     for place, step in enumerate(steps):
         if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
             raise SettingsError(
-                f'The {what} {entry!r} cannot be understood at {step!r}; {form}. A path is made '
-                'of names of fields and indices from 0 on.'
+                f'The temperature {entry!r} cannot be understood at {step!r}; {_FORM}. A path is '
+                'made of names of fields and indices from 0 on.'
             )
-    return tuple(int(step) if step.isdecimal() else step for step in steps)
+    path = tuple(int(step) if step.isdecimal() else step for step in steps)
+    return TemperatureSource(topic, path, unit or 'C', factor, entry)
 
 
 def parse_sources(
@@ -189,15 +187,3 @@ def temperatures_in(layout: Layout, topic: str) -> list[Path]:
     paths = [path for path in numbers_in(layout) if path[0] != 'layout']
     found = [path for path in paths if may_be_temperature(path) or beside(path) in named]
     return found or (paths if _TEMPERATURE_NAME.search(topic) else [])
-
-
-def _listed(layout: Layout, wanted: Path) -> str:
-    """Name numbers of a message: first the most similar one, then those that may be meant."""
-    paths = {path_text(path): path for path in numbers_in(layout)}
-    temperatures = [text for text, path in paths.items() if may_be_temperature(path)]
-    alike = difflib.get_close_matches(path_text(wanted), paths, _NAMED, 0.5)
-    named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
-    if not named:
-        return 'The message holds no number at all; name another topic.'
-    more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
-    return f'Its numbers are {", ".join(named[:_NAMED])}{more}.'

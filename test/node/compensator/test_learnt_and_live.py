@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.wire.tf_messages import Layouts
+from wrist_ft_comp.wire.tf_tree import Layouts
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
