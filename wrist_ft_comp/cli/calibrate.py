@@ -7,7 +7,13 @@ from typing import get_args
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import payloads_json, print_result, Result, verdict_text
+from wrist_ft_comp.cli.tables import (
+    advice_lines,
+    payloads_json,
+    print_result,
+    Result,
+    verdict_lines,
+)
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
@@ -15,10 +21,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import ReportContent
-from wrist_ft_comp.report.report_files import REPORT
-from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -101,7 +105,7 @@ def _orders(text: str) -> Orders:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_recordings(arguments.recordings)
+    options.check_recordings(arguments.recordings, options.topics_from(arguments))
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
@@ -154,10 +158,16 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
 def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) -> Result:
     """Say what was learnt and saved, and where; ``content`` is that of its report."""
     calibration, path = outcome.calibration, outcome.stored.path
-    verdicts = verdict_text({axis.axis: axis.verdict for axis in content.axes})
-    words = f'{summarise(calibration)}\n\n{verdicts}\n\nsaved as {path}'
-    if report:
-        words += f'\nreport: {report}'
+    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
+    lines = [
+        *verdict_lines(content),
+        *(calibration.payloads.lines() if calibration.payloads else ()),
+        f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C',
+        *advice_lines(content),
+        '',
+        f'saved as {path}',
+        *([f'report: {report}'] if report else ()),
+    ]
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
@@ -176,6 +186,7 @@ def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) ->
         'temperature_range_c': calibration.temperature_range_c,
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
+        'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    return Result(words, document)
+    return Result('\n'.join(lines), document, content.warnings)

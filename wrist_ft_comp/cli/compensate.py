@@ -72,12 +72,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_model(arguments.model)
-    options.check_recordings([arguments.recording])
+    topics = options.topics_from(arguments)
+    options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
-    model, topics = stored.model, options.topics_from(arguments)
+    model = stored.model
     period_s = model.period_ns / NANOSECONDS
     with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time

@@ -8,7 +8,6 @@ import textwrap
 
 import numpy as np
 
-from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
@@ -25,14 +24,13 @@ from wrist_ft_comp.report.evaluation import (
     tared_errors,
     without_steps,
 )
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import (
     EvaluatedRecording,
     evaluation_content,
     model_sources,
     ReportContent,
 )
-from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -89,21 +87,20 @@ class Evaluation:
                 for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
             ],
         )  # fmt: skip
-        verdicts = tables.verdict_text({axis.axis: axis.verdict for axis in self.content.axes})
-        # What errors are, and which limits the calibration stated of the peaks.
-        model = self.stored.model
+        references = dict.fromkeys(judged.reference for judged in self.judged)
         basis = (
-            f'Reference: {", ".join(dict.fromkeys(judged.reference for judged in self.judged))}. '
-            f'Errors are means over {averaged_s(model):g} s, as those of calibrate.'
+            f'Reference: {", ".join(references)}. Errors are means over '
+            f'{averaged_s(self.stored.model):g} s, as those of calibrate.'
         )
-        if model.day_limits:
-            limits = ', '.join(
-                f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in model.day_limits.items()
-            )
-            basis += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
-        words = f'{table}\n\n{verdicts}\n\n{textwrap.fill(basis, tables.WIDTH)}'
-        if report:
-            words += f'\nreport: {report}'
+        lines = [
+            table,
+            '',
+            *tables.verdict_lines(self.content),
+            '',
+            textwrap.fill(basis, tables.WIDTH),
+            *tables.advice_lines(self.content),
+            *(['', f'report: {report}'] if report else ()),
+        ]
         document = {
             'model': str(self.stored.path),
             'sha256': self.stored.sha256,
@@ -126,21 +123,23 @@ class Evaluation:
                 axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
                 for axis in self.content.axes
             },
+            'advice': self.content.advice,
             'warnings': self.content.warnings,
         }
-        return tables.Result(words, document, self.content.warnings)
+        return tables.Result('\n'.join(lines), document, self.content.warnings)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_model(arguments.model)
-    options.check_recordings(arguments.recordings)
+    topics = options.topics_from(arguments)
+    options.check_recordings(arguments.recordings, topics)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     options.warn_of_idle(arguments, arguments.recordings)
     with progress_bar('evaluating') as progress:
         evaluation = evaluate_recordings(
-            arguments.model, arguments.recordings, options.topics_from(arguments),
+            arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(evaluation.content))

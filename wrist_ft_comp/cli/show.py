@@ -35,8 +35,9 @@ from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATU
 from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.report.days import PICTURE
+from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.report.report_files import PICTURE, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
@@ -104,6 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = [path]
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
+            options.check_recordings(recordings, topics)
             summary = describe_recording(path, topics, part_of(progress, 0, 2))
             refusal, found = _read(summary, path, part_of(progress, 1, 2))
             doubts = dict.fromkeys((*summary.warnings, *found))

@@ -30,7 +30,8 @@ from wrist_ft_comp.report.days import (
     summary,
     usual_drift,
 )
-from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
+from wrist_ft_comp.report.report_content import ReportContent
+from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.stored.payload_file import payload_figures
 from wrist_ft_comp.stream.offline import thermometer_doubts
 
@@ -143,12 +144,18 @@ def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     ]
 
 
-def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
-    """Say of every axis whether it is good, and why."""
-    return '\n'.join(
-        _filled(f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}')
-        for axis, verdict in verdicts.items()
-    )
+def verdict_lines(content: ReportContent) -> list[str]:
+    """Say of every axis whether it is good, why, and what another day is accepted by."""
+    lines = []
+    for axis in content.axes:
+        level = LEVEL_NAMES[axis.verdict.level]
+        lines.append(_filled(f'{axis.axis}: {level}. {axis.verdict.sentence} {axis.limit}'))
+    return [*lines, _filled(content.conditions)] if content.conditions else lines
+
+
+def advice_lines(content: ReportContent) -> list[str]:
+    """List what to record next, most important first."""
+    return ['', 'What to record next:', *(_filled(f'  - {line}') for line in content.advice)]
 
 
 @dataclass(frozen=True)
