@@ -44,18 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
+    defaults = CalibrationSettings()
     parser.add_argument(
         '--method', choices=METHODS, metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
-    _add_structure(parser)
-    options.add_topics(parser)
-    options.add_part(parser)
-    options.add_output_forms(parser)
-
-
-def _add_structure(parser: argparse.ArgumentParser) -> None:
-    """Add what a person may choose about the model and the data."""
-    defaults = CalibrationSettings()
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
         help='powers of temperature, or hat functions at given temperatures (default: powers, or '
@@ -81,6 +73,9 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
         '--min-temperature-span', type=options.number(0.0),
         default=defaults.min_temperature_span_k, metavar='KELVIN',
         help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
+    options.add_topics(parser)
+    options.add_part(parser)
+    options.add_output_forms(parser)
 
 
 def _temperatures(text: str) -> tuple[float, ...]:
@@ -116,7 +111,14 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.check_target(arguments.report, [arguments.output, *others])
     job = _job(arguments)
     options.warn_of_idle(arguments, arguments.recordings)
-    _warn_of_idle_structure(arguments)
+    # Choices that the method does not leave.
+    method, hats = arguments.method, job.settings.identification.features == 'hats'
+    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
+        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
+    if method != 'arx_pls':
+        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
+    if hats:
+        options.warn_of(arguments, ['degree'], 'hats have no degree')
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
@@ -124,18 +126,6 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.write(job.report, page(content))
     print_result(_result(outcome, content, job.report), as_json=arguments.json)
     return 0
-
-
-def _warn_of_idle_structure(arguments: argparse.Namespace) -> None:
-    """Warn of choices that the method does not leave."""
-    method = arguments.method
-    hats = arguments.features == 'hats' or bool(arguments.hat_temperatures)
-    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
-        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
-    if method != 'arx_pls':
-        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
-    if hats:
-        options.warn_of(arguments, ['degree'], 'hats have no degree')
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:

@@ -1,7 +1,7 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import textwrap
@@ -14,9 +14,9 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads, same_payload
+from wrist_ft_comp.payload.learnt_payloads import same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
@@ -175,7 +175,16 @@ def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
     """Read a recording and compare it, raw and compensated, with its reference."""
     period_s = stored.model.period_ns / NANOSECONDS
     recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
-    reference: Reference = wanted or _learnt_reference(stored, recording)
+    reference: Reference = wanted or 'unloaded'
+    # What the model was learnt with, where the recording holds it, too.
+    if wanted is None and stored.reference == 'payload' and recording.specific_force is not None:
+        reference = 'payload'
+    if (
+        wanted is None
+        and stored.reference == 'recorded'
+        and np.isfinite(recording.reference).any()
+    ):
+        reference = 'recorded'
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
@@ -186,30 +195,15 @@ def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
     if reference == 'payload':
         work = learn_at_work([recording])
         compared, true = work.drift[0], 'recorded'
-        warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
+        known = load_payloads(stored.path.with_name(PAYLOADS)).values()
+        unknown = tuple(
+            f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
+            f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
+            for payload in (work.payloads.payloads.values() if work.payloads else ())
+            if not any(same_payload(payload, other) for other, _ in known)
+        )
+        warnings += (*work.warnings, *unknown)
     warnings += tuple(without_steps(compared, true)[1])
     errors = tared_errors(stored.model, compared, true, tare_s)
     warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
-
-
-def _learnt_reference(stored: StoredModel, recording: Recording) -> Reference:
-    """Take the reference that a model was learnt with, where the recording holds it too."""
-    if stored.reference == 'payload' and recording.specific_force is not None:
-        return 'payload'
-    if stored.reference == 'recorded' and np.isfinite(recording.reference).any():
-        return 'recorded'
-    return 'unloaded'
-
-
-def _unknown_payloads(
-    stored: StoredModel, name: str, found: LearntPayloads | None
-) -> Iterator[str]:
-    """Mark payloads that no calibration in the model's folder has seen."""
-    kept = [payload for payload, _ in load_payloads(stored.path.with_name(PAYLOADS)).values()]
-    for payload in found.payloads.values() if found else ():
-        if not any(same_payload(payload, other) for other in kept):
-            yield (
-                f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
-                'beside the model; its weight was fitted to this recording.'
-            )

@@ -1,6 +1,6 @@
 """Tables, verdicts and warnings that commands print, and the same for scripts."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -50,18 +50,14 @@ def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in table) for i in range(len(header))]
     while sum(widths) + len(_GAP) * (len(widths) - 1) > WIDTH:
         widths[widths.index(max(widths))] -= 1
-    return '\n'.join(line for row in table for line in _lines(row, widths))
-
-
-def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
-    """Write one row, in as many lines as its highest cell needs."""
-    cells = [textwrap.wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
-    for parts in zip_longest(*cells, fillvalue=''):
-        aligned = [
-            part.ljust(width) if i == 0 else part.rjust(width)
-            for i, (part, width) in enumerate(zip(parts, widths, strict=True))
-        ]
-        yield _GAP.join(aligned).rstrip()
+    lines = []
+    for row in table:
+        # A row takes as many lines as its highest cell needs.
+        cells = [textwrap.wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
+        for first, *others in zip_longest(*cells, fillvalue=''):
+            right = [f'{part:>{width}}' for part, width in zip(others, widths[1:], strict=True)]
+            lines.append(_GAP.join([f'{first:{widths[0]}}', *right]).rstrip())
+    return '\n'.join(lines)
 
 
 def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
