@@ -51,7 +51,7 @@ def test_the_report_is_kept_and_named_and_so_is_what_to_do_next(run, done, tmp_p
     assert outcome.out.count('force_z: learnt') == 1
     assert f'open {report} in a browser' in outcome.out
     assert 'wrist_ft_comp show BAG' in outcome.out
-    assert outcome.out.splitlines()[-1].startswith('PASS: drift of force z fell ')
+    assert outcome.out.splitlines()[-1].startswith('PASS: drift of force_z fell ')
     (folder,) = (tmp_path / 'out').glob('demo_*')
     assert f'are in {folder}' in outcome.out
     again = json.loads(done('demo', '--output', tmp_path / 'out', '--json', '--at-work'))
@@ -72,7 +72,7 @@ def test_drift_has_to_fall_and_at_work_the_mass_has_to_be_found(after, mass_kg, 
     masses_kg = {} if mass_kg is None else {'a': mass_kg, 'b': 2.2}
     judged, sentence = demo._judge(Judged(), masses_kg, at_work=mass_kg is not None)
     assert judged is reached
-    assert sentence.startswith(f'{"PASS" if reached else "FAIL"}: drift of force z fell ')
+    assert sentence.startswith(f'{"PASS" if reached else "FAIL"}: drift of force_z fell ')
     assert mass_kg is None or f'found to be {mass_kg:.3f} kg' in sentence
 
 

@@ -41,8 +41,8 @@ def test_a_day_of_noise_is_judged_by_the_means_that_the_limit_was_stated_of(done
     cells = lfilter(np.ones(10) / 10, [1], noise)[9::10]
     assert axis['rms_after'] == pytest.approx(cells.std(), rel=0.3)
     text = ' '.join(done('evaluate', model, days[2]).split())
-    assert 'means over 10 s, as those of calibrate. Limits of the peaks after' in text
-    assert f'force_z {limit:.2g} N' in text
+    assert 'means over 10 s, as those of calibrate.' in text
+    assert f'Limit of its peaks: {limit:.2g} N.' in text
 
 
 def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path):

@@ -24,7 +24,10 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
         'compensate': [model, path, '-o', tmp_path / 'out'],
         'show': [path],
     }[command]
-    assert name[:200] in run(command.split()[0], *argv).sentence
+    sentence = run(command.split()[0], *argv).sentence
+    assert name[:200] in sentence
+    made = 'ros2 bag record -s mcap -o warm_up /wrench_raw /temperature'
+    assert (made in sentence) == (command != 'evaluate by' and len(name) < 255)
     assert not list(tmp_path.iterdir())
 
 

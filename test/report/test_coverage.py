@@ -132,7 +132,7 @@ def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_ask
 
 def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
     coverage = seen(ramp(20, 35))
-    assert 'No recording holds force y, force z' in advice(coverage, {'force_x': 'good'})
+    assert 'No recording holds force_y, force_z' in advice(coverage, {'force_x': 'good'})
     assert 'drift of the gain is not known' in advice(coverage)
     load = {'force_z': np.sin(np.arange(HOUR))}
     loaded = cover([make_recording(ramp(20, 35), unloaded(HOUR), load)])
@@ -144,6 +144,9 @@ def test_an_evaluation_beyond_the_model_says_so(seen):
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
         assert 'thermometer 1 left' in what_was_not_learnt(coverage, [learnt_c], {})
     said = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good'})
-    assert said == 'Nothing: the model was learnt at all the temperatures of these recordings.'
+    assert said.startswith('The model was learnt at all the temperatures of these recordings. ')
+    assert 'nothing at 15 to 20 and 35 to 50 °C' in said
+    whole = what_was_not_learnt(seen(ramp(15, 50)), [(15.0, 50.0)], {'force_x': 'good'})
+    assert whole.endswith('of these recordings; they ask for no other one.')
     poor = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good', 'force_z': 'weak'})
-    assert 'and yet much is left of force z: heat comes from where no thermometer is' in poor
+    assert 'and yet much is left of force_z: heat comes from where no thermometer is' in poor

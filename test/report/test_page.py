@@ -220,6 +220,10 @@ def test_loads_are_shown_where_there_is_a_reference(make, tmp_path):
     assert 'Loads by the reference' in whole
     assert 'zero and gain' in whole
     assert 'Loads are not known' not in whole
+    unloaded = replace(recordings[0], reference=np.zeros_like(load))
+    whole = Outline(brief(calibration_content(calibration, [unloaded], stored, 'recorded'))).whole
+    assert 'Nothing loaded the sensor: the reference is zero.' in whole
+    assert 'Loads by the reference' not in whole
 
 
 def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):

@@ -3,6 +3,8 @@
 from dataclasses import replace
 import json
 import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
 import threading
 
 from hypothesis import given, HealthCheck, settings
@@ -12,7 +14,6 @@ import pytest
 
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.stored import state_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
 from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory
 from wrist_ft_comp.stream.thermometer_prediction import ThermometerState
@@ -52,8 +53,10 @@ def example(end_ns=5, saved_ns=7):
 
 
 def plain(state):
-    kind = state_file.KIND
-    return {'format': kind.says, 'version': kind.version, **state_file._document(state)}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'state.json'
+        save_state(path, state)
+        return json.loads(path.read_text())
 
 
 @settings(

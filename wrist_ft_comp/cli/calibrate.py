@@ -7,7 +7,13 @@ from typing import get_args
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import payloads_json, print_result, Result, verdict_text
+from wrist_ft_comp.cli.tables import (
+    advice_lines,
+    payloads_json,
+    print_result,
+    Result,
+    verdict_lines,
+)
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
@@ -15,10 +21,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import ReportContent
-from wrist_ft_comp.report.report_files import REPORT
-from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -40,18 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
+    defaults = CalibrationSettings()
     parser.add_argument(
         '--method', choices=METHODS, metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
-    _add_structure(parser)
-    options.add_topics(parser)
-    options.add_part(parser)
-    options.add_output_forms(parser)
-
-
-def _add_structure(parser: argparse.ArgumentParser) -> None:
-    """Add what a person may choose about the model and the data."""
-    defaults = CalibrationSettings()
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
         help='powers of temperature, or hat functions at given temperatures (default: powers, or '
@@ -77,6 +73,9 @@ def _add_structure(parser: argparse.ArgumentParser) -> None:
         '--min-temperature-span', type=options.number(0.0),
         default=defaults.min_temperature_span_k, metavar='KELVIN',
         help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
+    options.add_topics(parser)
+    options.add_part(parser)
+    options.add_output_forms(parser)
 
 
 def _temperatures(text: str) -> tuple[float, ...]:
@@ -101,7 +100,7 @@ def _orders(text: str) -> Orders:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_recordings(arguments.recordings)
+    options.check_recordings(arguments.recordings, options.topics_from(arguments))
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
@@ -112,7 +111,14 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.check_target(arguments.report, [arguments.output, *others])
     job = _job(arguments)
     options.warn_of_idle(arguments, arguments.recordings)
-    _warn_of_idle_structure(arguments)
+    # Choices that the method does not leave.
+    method, hats = arguments.method, job.settings.identification.features == 'hats'
+    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
+        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
+    if method != 'arx_pls':
+        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
+    if hats:
+        options.warn_of(arguments, ['degree'], 'hats have no degree')
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
@@ -120,18 +126,6 @@ def run(arguments: argparse.Namespace) -> int:
         REPORT.write(job.report, page(content))
     print_result(_result(outcome, content, job.report), as_json=arguments.json)
     return 0
-
-
-def _warn_of_idle_structure(arguments: argparse.Namespace) -> None:
-    """Warn of choices that the method does not leave."""
-    method = arguments.method
-    hats = arguments.features == 'hats' or bool(arguments.hat_temperatures)
-    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
-        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
-    if method != 'arx_pls':
-        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
-    if hats:
-        options.warn_of(arguments, ['degree'], 'hats have no degree')
 
 
 def _job(arguments: argparse.Namespace) -> CalibrationJob:
@@ -154,10 +148,16 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
 def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) -> Result:
     """Say what was learnt and saved, and where; ``content`` is that of its report."""
     calibration, path = outcome.calibration, outcome.stored.path
-    verdicts = verdict_text({axis.axis: axis.verdict for axis in content.axes})
-    words = f'{summarise(calibration)}\n\n{verdicts}\n\nsaved as {path}'
-    if report:
-        words += f'\nreport: {report}'
+    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
+    lines = [
+        *verdict_lines(content),
+        *(calibration.payloads.lines() if calibration.payloads else ()),
+        f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C',
+        *advice_lines(content),
+        '',
+        f'saved as {path}',
+        *([f'report: {report}'] if report else ()),
+    ]
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
@@ -176,6 +176,7 @@ def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) ->
         'temperature_range_c': calibration.temperature_range_c,
         'duration_s': calibration.duration_s,
         'payloads': payloads_json(calibration.payloads.payloads if calibration.payloads else {}),
+        'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    return Result(words, document)
+    return Result('\n'.join(lines), document, content.warnings)

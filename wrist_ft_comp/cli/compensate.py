@@ -9,11 +9,11 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import print_result, range_warnings, Result
-from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
+from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.external_offline import external_correction
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.recording import Correction, Recording
+from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import (
     check_copy,
     EXTERNAL_TOPIC,
@@ -72,12 +72,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_model(arguments.model)
-    options.check_recordings([arguments.recording])
+    topics = options.topics_from(arguments)
+    options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
-    model, topics = stored.model, options.topics_from(arguments)
+    model = stored.model
     period_s = model.period_ns / NANOSECONDS
     with progress_bar('compensating') as progress, ExitStack() as stack:
         gc.disable()  # messages make no cycles, and looking for some takes half of the time
@@ -88,7 +89,20 @@ def run(arguments: argparse.Namespace) -> int:
         sensor_warnings = check_sensor(stored, recording.sensor, f'in {recording.name}')
         track = track_drift(model, recording)
         tare = initial_tare(model, recording, arguments.tare)
-        external, external_warnings = _external(arguments, stored, recording)
+        external: Correction | None = None
+        external_warnings: tuple[str, ...] = ()
+        if arguments.reference == 'payload':
+            work = learn_at_work([recording])
+            if work.separation is None:
+                raise RecordingError(
+                    f'{recording.name} holds no specific force, which an external wrench needs. '
+                    'Name its --imu-topic or --gravity-frame, or record linear_acceleration_x, _y '
+                    'and _z.'
+                )
+            fine_s = max(_FINE_S, recording.duration_s / _MOST_CELLS)
+            fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
+            external = external_correction(work.separation, model, fine)
+            external_warnings = work.warnings
         rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
@@ -107,23 +121,3 @@ def run(arguments: argparse.Namespace) -> int:
     result = Result(f'wrote {arguments.output}', document, warnings)
     print_result(result, as_json=arguments.json)
     return 0
-
-
-def _external(
-    arguments: argparse.Namespace, stored: StoredModel, recording: Recording
-) -> tuple[Correction | None, tuple[str, ...]]:
-    """Find how to take off the weight of what is mounted, if asked, and warnings about it."""
-    if arguments.reference != 'payload':
-        return None, ()
-    work = learn_at_work([recording])
-    if work.separation is None:
-        raise RecordingError(
-            f'{recording.name} holds no specific force, which an external wrench needs. Name its '
-            '--imu-topic or --gravity-frame, or record linear_acceleration_x, _y and _z.'
-        )
-    fine = read_recording(
-        arguments.recording,
-        period_s=max(_FINE_S, recording.duration_s / _MOST_CELLS),
-        topics=options.topics_from(arguments),
-    )
-    return external_correction(work.separation, stored.model, fine), work.warnings

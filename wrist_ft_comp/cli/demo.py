@@ -16,8 +16,7 @@ from wrist_ft_comp.cli import evaluate, options
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import print_result, Result
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.report_files import REPORT
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -36,7 +35,7 @@ _SILENCE_S = 30.0
 _NIGHT_S = 36_000
 #: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
 _TOOL_KG, _MASS_SHARE = 1.4, 0.05
-#: The drift of force z has to become smaller by this factor; at work weight and contacts disturb.
+#: The drift of force_z has to become smaller by this factor; at work weight and contacts disturb.
 _RATIO, _RATIO_AT_WORK = 10.0, 5.0
 
 
@@ -66,7 +65,7 @@ DESCRIPTION = """\
 Start a simulated sensor and the compensator as processes, record a warm-up,
 calibrate, record another day, and judge the model on it: a report says what is
 left of the drift. With --at-work the robot never stands empty.
-Exit code 0 when drift of force z fell at least 10 times; at work, 5 times, and
+Exit code 0 when drift of force_z fell at least 10 times; at work, 5 times, and
 the tool's mass was found within 5 %."""
 EXAMPLES = """\
 examples:
@@ -148,7 +147,7 @@ def _judge(
     force_z = evaluation.errors['force_z']
     ratio, wanted = force_z.rms_before / force_z.rms_after, _RATIO_AT_WORK if at_work else _RATIO
     reached = ratio >= wanted
-    sentence = f'drift of force z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
+    sentence = f'drift of force_z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
     if at_work:
         tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - _TOOL_KG), default=0.0)
         off = abs(tool_kg - _TOOL_KG) / _TOOL_KG

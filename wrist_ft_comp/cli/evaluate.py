@@ -1,23 +1,22 @@
 """wrist_ft_comp evaluate: what a model leaves of the drift in other recordings."""
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import textwrap
 
 import numpy as np
 
-from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.cli import options, tables
 from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads, same_payload
+from wrist_ft_comp.payload.learnt_payloads import same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
@@ -25,14 +24,13 @@ from wrist_ft_comp.report.evaluation import (
     tared_errors,
     without_steps,
 )
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import (
     EvaluatedRecording,
     evaluation_content,
     model_sources,
     ReportContent,
 )
-from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -89,21 +87,20 @@ class Evaluation:
                 for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
             ],
         )  # fmt: skip
-        verdicts = tables.verdict_text({axis.axis: axis.verdict for axis in self.content.axes})
-        # What errors are, and which limits the calibration stated of the peaks.
-        model = self.stored.model
+        references = dict.fromkeys(judged.reference for judged in self.judged)
         basis = (
-            f'Reference: {", ".join(dict.fromkeys(judged.reference for judged in self.judged))}. '
-            f'Errors are means over {averaged_s(model):g} s, as those of calibrate.'
+            f'Reference: {", ".join(references)}. Errors are means over '
+            f'{averaged_s(self.stored.model):g} s, as those of calibrate.'
         )
-        if model.day_limits:
-            limits = ', '.join(
-                f'{axis} {limit:.2g} {axis_unit(axis)}' for axis, limit in model.day_limits.items()
-            )
-            basis += f' Limits of the peaks after, by its calibration (95 of 100 days): {limits}.'
-        words = f'{table}\n\n{verdicts}\n\n{textwrap.fill(basis, tables.WIDTH)}'
-        if report:
-            words += f'\nreport: {report}'
+        lines = [
+            table,
+            '',
+            *tables.verdict_lines(self.content),
+            '',
+            textwrap.fill(basis, tables.WIDTH),
+            *tables.advice_lines(self.content),
+            *(['', f'report: {report}'] if report else ()),
+        ]
         document = {
             'model': str(self.stored.path),
             'sha256': self.stored.sha256,
@@ -126,21 +123,23 @@ class Evaluation:
                 axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
                 for axis in self.content.axes
             },
+            'advice': self.content.advice,
             'warnings': self.content.warnings,
         }
-        return tables.Result(words, document, self.content.warnings)
+        return tables.Result('\n'.join(lines), document, self.content.warnings)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.check_model(arguments.model)
-    options.check_recordings(arguments.recordings)
+    topics = options.topics_from(arguments)
+    options.check_recordings(arguments.recordings, topics)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
     options.warn_of_idle(arguments, arguments.recordings)
     with progress_bar('evaluating') as progress:
         evaluation = evaluate_recordings(
-            arguments.model, arguments.recordings, options.topics_from(arguments),
+            arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(evaluation.content))
@@ -176,7 +175,16 @@ def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
     """Read a recording and compare it, raw and compensated, with its reference."""
     period_s = stored.model.period_ns / NANOSECONDS
     recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
-    reference: Reference = wanted or _learnt_reference(stored, recording)
+    reference: Reference = wanted or 'unloaded'
+    # What the model was learnt with, where the recording holds it, too.
+    if wanted is None and stored.reference == 'payload' and recording.specific_force is not None:
+        reference = 'payload'
+    if (
+        wanted is None
+        and stored.reference == 'recorded'
+        and np.isfinite(recording.reference).any()
+    ):
+        reference = 'recorded'
     warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
     if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
         warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
@@ -187,30 +195,15 @@ def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
     if reference == 'payload':
         work = learn_at_work([recording])
         compared, true = work.drift[0], 'recorded'
-        warnings += (*work.warnings, *_unknown_payloads(stored, recording.name, work.payloads))
+        known = load_payloads(stored.path.with_name(PAYLOADS)).values()
+        unknown = tuple(
+            f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
+            f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
+            for payload in (work.payloads.payloads.values() if work.payloads else ())
+            if not any(same_payload(payload, other) for other, _ in known)
+        )
+        warnings += (*work.warnings, *unknown)
     warnings += tuple(without_steps(compared, true)[1])
     errors = tared_errors(stored.model, compared, true, tare_s)
     warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
-
-
-def _learnt_reference(stored: StoredModel, recording: Recording) -> Reference:
-    """Take the reference that a model was learnt with, where the recording holds it too."""
-    if stored.reference == 'payload' and recording.specific_force is not None:
-        return 'payload'
-    if stored.reference == 'recorded' and np.isfinite(recording.reference).any():
-        return 'recorded'
-    return 'unloaded'
-
-
-def _unknown_payloads(
-    stored: StoredModel, name: str, found: LearntPayloads | None
-) -> Iterator[str]:
-    """Mark payloads that no calibration in the model's folder has seen."""
-    kept = [payload for payload, _ in load_payloads(stored.path.with_name(PAYLOADS)).values()]
-    for payload in found.payloads.values() if found else ():
-        if not any(same_payload(payload, other) for other in kept):
-            yield (
-                f'{name} holds a payload of {payload.mass_kg:.2f} kg that is not in {PAYLOADS} '
-                'beside the model; its weight was fitted to this recording.'
-            )

@@ -9,6 +9,7 @@ import json
 import math
 from pathlib import Path
 import re
+import shlex
 import sys
 from typing import Any, get_args, NoReturn, TypeVar
 
@@ -189,10 +190,20 @@ def check_model(path: Path) -> None:
         )
 
 
-def check_recordings(paths: Sequence[Path]) -> None:
-    """Refuse a model in the place of a recording, and a recording that is named twice."""
+def check_recordings(paths: Sequence[Path], topics: Topics | None = None) -> None:
+    """Refuse a path without a recording, with the command that makes a bag, or one named twice."""
+    named = topics or Topics()
     resolved = [path.resolve() for path in paths]
     for path in paths:
+        if not path.exists():
+            imu = [named.imu] if named.imu else ['/tf', '/tf_static'] * bool(named.gravity_frame)
+            thermometers = [source.topic for source in parse_sources(named.temperatures)]
+            made = ['ros2', 'bag', 'record', '-s', 'mcap', '-o', 'warm_up', named.wrench]
+            raise RecordingError(
+                f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file. To '
+                f'make one, run {shlex.join([*made, *thermometers, *imu])} with the names of your '
+                "driver's topics."
+            )
         if MODEL.is_own(path):
             raise RecordingError(
                 f'{path} is a model file, where a recording was expected. Name a bag or a CSV '

@@ -28,15 +28,15 @@ from wrist_ft_comp.learning.diary import diary_problem, node_folders, survey
 from wrist_ft_comp.learning.memory import load_memory, Memory
 from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
-from wrist_ft_comp.payload.specific_force_motion import ForceSummary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.report.days import PICTURE
+from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.report.report_files import PICTURE, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
@@ -104,12 +104,18 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = [path]
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
+            options.check_recordings(recordings, topics)
             summary = describe_recording(path, topics, part_of(progress, 0, 2))
             refusal, found = _read(summary, path, part_of(progress, 1, 2))
             doubts = dict.fromkeys((*summary.warnings, *found))
             said = tuple(doubt for doubt in doubts if doubt not in refusal)
             summary = replace(summary, warnings=said)
-        document = _as_json(summary, path, refusal)
+        document = {
+            **vars(summary),
+            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
+            'commands': [] if refusal else _commands(summary, path),
+            'refusal': refusal,
+        }
         lines = [*_recording_lines(summary, path, refusal)]
     options.warn_of_idle(arguments, recordings)
     print_result(Result('\n'.join(lines), document), as_json=arguments.json)
@@ -170,24 +176,33 @@ def _model_lines(stored: StoredModel) -> Iterator[str]:
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
-def _rate(samples: int, span_s: float) -> str:
-    """Say how many samples come per second."""
-    return rounded((samples - 1) / span_s, 4) if samples > 1 and span_s else '-'
-
-
 def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
     rows = [
         [channel.name, ', '.join(filter(None, [channel.kind, _range(channel.reads)])),
-         str(channel.samples), _rate(channel.samples, span_s),
+         str(channel.samples),
+         rounded((channel.samples - 1) / span_s, 4) if channel.samples > 1 and span_s else '-',
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
     yield f'{summary.name}: {summary.kind}, {span}\n{table_text(header, rows)}'
     yield from _candidate_lines(summary.candidates)
-    yield from _directions(summary.specific_force, summary.topics or Topics())
+    if (force := summary.specific_force) is not None:
+        # How far gravity moved in the sensor's frame, by which a payload is identified.
+        topics = summary.topics or Topics()
+        source = f' of {topics.imu}' if topics.imu else ''
+        if topics.gravity_frame:
+            source = f' by TF, if z of {topics.gravity_frame} is up'
+        moved = ', '.join(f'{spread:.2f}' for spread in force.spread)
+        yield (
+            f'specific force{source}: norm {force.norm:.4g} m/s²; along three directions gravity '
+            f'moved by {moved} m/s² (RMS), so {("none", "one", "two", "all")[force.seen]} of them '
+            f'{"was" if force.seen == 1 else "were"} seen'
+        )
+        if force.seen < 2:
+            yield 'A payload needs two: let the robot tilt the tool about two axes.'
     yield from _use(summary, path, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
 
@@ -195,23 +210,6 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
 def _range(reads: tuple[float, float] | None) -> str:
     """Write lowest and highest reading of a temperature, if there are any."""
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
-
-
-def _directions(force: ForceSummary | None, topics: Topics) -> Iterator[str]:
-    """Say how far gravity moved in the sensor's frame, by which a payload is identified."""
-    if force is None:
-        return
-    source = f' of {topics.imu}' if topics.imu else ''
-    if topics.gravity_frame:
-        source = f' by TF, if z of {topics.gravity_frame} is up'
-    moved = ', '.join(f'{spread:.2f}' for spread in force.spread)
-    yield (
-        f'specific force{source}: norm {force.norm:.4g} m/s²; along three directions gravity '
-        f'moved by {moved} m/s² (RMS), so {("none", "one", "two", "all")[force.seen]} of them '
-        f'{"was" if force.seen == 1 else "were"} seen'
-    )
-    if force.seen < 2:
-        yield 'A payload needs two: let the robot tilt the tool about two axes.'
 
 
 def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
@@ -278,7 +276,20 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     if not summary.candidates:
         yield f'Learn from it: {_commands(summary, path)[0]}'
         yield f'Judge it on another day: {_commands(summary, path)[1]}'
-        yield from _map_lines(summary)
+        # How a log's columns were understood, and how that is written once for all.
+        topics = summary.topics or Topics()
+        if topics.columns:
+            said = 'It was read by the map that was given.'
+            if summary.guessed:
+                said = (
+                    'Its columns have names of another program; the map is a guess, above all the '
+                    'units. Put another one behind a column, such as :kN, :Nmm, :F or *9.81.'
+                )
+            yield (
+                f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no '
+                'option:'
+            )
+            yield from recipe(topics.columns, topics.time)
         return
     if not any(candidate.moves for candidate in summary.candidates):
         yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
@@ -288,21 +299,6 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
         f'first; by its name it is most probably {first}:'
     )
     yield from _commands(summary, path)
-
-
-def _map_lines(summary: RecordingSummary) -> Iterator[str]:
-    """Say how a log's columns were understood, and how that is written once for all."""
-    topics = summary.topics or Topics()
-    if not topics.columns:
-        return
-    said = 'It was read by the map that was given.'
-    if summary.guessed:
-        said = (
-            'Its columns have names of another program; the map is a guess, above all the units. '
-            'Put another one behind a column, such as :kN, :Nmm, :F or *9.81.'
-        )
-    yield (f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no option:')
-    yield from recipe(topics.columns, topics.time)
 
 
 def _commands(summary: RecordingSummary, path: Path) -> list[str]:
@@ -342,10 +338,3 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     calibrate += ['--report', 'model.html']
     evaluate += ['--report', 'evaluation.html']
     return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
-
-
-def _as_json(summary: RecordingSummary, path: Path, refusal: str) -> dict[str, object]:
-    """Everything a script may want; of a bag, rates and commands, too."""
-    candidates = [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates]
-    commands = [] if refusal else _commands(summary, path)
-    return {**vars(summary), 'candidates': candidates, 'commands': commands, 'refusal': refusal}

@@ -1,6 +1,6 @@
 """Tables, verdicts and warnings that commands print, and the same for scripts."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -30,7 +30,8 @@ from wrist_ft_comp.report.days import (
     summary,
     usual_drift,
 )
-from wrist_ft_comp.report.verdict import LEVEL_NAMES, Verdict
+from wrist_ft_comp.report.report_content import ReportContent
+from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.stored.payload_file import payload_figures
 from wrist_ft_comp.stream.offline import thermometer_doubts
 
@@ -49,18 +50,14 @@ def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[i]) for row in table) for i in range(len(header))]
     while sum(widths) + len(_GAP) * (len(widths) - 1) > WIDTH:
         widths[widths.index(max(widths))] -= 1
-    return '\n'.join(line for row in table for line in _lines(row, widths))
-
-
-def _lines(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
-    """Write one row, in as many lines as its highest cell needs."""
-    cells = [textwrap.wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
-    for parts in zip_longest(*cells, fillvalue=''):
-        aligned = [
-            part.ljust(width) if i == 0 else part.rjust(width)
-            for i, (part, width) in enumerate(zip(parts, widths, strict=True))
-        ]
-        yield _GAP.join(aligned).rstrip()
+    lines = []
+    for row in table:
+        # A row takes as many lines as its highest cell needs.
+        cells = [textwrap.wrap(cell, width) for cell, width in zip(row, widths, strict=True)]
+        for first, *others in zip_longest(*cells, fillvalue=''):
+            right = [f'{part:>{width}}' for part, width in zip(others, widths[1:], strict=True)]
+            lines.append(_GAP.join([f'{first:{widths[0]}}', *right]).rstrip())
+    return '\n'.join(lines)
 
 
 def days_text(directory: Path, diary: Diary, memory: Memory) -> str:
@@ -143,12 +140,18 @@ def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
     ]
 
 
-def verdict_text(verdicts: Mapping[str, Verdict]) -> str:
-    """Say of every axis whether it is good, and why."""
-    return '\n'.join(
-        _filled(f'{axis}: {LEVEL_NAMES[verdict.level]}. {verdict.sentence}')
-        for axis, verdict in verdicts.items()
-    )
+def verdict_lines(content: ReportContent) -> list[str]:
+    """Say of every axis whether it is good, why, and what another day is accepted by."""
+    lines = []
+    for axis in content.axes:
+        level = LEVEL_NAMES[axis.verdict.level]
+        lines.append(_filled(f'{axis.axis}: {level}. {axis.verdict.sentence} {axis.limit}'))
+    return [*lines, _filled(content.conditions)] if content.conditions else lines
+
+
+def advice_lines(content: ReportContent) -> list[str]:
+    """List what to record next, most important first."""
+    return ['', 'What to record next:', *(_filled(f'  - {line}') for line in content.advice)]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.report_files import REPORT
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 

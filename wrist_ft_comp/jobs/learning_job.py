@@ -24,9 +24,8 @@ from wrist_ft_comp.learning.old_days import prune
 from wrist_ft_comp.learning.schedule import MOST_DAYS
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import calibration_content, model_sources
-from wrist_ft_comp.report.report_files import REPORT
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_on
 

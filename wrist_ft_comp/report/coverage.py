@@ -1,6 +1,6 @@
 """What recordings have seen, together with a wrench, and what to record next."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.cross_validation import bin_means
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.report.verdict import Level
-from wrist_ft_comp.series import FloatArray, IntArray, stretches
+from wrist_ft_comp.series import FloatArray, stretches
 
 #: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)
@@ -45,10 +45,23 @@ class Coverage:
     #: Smallest, largest and standard deviation, N or N m, by axis where a reference was recorded.
     loads: dict[str, tuple[float, float, float]]
 
+    @property
+    def loaded(self) -> bool:
+        """Whether a recorded reference was ever another one than zero."""
+        return any(low < 0 or high > 0 for low, high, _ in self.loads.values())
+
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
     """Count what recordings have seen together; at least one of them must hold a wrench."""
-    cells = [_cells_with_wrench(recording) for recording in recordings]
+    # The cells at and between wrenches, but for gaps.
+    cells = []
+    for recording in recordings:
+        present = np.any(np.isfinite(recording.wrench), axis=1)
+        at, numbers = np.flatnonzero(present), stretches(present, recording.period_s)
+        parts = [at[numbers[at] == number] for number in np.unique(numbers[at])]
+        cells.append(
+            np.concatenate([np.arange(0), *(np.arange(part[0], part[-1] + 1) for part in parts)])
+        )
     pairs = list(zip(recordings, cells, strict=True))
     temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
     period_s = np.concatenate([np.full(len(at), recording.period_s) for recording, at in pairs])
@@ -94,14 +107,6 @@ def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
     ]
 
 
-def _cells_with_wrench(recording: Recording) -> IntArray:
-    """Find the cells at and between wrenches, but for gaps."""
-    present = np.any(np.isfinite(recording.wrench), axis=1)
-    at, numbers = np.flatnonzero(present), stretches(present, recording.period_s)
-    parts = [at[numbers[at] == number] for number in np.unique(numbers[at])]
-    return np.concatenate([np.arange(0), *(np.arange(p[0], p[-1] + 1) for p in parts)])
-
-
 def what_to_record_next(
     coverage: Coverage,
     levels: Mapping[str, Level],
@@ -110,12 +115,28 @@ def what_to_record_next(
     slowest_s: float,
 ) -> list[str]:
     """Say what another recording should hold, most important first."""
-    advice = [*_temperatures(coverage)]
-    # A second thermometer where one explains little.
-    if len(coverage.range_c) == 1 and (poor := _poor(levels)):
+    advice = []
+    low, high = coverage.range_c[coverage.leading]
+    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
+    holes = []
+    for start, end in unseen_temperatures(coverage):
+        if low < end <= high > start:
+            holes.append(f'{start:.0f} to {end:.0f}')
+        else:
+            advice.append(
+                f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction is a '
+                'guess, a straight line. If the robot gets there, record it there.'
+            )
+    if holes:
         advice.append(
-            f'One thermometer does not explain {_names(poor)} well. Heat that comes from two '
-            'sides needs two: put another one at the side of the motor, or of the room.'
+            f'Between {low:.0f} and {high:.0f} °C you have not seen {", ".join(holes)} °C{where}: '
+            'there the correction is a guess between its neighbours. Record some of these.'
+        )
+    # A second thermometer where one explains little.
+    if len(coverage.range_c) == 1 and (poor := _poor_axes(levels)):
+        advice.append(
+            f'One thermometer does not explain {poor} well. Heat that comes from two sides needs '
+            'two: put another one at the side of the motor, or of the room.'
         )
     # The missing direction.
     up, down = coverage.risen_k, coverage.fallen_k
@@ -138,7 +159,7 @@ def what_to_record_next(
             'Record on a second day: a model is then judged on whole days that it has not seen.'
         )
     if missing_axes := [axis for axis in AXES if axis not in levels]:
-        names = _names(missing_axes)
+        names = _enumerate(missing_axes)
         advice.append(f'No recording holds {names}; what is not recorded is passed through.')
     if reference not in {'recorded', 'payload'} or not coverage.loads:
         advice.append(
@@ -168,40 +189,27 @@ def what_was_not_learnt(
             'Calibrate again with these recordings among the others.'
         )
     known = 'The model was learnt at all the temperatures of these recordings'
-    if not (poor := _poor(levels)):
-        return f'Nothing: {"the" + known[3:]}.'
+    if poor := _poor_axes(levels):
+        return (
+            f'{known}, and yet much is left of {poor}: heat comes from where no thermometer is, '
+            'or the load moved. See with wrist_ft_comp show whether a recording holds another '
+            'temperature, and calibrate with that too; or put a thermometer at the side of the '
+            'motor, or of the room.'
+        )
+    unseen = [f'{start:.0f} to {end:.0f}' for start, end in unseen_temperatures(coverage)]
+    if not unseen:
+        return f'{known}; they ask for no other one.'
     return (
-        f'{known}, and yet much is left of {_names(poor)}: heat comes from where no thermometer '
-        'is, or the load moved. See with wrist_ft_comp show whether a recording holds another '
-        'temperature, and calibrate with that too; or put a thermometer at the side of the motor, '
-        'or of the room.'
+        f'{known}. They hold nothing at {_enumerate(unseen)} °C: if the robot gets there, '
+        'evaluate a recording of that, too.'
     )
 
 
-def _poor(levels: Mapping[str, Level]) -> list[str]:
-    """List the axes of which a model leaves much."""
-    return [axis for axis, level in levels.items() if level in {'weak', 'harmful'}]
+def _poor_axes(levels: Mapping[str, Level]) -> str:
+    """Enumerate the axes of which a model leaves much; empty where there is none."""
+    return _enumerate([axis for axis, level in levels.items() if level in {'weak', 'harmful'}])
 
 
-def _temperatures(coverage: Coverage) -> Iterator[str]:
-    low, high = coverage.range_c[coverage.leading]
-    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
-    unseen = unseen_temperatures(coverage)
-    for start, end in unseen:
-        if end <= low or start >= high:
-            yield (
-                f'You have not seen {start:.0f} to {end:.0f} °C{where}: there the correction is a '
-                'guess, a straight line. If the robot gets there, record it there.'
-            )
-    holes = [f'{start:.0f} to {end:.0f}' for start, end in unseen if low < end <= high > start]
-    if holes:
-        yield (
-            f'Between {low:.0f} and {high:.0f} °C you have not seen {", ".join(holes)} °C{where}: '
-            'there the correction is a guess between its neighbours. Record some of these.'
-        )
-
-
-def _names(axes: Sequence[str]) -> str:
-    """Enumerate axes for people."""
-    words = [axis.replace('_', ' ') for axis in axes]
-    return words[0] if len(words) == 1 else f'{", ".join(words[:-1])} and {words[-1]}'
+def _enumerate(words: Sequence[str]) -> str:
+    """Write a list for people, such as ``force_x, force_y and force_z``."""
+    return ' and '.join([', '.join(words[:-1]), *words[-1:]] if len(words) > 1 else words)

@@ -25,6 +25,14 @@ from wrist_ft_comp.learning.diary import (
 )
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.stored.own_file import Output
+
+#: What the picture of days names as its software, by which it is known again.
+PAINTER = 'wrist_ft_comp picture'
+PICTURE = Output(
+    # Header, image header, and the text, before or after the chunk that holds the resolution.
+    name='picture', endings='.png',
+    begins=rf'\x89PNG\r\n\x1a\n.{{25,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0

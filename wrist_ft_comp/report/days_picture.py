@@ -1,10 +1,12 @@
 """The picture of a node's days: what drifted, what was left of it, and what happened."""
 
 from collections.abc import Sequence
+from io import BytesIO
 import textwrap
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 import numpy as np
 
@@ -19,10 +21,11 @@ from wrist_ft_comp.report.days import (
     MODEL_CHANGES,
     NO_DAYS,
     OFFERED,
+    PAINTER,
     summary,
     when,
 )
-from wrist_ft_comp.report.pictures import FRAME, INCIDENT, png_bytes, WITH, WITHOUT
+from wrist_ft_comp.report.pictures import FRAME, INCIDENT, WITH, WITHOUT
 from wrist_ft_comp.series import FloatArray
 
 #: Width of the picture, inches.
@@ -72,7 +75,10 @@ def days_png(diary: Diary) -> bytes:
     newtons = _draw(drawing, diary.days, happened)
     newtons.set_title(small, loc='left', size=9, color=FRAME, pad=22)
     text.text(0.01, 1, '\n'.join(lines), va='top', size=8, parse_math=False)
-    return png_bytes(figure)
+    FigureCanvasAgg(figure)
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
+    return buffer.getvalue()
 
 
 def days_figure(diary: Diary) -> Figure:

@@ -17,8 +17,15 @@ from wrist_ft_comp.report.report_content import (
     one_after_the_other,
     ReportContent,
 )
-from wrist_ft_comp.report.report_files import GENERATOR
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
+from wrist_ft_comp.stored.own_file import Output
+
+#: What every page names as its generator, by which it is known again.
+GENERATOR = 'wrist_ft_comp report'
+REPORT = Output(
+    name='report', endings='.html .htm',
+    begins='<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+    f'<meta name="generator" content="{GENERATOR}">')  # fmt: skip
 
 #: A number and its unit stay on one line, and so does N m.
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')

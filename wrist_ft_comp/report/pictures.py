@@ -1,25 +1,23 @@
 """
-The pictures: the report's, SVG that takes its text's colour and font from the page, and PNGs.
+The report's pictures: SVG that takes its text's colour and font from the page.
 
 Without compensation is dashed, or a cross; with it is solid, or a dot: colour is never needed.
 """
 
 from html import escape
-from io import BytesIO, StringIO
+from io import StringIO
 from itertools import cycle, pairwise
 import re
 from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.report.coverage import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.report_content import ErrorSeries
-from wrist_ft_comp.report.report_files import PAINTER
 from wrist_ft_comp.series import FloatArray, IntArray
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in
@@ -194,11 +192,3 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
         ys += [kept_y, nothing]
     lonely = 'o' if max(len(piece) for piece, _ in pieces) < 3 else ''
     panel.plot(np.concatenate(xs), np.concatenate(ys), marker=lonely, ms=2, **style)
-
-
-def png_bytes(figure: Figure) -> bytes:
-    """Turn a picture into the content of a PNG file."""
-    FigureCanvasAgg(figure)
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
-    return buffer.getvalue()

@@ -1,7 +1,7 @@
 """What a report shows: one record, built from a calibration or from an evaluation."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -29,7 +29,7 @@ from wrist_ft_comp.report.evaluation import (
     mean_over,
     TaredErrors,
 )
-from wrist_ft_comp.report.summary import acceptance
+from wrist_ft_comp.report.summary import another_day, conditions_of_another_day
 from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, noise_level
 
@@ -84,6 +84,8 @@ class AxisView:
     #: How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there: min
     #: since it warmed, (n,), and what is added, (J, n). Without a model, none.
     responses: tuple[FloatArray, FloatArray] | None
+    #: What another day is accepted by, a sentence; empty where nothing is stated.
+    limit: str = ''
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +132,14 @@ class ReportContent:
     explanation: str
     #: In axis order.
     axes: tuple[AxisView, ...]
-    #: What to record next.
+    #: What to record next, most important first.
     advice: tuple[str, ...]
     #: What a person should know.
     warnings: tuple[str, ...]
     #: What was learnt at work, if it was.
     work: AtWork | None = None
-    #: What another day is accepted by: a heading, and a line per axis.
-    acceptance: Sequence[str] = ()
+    #: Under which conditions the limits of another day hold; empty where none is stated.
+    conditions: str = ''
     #: The days of the node that learnt the model by itself, if one did.
     diary: Diary | None = None
 
@@ -184,7 +186,10 @@ def calibration_content(
             recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
             slowest_s=_slowest_s(fit), longest_s=max(durations_s), refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series))
+        view = _axis_view(stored, axis, evidence, errors, series)
+        # Where nothing can be promised, the verdict says so.
+        limit = another_day(fit) if evidence.promised else ''
+        axes.append(replace(view, limit=limit))
     # An axis that was refused drifts, and is explained no better than a weak one.
     levels: dict[str, Level] = {
         axis.axis: 'weak' if fits[axis.axis].refusal else axis.verdict.level for axis in axes
@@ -195,7 +200,7 @@ def calibration_content(
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        acceptance=tuple(acceptance(calibration)),
+        conditions=conditions_of_another_day(calibration),
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=(*_hardest_day(fits, recordings), *advice),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
@@ -220,16 +225,21 @@ def evaluation_content(
             blocks=FoldErrors(
                 np.array([figures.rms_before for _, figures in parts]),
                 np.array([figures.rms_after for _, figures in parts])))  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series, parts))
+        view = _axis_view(stored, axis, evidence, errors, series, parts)
+        if (limit := stored.model.day_limits.get(axis)) is not None:
+            view = replace(view, limit=f'Limit of its peaks: {limit:.2g} {view.unit}.')
+        axes.append(view)
     ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
     levels = {axis.axis: axis.verdict.level for axis in axes}
+    limits = 'Limits of peaks are those that the calibration stated of 95 of 100 days.'
     references = ', '.join(dict.fromkeys(judged.reference for judged in evaluated))
     return ReportContent(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{averaged_s(stored.model):g} s. Reference: {references}.',
-        axes=tuple(axes), advice=(what_was_not_learnt(coverage, ranges_c, levels),),
+        conditions=limits if any(axis.limit for axis in axes) else '', axes=tuple(axes),
+        advice=(what_was_not_learnt(coverage, ranges_c, levels),),
         warnings=(
             *dict.fromkeys(w for r in recordings for w in r.warnings),
             *_beyond_limits(stored, axes)))  # fmt: skip

@@ -1,6 +1,6 @@
 """Model files: YAML for people, exact to the last digit; its records check themselves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from datetime import datetime, timezone
 import hashlib
@@ -136,8 +136,6 @@ class _Axis:
 
 class _Thermometer(NamedTuple):
     range_c: tuple[float, float]
-    #: Its share of ThermometerPrediction; a single thermometer has none.
-    prediction: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -150,11 +148,19 @@ class _Model:
     start_s: float
     warnings: tuple[str, ...]
     provenance: dict[str, Any]
+    #: What thermometers show of each other; None of a single one.
+    prediction: ThermometerPrediction | None
     axes: dict[str, _Axis]
 
     def __post_init__(self) -> None:
         if not self.thermometers:
             raise ModelFileError('thermometers must not be empty.')
+        if self.prediction is not None:
+            if len(self.prediction.constant_c) != len(self.thermometers):
+                raise ModelFileError('The prediction must be of as many thermometers.')
+            for name, values in vars(self.prediction).items():
+                if name not in {'gains', 'constant_c'} and not (values >= 0).all():
+                    raise ModelFileError(f'{name} of the prediction must not be negative.')
         shortest_s, longest_s = PERIODS_S
         check_range('period_ns', self.period_ns, shortest_s * NANOSECONDS, longest_s * NANOSECONDS)
         check_range('duration_s', self.duration_s, 0.0)
@@ -180,28 +186,7 @@ class _Model:
                 for axis, entry in self.axes.items()
                 if entry.day_limit is not None
             },
-            start_s=self.start_s,
-            prediction=_prediction([each.prediction for each in self.thermometers]))  # fmt: skip
-
-
-def _prediction(entries: Sequence[Document | None]) -> ThermometerPrediction | None:
-    """Join what thermometers predict of each other; a single one has no others."""
-    known = [entry for entry in entries if entry is not None]
-    if len(known) < len(entries):
-        return None
-    names = [part.name for part in fields(ThermometerPrediction)]
-    if lacking := [name for name in names for entry in known if name not in entry]:
-        raise ModelFileError(f'A prediction of a thermometer lacks {lacking[0]}.')
-    parts = {name: [entry[name] for entry in known] for name in names}
-    (time_constants_s, *others) = parts['time_constants_s']
-    if any(other != time_constants_s for other in others):
-        raise ModelFileError('All predictions must have the same time_constants_s.')
-    parts['time_constants_s'] = time_constants_s
-    prediction: ThermometerPrediction = from_plain(ThermometerPrediction, parts, 'prediction')
-    for name, values in vars(prediction).items():
-        if name not in {'gains', 'constant_c'} and not (values >= 0).all():
-            raise ModelFileError(f'{name} of the predictions must not be negative.')
-    return prediction
+            start_s=self.start_s, prediction=self.prediction)  # fmt: skip
 
 
 def load_model(path: Path | str) -> StoredModel:
@@ -259,7 +244,8 @@ def save_model(
         'format': KIND.says,
         'version': KIND.version,
         'period_ns': calibration.model.period_ns,
-        'thermometers': _thermometers(calibration),
+        'thermometers': [{'range_c': row} for row in calibration.temperature_range_c],
+        'prediction': calibration.model.prediction,
         'duration_s': calibration.duration_s,
         'start_s': calibration.model.start_s,
         'warnings': calibration.warnings,
@@ -291,18 +277,6 @@ def save_model(
     )
     KIND.write(path, text)
     return load_model(path)
-
-
-def _thermometers(calibration: 'Calibration') -> list[Document]:
-    """List the ranges of thermometers, and how each is predicted from the others."""
-    entries: list[Document] = [{'range_c': row} for row in calibration.temperature_range_c]
-    prediction = calibration.model.prediction
-    for j, entry in enumerate(entries if prediction is not None else ()):
-        entry['prediction'] = {
-            name: values if name == 'time_constants_s' else values[j]
-            for name, values in vars(prediction).items()
-        }
-    return entries
 
 
 class _Dumper(_DUMPER):  # type: ignore[misc]

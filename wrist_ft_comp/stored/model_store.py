@@ -165,10 +165,12 @@ class ModelStore:
 
         ``given`` is the SHA-256 of the model that the operator gave; None leaves it as it was.
         """
-        entries = [
-            {**to_plain(entry), 'path': None if entry.path is None else self._written(entry.path)}
-            for entry in history[-MAX_HISTORY:]
-        ]
+        base, entries = self.directory.resolve(), []
+        for entry in history[-MAX_HISTORY:]:
+            path = None if entry.path is None else entry.path.resolve()
+            if path is not None and path.is_relative_to(base):
+                path = path.relative_to(base)
+            entries.append({**to_plain(entry), 'path': None if path is None else str(path)})
         given = self.given() if given is None else given
         _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
 
@@ -217,11 +219,6 @@ class ModelStore:
                 ) from error
             os.truncate(lock, 0)
             os.write(lock, f'process {os.getpid()} on {os.uname().nodename}\n'.encode())
-
-    def _written(self, path: Path) -> str:
-        """Spell a path so that the folder can be moved."""
-        resolved, base = path.resolve(), self.directory.resolve()
-        return str(resolved.relative_to(base) if resolved.is_relative_to(base) else resolved)
 
 
 def node_directory(shared: str, node_name: str = '') -> Path:

@@ -50,7 +50,13 @@ def replace_file(target: Path, content: str | bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         neighbour.replace(target)
-        _sync_folder(target.parent)
+        # The folder's entry is to be on the disk, too; some disks cannot.
+        with suppress(OSError):
+            folder = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
     except BaseException:
         with suppress(FileNotFoundError):
             neighbour.unlink()
@@ -66,16 +72,6 @@ def remove_leftovers(folder: Path) -> int:
                 path.unlink()
                 removed += 1
     return removed
-
-
-def _sync_folder(folder: Path) -> None:
-    """Wait until a folder's entries are on the disk."""
-    with suppress(OSError):  # some disks cannot; the file is in its place already
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 @contextmanager
@@ -117,13 +113,6 @@ def _first_bytes(path: Path) -> bytes:
         return b''
 
 
-def _same(path: Path, other: Path) -> bool:
-    """Whether two paths, spelt differently or by links, lead to the same file."""
-    if path.exists() and other.exists():
-        return path.samefile(other)
-    return os.path.realpath(path) == os.path.realpath(other)
-
-
 def _set_aside(path: Path) -> None:
     """Rename a file to ``NAME.kept``, unless one is kept there already."""
     kept = path.with_name(f'{path.name}.kept')
@@ -162,33 +151,32 @@ class Output:
         There may be nothing, an empty file, or a file of this kind, but none of ``others``, which
         are what the same command reads, or writes besides. The folder must be there.
         """
-        if reason := self._obstacle(path, others):
+        folder, ending, reason = path.absolute().parent, path.suffix.lower(), ''
+        filled = path.is_file() and (path.stat().st_size > 0 or not self.begins)
+        promises_other = ending in _PROMISING.split() and ending not in self.endings.split()
+        # Two paths may lead to one file, spelt differently or by links.
+        same = [one for one in others if os.path.realpath(one) == os.path.realpath(path)
+                or (path.exists() and one.exists() and path.samefile(one))]  # fmt: skip
+        if same:
+            reason = f'it is the same file as {same[0]}'
+        elif path.is_dir():
+            reason = 'it is a folder'
+        elif path.is_symlink() and not path.exists():
+            reason = 'it is a link that leads nowhere'
+        elif path.exists() and not path.is_file():
+            reason = 'it is no regular file'
+        elif filled and not self.is_own(path):
+            reason = f'it exists and is no {self.name} of this package'
+        elif not folder.exists():
+            reason = f'{folder} does not exist; make that folder first'
+        elif not folder.is_dir():
+            reason = f'{folder} is no folder'
+        elif promises_other and not filled:
+            reason = f'a {self.name} ends in {self.endings}, not in {ending}'
+        elif not os.access(folder, os.W_OK):
+            reason = f'{folder} may not be written to'
+        if reason:
             raise self.error(self.unwritable.format(path=path, reason=reason))
-
-    def _obstacle(self, path: Path, others: Iterable[Path]) -> str:  # noqa: PLR0911 -- one each
-        """Say what is in the way of a file; empty where nothing is."""
-        for other in others:
-            if _same(path, other):
-                return f'it is the same file as {other}'
-        folder = path.absolute().parent
-        if path.is_dir():
-            return 'it is a folder'
-        if path.is_symlink() and not path.exists():
-            return 'it is a link that leads nowhere'
-        if path.exists() and not path.is_file():
-            return 'it is no regular file'
-        filled = path.exists() and (path.stat().st_size > 0 or not self.begins)
-        if filled and not self.is_own(path):
-            return f'it exists and is no {self.name} of this package'
-        if not folder.is_dir():
-            what = 'is no folder' if folder.exists() else 'does not exist; make that folder first'
-            return f'{folder} {what}'
-        ending = path.suffix.lower()
-        if not filled and ending in _PROMISING.split() and ending not in self.endings.split():
-            return f'a {self.name} ends in {self.endings}, not in {ending}'
-        if not os.access(folder, os.W_OK):
-            return f'{folder} may not be written to'
-        return ''
 
     def write(self, path: Path, content: str | bytes) -> None:
         """Write a file, and its folder where it is missing, in one step, as far as it may."""

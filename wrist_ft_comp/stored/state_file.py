@@ -12,7 +12,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import Kind
-from wrist_ft_comp.stored.plain_values import Document, to_plain
+from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
@@ -46,8 +46,30 @@ class SavedState:
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """Write a state file, and its folder; an existing one is replaced in one step."""
-    KIND.save(path, _document(state), indent=None)
+    """
+    Write a state file, and its folder; an existing one is replaced in one step.
+
+    What could not be read again, a number that is not finite or too large, is left out.
+    """
+    memory, thermal = state.thermal, None
+    if memory is not None and all(map(_readable, _thermal_arrays(memory))):
+        thermal = {**vars(memory), **memory.compensation._asdict()}
+        del thermal['compensation']
+        thermal['history'] = [block._asdict() for block in memory.history]
+        if memory.thermometers is None:
+            del thermal['thermometers']
+    tare, external_tare = (
+        wrench if _readable(wrench) else np.zeros(len(AXES))
+        for wrench in (state.tare, state.external_tare)
+    )
+    document = {
+        'saved_ns': state.saved_ns,
+        'model_sha256': state.model_sha256,
+        'tare': to_plain(tare),
+        **({'external_tare': to_plain(external_tare)} if any(external_tare) else {}),
+        'thermal': to_plain(thermal),
+    }
+    KIND.save(path, document, indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
@@ -100,28 +122,6 @@ def _thermal_arrays(memory: ThermalMemory | None) -> list[FloatArray]:
     return arrays
 
 
-def _document(state: SavedState) -> Document:
-    """Convert a state to plain values; what could not be read again is left out."""
-    memory, thermal = state.thermal, None
-    if memory is not None and all(map(_readable, _thermal_arrays(memory))):
-        thermal = {**vars(memory), **memory.compensation._asdict()}
-        del thermal['compensation']
-        thermal['history'] = [block._asdict() for block in memory.history]
-        if memory.thermometers is None:
-            del thermal['thermometers']
-    tare, external_tare = (
-        wrench if _readable(wrench) else np.zeros(len(AXES))
-        for wrench in (state.tare, state.external_tare)
-    )
-    return {
-        'saved_ns': state.saved_ns,
-        'model_sha256': state.model_sha256,
-        'tare': to_plain(tare),
-        **({'external_tare': to_plain(external_tare)} if any(external_tare) else {}),
-        'thermal': to_plain(thermal),
-    }
-
-
 def _readable(array: FloatArray) -> bool:
     """Whether all numbers can be read again."""
     return bool((np.abs(array) <= _LARGEST).all())
@@ -164,7 +164,12 @@ class StateWriter:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        while (state := self._take()) is not None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._newest is not None or self._ended)
+                state, self._newest = self._newest, None
+            if state is None:  # the end
+                return
             before = time.monotonic()
             try:
                 save_state(self.path, state)
@@ -174,10 +179,3 @@ class StateWriter:
                 self.problem = ''
                 self.written += 1
             self.took_s = time.monotonic() - before
-
-    def _take(self) -> SavedState | None:
-        """Wait for a state; None at the end."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._ended)
-            state, self._newest = self._newest, None
-            return state
