@@ -83,6 +83,9 @@ def find_steps(
     if len(rows) < 2 * _LEAST_BESIDE:
         return []
     values = readings[states[rows], rows] / noise
+    # Any payload may be mounted where a contact hides it.
+    possible = (np.arange(len(readings))[:, np.newaxis] == states) | ~counts
+    readings = np.where(possible[..., np.newaxis], readings / noise, np.nan)
     time_s: FloatArray = np.asarray((rows + 0.5) * period_s, dtype=float)
     between_s = (time_s[1:] + time_s[:-1]) / 2
     # A step before reading ``place`` is explained by readings from ``first`` to before ``last``.
@@ -96,18 +99,19 @@ def find_steps(
         at = int(sizes.argmax())
         near = slice(int(first[at]), int(last[at]))
         found = _explain(time_s[near], values[near], at - near.start, period_s)
+        if found is None:
+            sizes[np.abs(between_s - between_s[at]) < _APART_S / 2] = 0.0
+            continue
+        after, jump, level, certain = found
+        after += near.start
         # What a step leaves beside it is judged when it has been taken out.
-        aside_s = _APART_S / 2 if found is None else _BESIDE_S
-        sizes[np.abs(between_s - between_s[at]) < aside_s] = 0.0
-        if found is not None:
-            after, jump, level, certain = found
-            after += near.start
-            # A short press before a step may look like the level after it, so look around, too.
-            around = round(_APART_S / 2 / period_s)
-            begin = max(int(rows[after - 1]) + 1 - around, 0)
-            beside = readings[:, begin : rows[after] + around] / noise
-            cell = begin + _place(beside, level, level + jump)
-            steps.append(Step(cell, jump * noise, certain))
+        sizes[(first < after) & (after < last)] = 0.0
+        # A short press before a step may look like the level after it, so look around, too.
+        around = round(_APART_S / 2 / period_s)
+        begin = max(int(rows[after - 1]) + 1 - around, 0)
+        beside = readings[:, begin : rows[after] + around]
+        cell = begin + _place(beside, level, level + jump)
+        steps.append(Step(cell, jump * noise, certain))
     return steps
 
 

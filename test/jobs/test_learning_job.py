@@ -233,7 +233,8 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
 
 
 @pytest.mark.parametrize(
-    ('parked_s', 'kind', 'said'), [(900, '', ''), (1800, CONTACTS, 'is parked with a part')]
+    ('parked_s', 'kind', 'said'),
+    [(900, '', ''), (1800, '', ''), (9900, CONTACTS, 'is parked with a part')],
 )
 def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
     tmp_path, parked_s, kind, said

@@ -112,7 +112,7 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert 'No model was learnt' in after.entry.verdict
 
 
-@pytest.mark.parametrize('half', [100, 140])
+@pytest.mark.parametrize('half', [60, 100, 140])
 def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated, half):
     day = separated(9, cells=3700, contact=0.2).recording
     cells, rng = np.arange(3700), np.random.default_rng(9)

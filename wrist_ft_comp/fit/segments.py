@@ -7,6 +7,7 @@ that was reseated only begin another one, so nothing of the recording is lost by
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -18,7 +19,7 @@ from wrist_ft_comp.fit.folds import JUDGED_BIN_S
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, noise_level
-from wrist_ft_comp.steps import find_steps
+from wrist_ft_comp.steps import find_steps, Step
 
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
 #: longer touch both ends are steps.
@@ -129,22 +130,25 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     counts = np.asarray(np.isfinite(raw).all(axis=1))
     if not columns or not counts.any():
         return recording, []
-    mounted = np.zeros(len(raw), dtype=np.int64)
-    found = find_steps(raw[np.newaxis], mounted, counts, noise, recording.period_s)
-    # Drift moves on while nothing is recorded, so what changes over a gap is no step.
+    # Drift moves on while nothing is recorded, so no step is looked for across a gap.
     at = np.flatnonzero(counts)
-    after = np.searchsorted(at, [step.cell for step in found])
-    gaps = at[after] - at[after - 1]
     widest = max(JUDGED_BIN_S / recording.period_s, 1.0)
+    begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
-    steps = sorted(
-        (
-            step
-            for step, gap in zip(found, gaps.tolist(), strict=True)
-            if step.certain and gap <= widest and (abs(step.jump) > smallest).any()
-        ),
-        key=lambda step: step.cell,
-    )
+    steps = list[Step]()
+    for begin, end in pairwise(begins):
+        found = find_steps(
+            raw[np.newaxis, begin:end],
+            np.zeros(end - begin, dtype=np.int64),
+            counts[begin:end],
+            noise,
+            recording.period_s,
+        )
+        steps += [
+            replace(step, cell=begin + step.cell)
+            for step in sorted(found, key=lambda step: step.cell)
+            if step.certain and (abs(step.jump) > smallest).any()
+        ]
     if not steps:
         return recording, []
     ends = [0, *(step.cell for step in steps), len(recording)]

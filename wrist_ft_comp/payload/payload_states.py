@@ -6,7 +6,7 @@ weights are fitted by turns, while the width of the weight falls to WIDTH. Anoth
 where it explains more of blocks that it was not fitted to.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -21,6 +21,7 @@ from wrist_ft_comp.payload.weight_gains import (
     contrast,
     Fit,
     fitted_levels,
+    medians,
     of_state,
     payload_wrench,
     solve,
@@ -47,6 +48,8 @@ _LEAST_GAIN = 0.06
 _SAME_GAINS_SHARE = 0.03
 #: Payloads are searched for in this time, s, which shows as much as a month does.
 _SEARCHED_S = 36000.0
+#: Parts of a block whose medians are tried as its level: a contact does not fill them all.
+_PARTS = 8
 #: Quantiles of weight by which a state is split in two.
 _SPLITS = (0.3, 0.5, 0.7)
 
@@ -88,8 +91,13 @@ def _fit_states(
 
 
 def fit_again(cells: Cells, fit: Fit) -> Fit:
-    """Fit again to cells that have changed a little; the fit before is nearly right."""
-    return _settle(cells, fit, _NARROWING[-4:])
+    """
+    Fit again to blocks that have changed; the gains are nearly right.
+
+    A long contact draws a block's level to itself, so that of every part of the block is tried.
+    """
+    starts = [_present_levels(cells, fit), *_levels_of_parts(cells, fit)]
+    return _settle(cells, _assign(cells, fit, WIDTH, starts, 4), _NARROWING[-4:])
 
 
 def _settle(cells: Cells, fit: Fit, widths: Sequence[float]) -> Fit:
@@ -124,6 +132,17 @@ def _levels_by_state(cells: Cells, fit: Fit) -> list[FloatArray]:
     """Fit levels, in units of the noise, once per state, as if all cells were in that state."""
     weights = cells.usable.astype(float)
     return [fitted_levels(residual, weights, cells.powers) for residual in _residuals(cells, fit)]
+
+
+def _levels_of_parts(cells: Cells, fit: Fit) -> Iterator[FloatArray]:
+    """Fit levels, in units of the noise, to what is near the median of a part of the block."""
+    residuals = _residuals(cells, fit)
+    for residual in residuals:
+        measured = np.where(cells.usable[..., None], residual, np.nan)
+        for part in np.array_split(measured, _PARTS, axis=1):
+            level = medians(part)[:, None]
+            states, weights = _assign_cells(residuals, cells.usable, level, 4 * WIDTH)
+            yield fitted_levels(of_state(residuals, states), weights, cells.powers)
 
 
 def _residuals(cells: Cells, fit: Fit) -> list[FloatArray]:
@@ -179,7 +198,7 @@ def _one_more(cells: Cells, fit: Fit) -> Fit | None:
         return None
     noise = np.min([candidate.noise for candidate in candidates], axis=0)
     best = min(candidates, key=lambda candidate: _unexplained(cells, candidate, noise))
-    return fit_again(cells, best)
+    return _settle(cells, best, _NARROWING[-4:])
 
 
 def _splits(cells: Cells, fit: Fit) -> list[IntArray]:

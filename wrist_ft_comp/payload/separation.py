@@ -36,6 +36,7 @@ from wrist_ft_comp.payload.weight_gains import (
     LEAST_CELLS_IN_BLOCK,
     LEAST_USABLE_SHARE,
     LONG_BLOCK_S,
+    medians,
     of_state,
 )
 from wrist_ft_comp.recording import Recording
@@ -46,8 +47,10 @@ from wrist_ft_comp.steps import find_steps, Step
 _LEAST_CELLS = 4 * LEAST_CELLS_IN_BLOCK
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 10.0
-#: Time on either side of a step from which what is left of it is estimated, s.
+#: Time on either side of a step from which what is left of it is estimated, s ...
 _NEAR_S = 90.0
+#: ... where at least this number of cells counts on either side: fewer do not hold a parabola.
+_LEAST_NEAR = 6
 #: Most rounds in which steps and contacts are found by turns.
 _MOST_ROUNDS = 5
 #: A shorter recording, s, does not show which changes are slow.
@@ -140,18 +143,6 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
     return drifts
 
 
-def medians(values: FloatArray) -> FloatArray:
-    """
-    Compute the medians, (n, A), of finite values, (n, B, A); 0 where none is finite.
-
-    That is numpy's nanmedian, but quicker. A cell is NaN in all axes or in none.
-    """
-    count = np.isfinite(values[..., 0]).sum(axis=1)
-    block, values = np.arange(len(values)), np.sort(values, axis=1)
-    middle = values[block, np.maximum(count - 1, 0) // 2] + values[block, count // 2]
-    return np.asarray(np.where(count[:, None] > 0, middle / 2, 0.0))
-
-
 def _check_rows(recording: Recording, force: FloatArray) -> None:
     """Refuse rows that are farther apart than cells: contacts show in neighbouring cells."""
     rows = np.column_stack([recording.wrench[:, axes_of([recording])], force])
@@ -172,7 +163,7 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
     wrenches = [recording.wrench[:, axes] for recording in start.recordings]
     if known_drift is not None:
         wrenches = [w - drift[:, axes] for w, drift in zip(wrenches, known_drift, strict=True)]
-    for _ in range(_MOST_ROUNDS):
+    for number in range(1, _MOST_ROUNDS + 1):
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [
@@ -186,6 +177,8 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
         }
         fit = fit_again(cells, replace(fit, **recut))
         states, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
+        if number == _MOST_ROUNDS:
+            break  # states and contacts have to be those of the last steps
         # All steps are judged anew, by the contacts that are known by now.
         steps = [
             find_steps(wrench - force @ fit.gains, state, count, fit.noise, recording.period_s)
@@ -220,10 +213,11 @@ def _remaining_step(drift: FloatArray, counts: BoolArray, cell: int, near: int) 
     """Estimate what is left of a step, (A,), from all cells near it that count, and a parabola."""
     rows = np.arange(max(0, cell - near), min(len(drift), cell + near))
     rows = rows[counts[rows]]
-    share = (rows - cell) / near
-    x = np.stack((np.ones(len(rows)), share, share**2, 1.0 * (rows >= cell)), axis=1)
-    if np.linalg.matrix_rank(x) < x.shape[1]:
+    after = rows >= cell
+    if min(np.sum(after), np.sum(~after)) < _LEAST_NEAR:
         return np.zeros(drift.shape[1])
+    share = (rows - cell) / near
+    x = np.stack((np.ones(len(rows)), share, share**2, after), axis=1)
     return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][3])
 
 

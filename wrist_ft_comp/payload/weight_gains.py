@@ -62,7 +62,7 @@ def cells_in(duration_s: float, period_s: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """All recordings in n blocks of B cells; the last block is filled up with unusable cells."""
+    """All recordings in n blocks of up to B cells, filled up with unusable cells."""
 
     #: Raw wrench of A axes, N and N m, shape (n, B, A).
     wrench: FloatArray
@@ -87,12 +87,13 @@ class Cells:
 
     def join(self, blocked: NDArray[Any]) -> list[NDArray[Any]]:
         """Put the blocks of an array together again: one array per recording."""
-        parts, first, length = [], 0, self.usable.shape[1]
+        parts, first = [], 0
         for sizes in self.pieces:
             joined = []
             for size in sizes:
+                length = _block_length(size, self.usable.shape[1])
                 count = -(-size // length)
-                piece = blocked[first : first + count].reshape(-1, *blocked.shape[2:])
+                piece = blocked[first : first + count, :length].reshape(-1, *blocked.shape[2:])
                 joined.append(piece[:size])
                 first += count
             parts.append(np.concatenate(joined))
@@ -159,11 +160,22 @@ def cut(
 def _cut(
     parts: Sequence[NDArray[Any]], pieces: Sequence[Sequence[int]], length: int
 ) -> NDArray[Any]:
-    """Cut arrays into pieces of the given sizes, and every piece into blocks of a length."""
+    """Cut arrays into pieces of the given sizes, and every piece into equal blocks."""
     cuts = chain.from_iterable(
         np.split(part, np.cumsum(sizes)[:-1]) for part, sizes in zip(parts, pieces, strict=True)
     )
-    return np.concatenate([blocks(piece, length) for piece in cuts])
+    filled = []
+    for piece in cuts:
+        equal = blocks(piece, _block_length(len(piece), length))
+        widths = [(0, 0), (0, length - equal.shape[1]), *[(0, 0)] * (equal.ndim - 2)]
+        filled.append(np.pad(equal, widths))
+    return np.concatenate(filled)
+
+
+def _block_length(size: int, longest: int) -> int:
+    """Choose the length of equal blocks: a contact may fill a short one at the end of a piece."""
+    count = max(1, -(-size // longest))
+    return max(1, -(-size // count))
 
 
 def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> FloatArray:
@@ -206,6 +218,18 @@ def _polynomials(cells: int, powers: int) -> tuple[FloatArray, FloatArray]:
     share = (np.arange(cells) + 0.5) / cells * 2 - 1
     phi = np.asarray(np.polynomial.legendre.legvander(share, powers - 1), dtype=float)
     return phi, (phi[:, :, None] * phi[:, None]).reshape(cells, -1)
+
+
+def medians(values: FloatArray) -> FloatArray:
+    """
+    Compute the medians, (n, A), of finite values, (n, B, A); 0 where none is finite.
+
+    That is numpy's nanmedian, but quicker. A cell is NaN in all axes or in none.
+    """
+    count = np.isfinite(values[..., 0]).sum(axis=1)
+    block, values = np.arange(len(values)), np.sort(values, axis=1)
+    middle = values[block, np.maximum(count - 1, 0) // 2] + values[block, count // 2]
+    return np.asarray(np.where(count[:, None] > 0, middle / 2, 0.0))
 
 
 def of_state(by_state: Sequence[FloatArray] | FloatArray, states: IntArray) -> FloatArray:
