@@ -195,15 +195,21 @@ class WrenchInput(Part):
                 well += f'; {", ".join(self.absent)} never had a number'
             yield doubtful(self.title, self._doubts(publishers), well, numbers)
 
+    def sickness(self) -> str:
+        """Say that the sensor is frozen or saturated; empty where it lives."""
+        if self.sensor.frozen:
+            return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
+        if axes := self.sensor.saturated:
+            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        return ''
+
     def _doubts(self, publishers: int) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
         sensor, recent = self.sensor, self._events.recent()
         if publishers > 1:
             yield f'{publishers} publishers share the topic; their readings are mixed'
-        if sensor.frozen:
-            yield 'the reading has not changed by a bit for seconds; is the sensor frozen?'
-        if sensor.saturated:
-            yield f'{", ".join(sensor.saturated)} stays at its extreme; is the sensor saturated?'
+        if sick := self.sickness():
+            yield sick
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'frame' in recent:

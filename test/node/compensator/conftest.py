@@ -37,7 +37,7 @@ START = 1_700_000_000 * SECOND
 #: Messages that are under way at once: best effort loses none of so few.
 WINDOW = 40
 #: Shorter than the node's own, for the tests' sake.
-DIAGNOSTICS_PERIOD_S, TARE_GRACE_S = 0.05, 0.2
+DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
 #: Between two looks at what a test waits for, s.
 PAUSE_S = 0.002
 _NUMBERS = itertools.count()
@@ -373,9 +373,9 @@ def wired(bench, tmp_path, monkeypatch):
 
 
 @pytest.fixture(autouse=True)
-def short_grace(monkeypatch):
+def short_patience(monkeypatch):
     """Wait less for the wrenches of a tare."""
-    monkeypatch.setattr('wrist_ft_comp.node.tare._GRACE_S', TARE_GRACE_S)
+    monkeypatch.setattr('wrist_ft_comp.node.tare._PATIENCE_S', TARE_PATIENCE_S)
 
 
 def _make_rig(kind, bench, tmp_path, **options):
