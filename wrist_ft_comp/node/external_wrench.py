@@ -125,6 +125,8 @@ class ExternalWrench(Part):
     #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
     _last: LivePayload | None = None
+    #: Whether a payload was identified, and so carried, while none was active.
+    _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
     #: The specific force of the last report, and how many reports before had the same.
     _same: tuple[Force | None, int] = None, 0
@@ -162,6 +164,7 @@ class ExternalWrench(Part):
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
+        self._unnamed |= collector is not None and self.payload is None
         self.collector = collector
         self.hub.listen(self, wanted=self.wanted)
 
@@ -232,12 +235,19 @@ class ExternalWrench(Part):
             return
         before, self._last = self._last or payload, payload
         apart_deg = payload.frame.apart_deg(before.frame)
-        if apart_deg > _CONTRADICTION_DEG and self.compensator.external_tare.any():
+        tared = self.compensator.external_tare.any()
+        if tared and apart_deg > _CONTRADICTION_DEG:
             self.compensator.restore_tare(self.compensator.tare, np.zeros(len(AXES)))
-            self.hub.log.warning(
-                f'payload: specific force is turned otherwise than for {before.name}, by '
-                f'{apart_deg:.0f} degrees; the tare of wrench_external is zero again. Call ~/tare.'
+            self.compensator.zero_doubts.append(
+                f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
+                'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
+        elif tared and self._unnamed:
+            self.compensator.zero_doubts.append(
+                f'{payload.name} was identified while payload.active was empty: if a tare was '
+                'taken then, its weight is in the tare of wrench_external; call ~/tare'
+            )
+        self._unnamed = False
 
     def disagreement(self, frame: ForceFrame) -> str:
         """Say by how much the rotation by TF differs from a frame's; empty where they agree."""

@@ -45,7 +45,7 @@ class TareService(LongService):
 
     title, name = 'tare', '~/tare'
     purpose = (
-        'makes the present wrench zero, and wrench_external where a payload is active; refused '
+        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
         'while the load moves'
     )
     parameters = (

@@ -269,6 +269,7 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     part.hub.set(part.part, **BY_HAND)
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
+    assert 'by 180 degrees, and the tare of wrench_external is zero' in compensator.zero_doubts[0]
     part.feel(START, UP)
     part.ask(START, CONSTANT)
     found = part.status()
@@ -280,14 +281,15 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
-def tare_at_rest(node):
-    """Tare upright under the tool; the answer."""
+def tare_at_rest(node, load=None):
+    """Tare upright under the tool, or another load; the answer."""
+    load = TOOL.weight(UP) if load is None else load
     answers = node.ask('tare')
     for k in range(21):
         stamp = START + k * SECOND // 100
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
-        node.ask_output(stamp, TOOL.weight(UP) + CONSTANT + 1e-13 * (-1) ** k)
+        node.ask_output(stamp, load + CONSTANT + 1e-13 * (-1) ** k)
     return answers.get(timeout=20.0)
 
 
@@ -304,6 +306,30 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(again.node.compensator.tare, TOOL.weight(UP) + CONSTANT, atol=1e-12)
     assert again.call('reset_tare').success
     assert not again.node.compensator.external_tare.any()
+
+
+def test_the_tare_of_the_empty_sensor_is_its_zero_under_every_payload(holding):
+    node = holding(**{'tare.duration': 0.2, 'payload.active': ''})
+    assert tare_at_rest(node, np.zeros(6)).success
+    assert node.set('payload.active', 'day-1').successful
+    node.ask_output(START, TOOL.weight(UP) + CONSTANT)
+    message = deserialize_message(node.externals.get(), WrenchStamped)
+    np.testing.assert_allclose(numbers(message), 0.0, atol=1e-12)
+    assert node.node.compensator.zero_doubts == []
+
+
+def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(holding, make_model):
+    model = make_model('m.yaml')
+    node = holding(**{'tare.duration': 0.2, 'payload.active': '', 'model_file': str(model.path)})
+    node.warm_up(25.0)
+    assert tare_at_rest(node).success
+    node.node.external.collect(SimpleNamespace(share=1.0))
+    node.node.external.collect(None)
+    assert node.set('payload.active', 'day-1').successful
+    status = node.diagnosis('output', 'day-1 was identified while payload.active was empty')
+    assert status.level == WARN
+    assert tare_at_rest(node).success
+    assert node.diagnosis('output').message == 'compensated'
 
 
 @pytest.mark.parametrize(
