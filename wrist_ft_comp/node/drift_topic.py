@@ -59,6 +59,8 @@ class DriftTopic(Part):
             level, why = ERROR, f'drift of {large} is at its limit'
         elif fast:
             why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        elif stream.compensating and stream.model is not None and not stream.model.axes:
+            why = 'not compensated: the model compensates no axis'
         elif stream.zero_doubts and stream.compensating:
             why = '; '.join(stream.zero_doubts)
         elif stream.compensating and (policy := self.hub.incompatible.get('wrench')):

@@ -399,7 +399,7 @@ def make_model(make_model, tmp_path):
 
     def make(name, axes=None, **more):
         range_c = more.setdefault('range_c', (-50.0, 150.0))
-        gains = axes or {'force_z': (2.0, 0.0, 0.0)}
+        gains = {'force_z': (2.0, 0.0, 0.0)} if axes is None else axes
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
             axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, (1.0,))
