@@ -238,12 +238,12 @@ class ExternalWrench(Part):
         tared = self.compensator.external_tare.any()
         if tared and apart_deg > _CONTRADICTION_DEG:
             self.compensator.restore_tare(self.compensator.tare, np.zeros(len(AXES)))
-            self.compensator.zero_doubts.append(
+            self.compensator.doubt_zero(
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
         elif tared and self._unnamed:
-            self.compensator.zero_doubts.append(
+            self.compensator.doubt_zero(
                 f'{payload.name} was identified while payload.active was empty: if a tare was '
                 'taken then, its weight is in the tare of wrench_external; call ~/tare'
             )

@@ -186,6 +186,11 @@ class Compensator:
         self._refresh_correction()
         return self.tare
 
+    def doubt_zero(self, why: str) -> None:
+        """Say until the next tare, in a sentence, why the zero may be another one."""
+        if why not in self.zero_doubts:
+            self.zero_doubts.append(why)
+
     def reset_tare(self) -> None:
         """Forget both tares."""
         self._tare_waits = False
