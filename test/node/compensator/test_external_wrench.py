@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
@@ -19,6 +20,7 @@ from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.wire.tf_messages import Layouts
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -279,6 +281,59 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert compensator.external_tare.any(), 'the same turn needs no second tare'
     part.hub.frame = 'left'
     assert 'tool0 is now left; is it another sensor?' in part.status().message
+
+
+@pytest.mark.parametrize(
+    ('mirror', 'contact_n', 'axes'),
+    [
+        ((1, 1, 1), 0.0, ''),
+        ((-1, 1, 1), 0.0, 'force_x'),
+        ((-1, -1, 1), 0.0, 'force_x, force_y'),
+        ((1, 1, 1), -60.0, ''),
+    ],
+    ids=['right', 'mirrored', 'turned', 'presses where it points down'],
+)
+def test_a_wrench_that_moves_against_the_weight_is_a_warning(held, mirror, contact_n, axes):
+    """An arm that turns and comes back, and a noise of 0.1 N."""
+    part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    for k in range(100):
+        turn = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix()
+        up = turn.T @ UP
+        part.feel(START + k * SECOND, up * mirror)
+        contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
+        part.ask(START + k * SECOND, TOOL.weight(up) + contact + rng.normal(0, 0.1, 6))
+        found = part.status()
+    words = f'{axes} moves against the weight of day-1' if axes else 'subtracting day-1'
+    assert (found.level, words in found.message) == (WARN if axes else OK, True), found.message
+
+
+@pytest.mark.usefixtures('tf_messages')
+def test_a_frame_that_is_moved_on_the_robot_is_a_warning_until_the_next_tare(
+    rig, make_model, messages
+):
+    by_tf = {'gravity.source': 'tf', 'gravity.frame': 'base', 'temperature_timeout': 3600}
+    node = rig(model=make_model('m.yaml'), parameters=by_tf)
+    node.warm_up(25.0)
+    node.ask_output(START, CONSTANT)
+
+    def send(first, tcp_deg):
+        for k in range(first, first + 50):  # 3 rad/s, which is fast
+            turn = Rotation.from_euler('x', 0.03 * k) * Rotation.from_euler(
+                'y', np.radians(tcp_deg)
+            )
+            data = messages.transforms(
+                START + k * SECOND // 100, [('base', 'tool0', turn.as_quat())]
+            )
+            node.node.specific_force.on_tf(layouts, data, static=False)
+
+    layouts = Layouts()
+    send(0, 0.0)
+    assert node.diagnosis('output').level == OK
+    send(50, 30.0)
+    status = node.diagnosis('output', 'by TF the frame of the wrench turned at 5')
+    assert status.level == WARN
+    node.node.compensator.set_tare(CONSTANT, START)
+    assert node.diagnosis('output').level == OK
 
 
 def tare_at_rest(node, load=None):
