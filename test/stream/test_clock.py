@@ -4,7 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks, StampWatch
+from wrist_ft_comp.stream.clock import (
+    APART_FOR_S,
+    ClockComparison,
+    Leap,
+    Sample,
+    SourceClocks,
+    StampWatch,
+)
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
@@ -169,3 +176,34 @@ def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():
             clocks.admit(Sample(source, second * SECOND, 20.0, second * SECOND // 1000))
             assert clocks.leap is None
     assert (clocks.strays, clocks.leaps) == (0, 1)
+
+
+def compare(wrench_s, source_s, seconds, comparison=None, first=0):
+    """Send a wrench and a sample of a source every second, whose clocks are ahead by so much."""
+    comparison = comparison or ClockComparison()
+    for second in range(first, first + seconds):
+        now = second * SECOND
+        comparison.note_wrench(now + round(wrench_s * SECOND), now)
+        comparison.note('/t', now + round(source_s * SECOND), now + SECOND // 10, 2.0)
+    return comparison
+
+
+@pytest.mark.parametrize(
+    ('wrench_s', 'source_s', 'ahead_s'),
+    [(0, 1800, 1799.9), (1800, 0, -1800.1), (7200, 7200, None), (0, 2.0, None), (0, 2.2, 2.1)],
+)
+def test_two_clocks_are_told_by_stamps_and_arrival(wrench_s, source_s, ahead_s):
+    patience = round(APART_FOR_S)
+    assert compare(wrench_s, source_s, patience).ahead_s == {}
+    found = compare(wrench_s, source_s, patience + 1).ahead_s
+    assert found == ({} if ahead_s is None else {'/t': pytest.approx(ahead_s)})
+
+
+def test_clocks_that_leap_together_are_one_and_one_that_is_set_right_is_too():
+    comparison = compare(0, 0, 100)
+    assert compare(3600, 3600, 100, comparison, 100).ahead_s == {}
+    assert compare(3600, 0, 100, comparison, 200).ahead_s
+    assert compare(3600, 3600, 1, comparison, 300).ahead_s == {}
+    comparison.note('/t', 0, 400 * SECOND, 2.0)
+    comparison.note('/t', 0, 500 * SECOND, 2.0)
+    assert comparison.ahead_s == {}, 'the last wrench is long ago'

@@ -13,13 +13,13 @@ def look(watch, readings):
         watch.look(number * 10**9, reading)
 
 
-def test_a_reading_that_stays_is_frozen_until_a_bit_changes():
+def test_a_reading_that_stays_is_frozen_until_bits_have_changed_for_some_time():
     watch = SensorWatch()
     look(watch, [RAW] * LOOKS)
     assert not watch.frozen
     look(watch, RAW)
     assert watch.frozen
-    look(watch, np.nextafter(RAW, 9))
+    look(watch, [np.nextafter(RAW, 9), RAW] * 3)
     assert not watch.frozen
 
 
@@ -38,3 +38,28 @@ def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved
     look(watch, readings[LOOKS:])
     assert watch.saturated == saturated
     assert not watch.frozen
+
+
+@pytest.mark.parametrize('whole', [True, False], ids=['frozen', 'saturated'])
+def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
+    """Four seconds of every eight, at ten looks a second."""
+    watch, rng = SensorWatch(), np.random.default_rng(0)
+    found = []
+    for _ in range(10):
+        readings = RAW + rng.normal(0, 1, (80, 6))
+        readings[40:, slice(None) if whole else 2] = 200.0
+        for reading in readings:
+            look(watch, reading)
+            found.append(watch.frozen if whole else watch.saturated == ('force_z',))
+    assert np.mean(found[240:]) == 1.0
+
+
+@pytest.mark.parametrize(('step', 'looks'), [(1e-6, 1), (0.03, 1), (1e-6, 8)])
+def test_a_sensor_with_coarse_steps_or_few_readings_lives(step, looks):
+    """Steps of three times the noise, and a reading in 0.8 s; ten minutes of looks."""
+    watch, rng = SensorWatch(), np.random.default_rng(0)
+    for reading in np.round(rng.normal(0.014, 0.01, (6000 // looks, 6)) / step) * step:
+        for _ in range(looks):
+            watch.look(1, reading.tolist())
+            assert not watch.frozen
+            assert not watch.saturated

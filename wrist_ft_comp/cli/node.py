@@ -23,7 +23,7 @@ DESCRIPTION = """\
 Let a running compensator do something, wait for its answer, and print it. Exit
 code 0 when it was done, 1 when it was refused. status shows temperatures, drift
 and what is wrong: once a second in a terminal, until Ctrl-C; else once. Its exit
-code is 1 when something is an error or silent. All services are actions; those
+code is 1 when anything is not ok. All services are actions; those
 of this node are listed where another one is asked for."""
 EXAMPLES = """\
 examples:
@@ -40,7 +40,6 @@ examples:
 #: Columns of a terminal that every page fits into.
 WIDTH = 79
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
-_BAD = {b'\2', b'\3'}
 #: Clears the terminal and goes to its corner.
 _CLEAR = '\x1b[2J\x1b[H'
 
@@ -103,7 +102,7 @@ def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
 
 
 def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> int:
-    """Print the status once, or in a terminal again and again; 1 when something is an error."""
+    """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
     from wrist_ft_comp.cli.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
 
     if not operator.wait_for(lambda: watch.reports, SILENCE_S):
@@ -122,7 +121,7 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> 
                 operator.wait_for(lambda: watch.reports, 1.0)
     else:
         print('\n'.join(page(name, watch)))
-    return int(any(status.level in _BAD for status in watch.statuses.values()))
+    return int(any(status.level != b'\0' for status in watch.statuses.values()))
 
 
 def page(name: str, watch: 'Watch') -> list[str]:

@@ -156,8 +156,9 @@ class CompensatorNode(Hub):
             compensator=compensator, external=self.external, files=files, jobs=jobs
         )
         self.tare = TareService(
-            compensator=compensator, external=self.external, save=self.state_keeper.save
-        )
+            compensator=compensator, external=self.external, wrenches=self.wrench_input,
+            save=self.state_keeper.save,
+        )  # fmt: skip
         calibrated = partial(live.take, why='a person called ~/calibrate')
         self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
         self.learning = Learner(chosen, live, self.calibration, jobs, self.log)

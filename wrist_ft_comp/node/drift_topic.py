@@ -1,6 +1,7 @@
 """The part that publishes ~/drift, and judges the output."""
 
 from collections.abc import Iterator, Sequence
+import time
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
@@ -15,6 +16,10 @@ from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 
+#: Two nodes of one name are said when they have been there for this time, s: one that was killed
+#: stays in the graph for 20 s with Fast DDS.
+_TWINS_S = 30.0
+
 
 class DriftTopic(Part):
     """Publishes the zero drift once per thermal cell, and judges what is subtracted."""
@@ -26,6 +31,10 @@ class DriftTopic(Part):
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts = compensator, counts
         self._growth = Growth()
+        #: The publishers of raw wrenches, by their identity in the graph.
+        self._drivers: set[bytes] = set()
+        #: When this node was the only one of its name last, by the steady clock.
+        self._alone_s = time.monotonic()
 
     def start(self) -> None:
         """Offer the topic."""
@@ -37,8 +46,25 @@ class DriftTopic(Part):
             zero = self._compensator.compensation.zero
             self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
 
+    def _look_at_graph(self) -> None:
+        """Look for a driver that has come instead of another one, and for a node of this name."""
+        hub, now_s = self.hub, time.monotonic()
+        topic = hub.resolve_topic_name('wrench_raw')
+        drivers = {bytes(end.endpoint_gid) for end in hub.get_publishers_info_by_topic(topic)}
+        if drivers and drivers.isdisjoint(self._drivers):
+            if self._drivers:
+                self._compensator.doubt_zero(
+                    f'the publisher of {topic} has left and another one came: its zero may be '
+                    'another one; call ~/tare'
+                )
+            self._drivers = drivers
+        own = hub.get_name(), hub.get_namespace()
+        if hub.get_node_names_and_namespaces().count(own) <= 1:
+            self._alone_s = now_s
+
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, and whether it hits a limit."""
+        self._look_at_graph()
         stream, counts = self._compensator, self._counts
         grown, elapsed_s = self._growth.since(published=counts.published, failed=counts.failed)
         tare = 'active' if stream.tared else 'none'
@@ -57,8 +83,15 @@ class DriftTopic(Part):
             level, why = ERROR, f'wrenches were lost by a fault of this program: {counts.fault}'
         elif large:
             level, why = ERROR, f'drift of {large} is at its limit'
+        elif time.monotonic() - self._alone_s > _TWINS_S:
+            name = self.hub.get_fully_qualified_name()
+            why = f'two nodes are called {name}, and both publish; end one, or rename it'
         elif fast:
             why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        elif stream.compensating and stream.model is not None and not stream.model.axes:
+            why = 'not compensated: the model compensates no axis'
+        elif stream.zero_doubts and stream.compensating:
+            why = '; '.join(stream.zero_doubts)
         elif stream.compensating and (policy := self.hub.incompatible.get('wrench')):
             why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
         elif stream.compensating:

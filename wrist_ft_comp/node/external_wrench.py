@@ -22,7 +22,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
@@ -48,6 +48,17 @@ _NORM_DEVIATION = 0.03
 #: It is doubted after this many reports in a row with such a deviation to the same side: motion
 #: makes larger ones, but to both sides.
 _DEVIATION_REPORTS = 10
+#: The wrench is compared with the weight on an axis where the weight has moved by this, N: seven
+#: times the noise of common sensors, 0.3 N, so that a change is known within the share below.
+_MOVED_N = 2.0
+#: Their changes are the same, or opposite, where they differ by less than this share ...
+_CHANGE_SHARE = 0.3
+#: ... and the wrench moves against the weight after this many opposite changes and no same one.
+#: In a cycle with contact, the way through free space has same ones.
+_OPPOSITE_CHANGES = 5
+#: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
+#: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
+_LEAP_RAD_S = 30.0
 
 
 class PayloadFiles:
@@ -122,9 +133,15 @@ class ExternalWrench(Part):
     #: Why the payload that parameters name is not taken off any more; empty while it is.
     refusal: str = ''
     hub: Hub = field(init=False)
+    #: Corrected force and weight, N, (2, 3), since when they have moved, by axis of the force, and
+    #: in how many changes in a row they moved against one another.
+    _moved_from: FloatArray = field(default_factory=lambda: np.full((2, 3), np.nan))
+    _opposite: IntArray = field(default_factory=lambda: np.zeros(3, np.int64))
     #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
     _last: LivePayload | None = None
+    #: Whether a payload was identified, and so carried, while none was active.
+    _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
     #: The specific force of the last report, and how many reports before had the same.
     _same: tuple[Force | None, int] = None, 0
@@ -162,6 +179,7 @@ class ExternalWrench(Part):
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
+        self._unnamed |= collector is not None and self.payload is None
         self.collector = collector
         self.hub.listen(self, wanted=self.wanted)
 
@@ -185,6 +203,15 @@ class ExternalWrench(Part):
             self.published += 1
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
+
+    def on_specific_force(self, _stamp_ns: int, _force: Force, speed: float | None) -> None:
+        """Find a frame of the wrench that was moved on the robot; only TF shows it."""
+        if self.files.source == 'tf' and speed is not None and speed > _LEAP_RAD_S:
+            self.compensator.doubt_zero(
+                f'by TF the frame of the wrench turned at {speed:.0f} rad/s: it was moved on the '
+                'robot, perhaps by another TCP. Drift, payload and tare are those of the frame '
+                'before; go back to it, or call ~/tare'
+            )
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""
@@ -227,17 +254,25 @@ class ExternalWrench(Part):
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
         self.payload, self.refusal = payload, ''
+        self._moved_from, self._opposite = np.full((2, 3), np.nan), np.zeros(3, np.int64)
         self.collect(self.collector)
         if payload is None:
             return
         before, self._last = self._last or payload, payload
         apart_deg = payload.frame.apart_deg(before.frame)
-        if apart_deg > _CONTRADICTION_DEG and self.compensator.external_tare.any():
+        tared = self.compensator.external_tare.any()
+        if tared and apart_deg > _CONTRADICTION_DEG:
             self.compensator.restore_tare(self.compensator.tare, np.zeros(len(AXES)))
-            self.hub.log.warning(
-                f'payload: specific force is turned otherwise than for {before.name}, by '
-                f'{apart_deg:.0f} degrees; the tare of wrench_external is zero again. Call ~/tare.'
+            self.compensator.doubt_zero(
+                f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
+                'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
+        elif tared and self._unnamed:
+            self.compensator.doubt_zero(
+                f'{payload.name} was identified while payload.active was empty: if a tare was '
+                'taken then, its weight is in the tare of wrench_external; call ~/tare'
+            )
+        self._unnamed = False
 
     def disagreement(self, frame: ForceFrame) -> str:
         """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
@@ -305,6 +340,9 @@ class ExternalWrench(Part):
             name, frame = list(learnt.items())[-1]
             return frame, f'learnt with {name}'
         if (mounted := self.specific_force.mount()) is not None:
+            names = self.specific_force.frames()
+            if names.force_frame == names.wrench_frame:
+                return mounted, f'because both frame_ids are {names.wrench_frame}'
             return mounted, 'by /tf_static'
         raise SettingsError(
             f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
@@ -373,8 +411,31 @@ class ExternalWrench(Part):
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
+        self._compare_with_weight(payload)
+        if axes := [AXES[i] for i in np.flatnonzero(self._opposite >= _OPPOSITE_CHANGES)]:
+            yield (
+                f'{", ".join(axes)} moves against the weight of {payload.name}: specific force is '
+                'mirrored or turned; mend the mount of the IMU, or call ~/identify_payload'
+            )
         if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
             yield f'{payload.turn}; {other}'
+
+    def _compare_with_weight(self, payload: LivePayload) -> None:
+        """Count changes of the wrench that are opposite to those of the weight, by axis."""
+        newest = self.newest()
+        force = newest and self.specific_force.forces.at(newest[0])
+        if newest is None or force is None:
+            return
+        wrench = self.compensator.correct(newest[0], newest[1], external=True)
+        now = np.array((wrench[:3], payload.weight(force)[:3]))
+        change, weight_change = now - self._moved_from
+        moved = ~(np.abs(weight_change) < _MOVED_N)  # also the first time, where it is NaN
+        limit = _CHANGE_SHARE * np.abs(weight_change)
+        same = np.abs(change - weight_change) < limit
+        opposite = np.abs(change + weight_change) < limit
+        self._opposite[moved & same] = 0
+        self._opposite[moved & opposite] += 1
+        self._moved_from[:, moved] = now[:, moved]
 
     def _off_gravity(self, force: FloatArray) -> Iterator[str]:
         """Doubt a specific force, (3,), whose norm is not that of gravity."""

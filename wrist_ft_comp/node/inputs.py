@@ -18,7 +18,8 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
-from wrist_ft_comp.series import NANOSECONDS, SAME_CLOCK_S
+from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
@@ -114,7 +115,7 @@ class WrenchInput(Part):
 
     def start(self) -> None:
         """Learn what the topic is called."""
-        self._topic = self.hub.resolve_topic_name(self._name)
+        self.topic = self.hub.resolve_topic_name(self._name)
 
     def admits(self, raw: Sequence[float]) -> bool:
         """
@@ -154,7 +155,7 @@ class WrenchInput(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
-        counts, publishers = self._counts, self.hub.count_publishers(self._topic)
+        counts, publishers = self._counts, self.hub.count_publishers(self.topic)
         strange = counts.not_finite + counts.implausible
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, unusable=counts.malformed + strange, strange=strange
@@ -181,13 +182,13 @@ class WrenchInput(Part):
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
-            why = wrong_type(self.hub, self._topic, WRENCH)
+            why = wrong_type(self.hub, self.topic, WRENCH)
             if policy := self.hub.incompatible.get(self._name):
                 why = f'their publisher offers less {policy} than is asked for'
             elif publishers and not why:
-                why = f'{self._topic} has a publisher that sends none; is the sensor running?'
+                why = f'{self.topic} has a publisher that sends none; is the sensor running?'
             elif not why:
-                why = unpublished(self.hub, self._topic, WRENCH)
+                why = unpublished(self.hub, self.topic, WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'
@@ -195,15 +196,21 @@ class WrenchInput(Part):
                 well += f'; {", ".join(self.absent)} never had a number'
             yield doubtful(self.title, self._doubts(publishers), well, numbers)
 
+    def sickness(self) -> str:
+        """Say that the sensor is frozen or saturated; empty where it lives."""
+        if self.sensor.frozen:
+            return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
+        if axes := self.sensor.saturated:
+            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        return ''
+
     def _doubts(self, publishers: int) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
         sensor, recent = self.sensor, self._events.recent()
         if publishers > 1:
             yield f'{publishers} publishers share the topic; their readings are mixed'
-        if sensor.frozen:
-            yield 'the reading has not changed by a bit for seconds; is the sensor frozen?'
-        if sensor.saturated:
-            yield f'{", ".join(sensor.saturated)} stays at its extreme; is the sensor saturated?'
+        if sick := self.sickness():
+            yield sick
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'frame' in recent:
@@ -248,9 +255,15 @@ class TemperatureInput(Part):
         #: Whether their newest readings had stamps; None where the type has none.
         self._stamped: list[bool | None] = [True] * count
         self._growth, self._events = Growth(), _Events()
+        self._comparison = ClockComparison()
+        #: Stamps of the wrench and of the IMU that were compared last, ns.
+        self._wrench_ns: int | None = None
+        self._imu_ns = 0
 
     def start(self) -> None:
         """Subscribe to every thermometer."""
+        by_imu = self.hub.chosen()['gravity.source'] == 'imu'
+        self._imu_topic = self.hub.resolve_topic_name('imu') if by_imu else ''
         by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
         for j, (topic, source) in enumerate(zip(self._topics, self._sources, strict=True)):
             by_topic[topic][j] = source
@@ -277,6 +290,8 @@ class TemperatureInput(Part):
             self._last_unusable = thermometer, temperature_c
             return
         at_ns, newest = stamp_ns or self.hub.now_ns(), self._wrenches.newest()
+        if stamp_ns:
+            self._compare(self._topics[thermometer], stamp_ns)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self._specific_force, self._specific_force.poll)
         wrench = newest and newest[:2]
@@ -298,6 +313,13 @@ class TemperatureInput(Part):
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""
+        wrench_ns, imu_ns = self._wrenches.stamp_ns, self._specific_force.forces.newest_ns
+        if wrench_ns is not None and wrench_ns != self._wrench_ns:
+            self._wrench_ns = wrench_ns
+            self._comparison.note_wrench(wrench_ns, self._now_ns())
+        if self._imu_topic and imu_ns != self._imu_ns:
+            self._imu_ns = imu_ns
+            self._compare(self._imu_topic, imu_ns)
         for topic in self._by_topic:
             topic.poll()
         clocks = self._tracker.clocks
@@ -306,6 +328,17 @@ class TemperatureInput(Part):
             leapt=clocks.leaps + clocks.restarts,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
         )
+
+    def _compare(self, topic: str, stamp_ns: int) -> None:
+        """Compare the clock of a topic with that of the wrench."""
+        cell_s = self._tracker.grid.period_ns / NANOSECONDS
+        self._comparison.note(topic, stamp_ns, self._now_ns(), cell_s)
+
+    def _now_ns(self) -> int:
+        """Time of arrival: of the simulation, or by a clock that nobody sets."""
+        if self.hub.get_parameter('use_sim_time').value:
+            return self.hub.now_ns()
+        return time.monotonic_ns()
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
@@ -355,13 +388,13 @@ class TemperatureInput(Part):
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {_arrival(0)}'
             yield f'temperatures are dropped, because their stamps do not increase{clock}'
-        if self.usable and self._wrenches.stamp_ns is not None:
-            apart_s = abs(self._wrenches.stamp_ns - self._stamp_ns) / NANOSECONDS
-            if apart_s > SAME_CLOCK_S:
-                yield (
-                    f'stamps of wrench and temperature are {apart_s:.0f} s apart; both drivers '
-                    'must use one clock'
-                )
+        for topic, ahead_s in self._comparison.ahead_s.items():
+            side = 'ahead of' if ahead_s > 0 else 'behind'
+            yield (
+                f'stamps of {topic} are {abs(ahead_s):.3g} s {side} those of '
+                f'{self._wrenches.topic}, compared with their arrival; all drivers must use one '
+                'clock'
+            )
         yield from self._outside()
         for j, publishers in enumerate(map(self.hub.count_publishers, self._topics), start=1):
             if publishers > 1:

@@ -117,6 +117,11 @@ class LiveModel(Part):
         if doubt and doubt != before:
             self.hub.log.warning(doubt)
         trouble = self.problem or saved.problem or doubt
+        if not stored.model.axes:
+            trouble = trouble or (
+                'the model compensates no axis, because nothing could be learnt; record a warm-up '
+                'and call ~/calibrate'
+            )
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 
     def _last(self) -> StoredModel | None:

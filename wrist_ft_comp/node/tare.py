@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
+from wrist_ft_comp.node.inputs import WrenchInput
 from wrist_ft_comp.payload.live_weight import LivePayload
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
@@ -20,8 +21,8 @@ from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
-#: A tare without wrenches is refused this long after its duration, s.
-_GRACE_S = 2.0
+#: A tare is refused where the stamps of wrenches do not go on for this time, s.
+_PATIENCE_S = 2.0
 
 
 @dataclass(eq=False, kw_only=True)
@@ -34,6 +35,7 @@ class TareService(LongService):
 
     compensator: Compensator
     external: ExternalWrench
+    wrenches: WrenchInput
     save: Callable[[], None]
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
@@ -43,7 +45,7 @@ class TareService(LongService):
 
     title, name = 'tare', '~/tare'
     purpose = (
-        'makes the present wrench zero, and wrench_external where a payload is active; refused '
+        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
         'while the load moves'
     )
     parameters = (
@@ -82,19 +84,31 @@ class TareService(LongService):
             self.poll()
 
     def _work(self) -> Work:
-        """Wait for enough wrenches, or until they stay away, and tare with what there is."""
+        """Collect wrenches for the whole time, of a living sensor, and tare."""
+        self._refuse_sick()
         chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
-        deadline = time.monotonic() + chosen['tare.duration'] + _GRACE_S
+        lasted_ns, went_on_s = 0, time.monotonic()
         self._collector, self._weights = collector, []
         self.hub.listen(self, wanted=True)
         try:
-            while self._collector is not None and time.monotonic() <= deadline:
+            # Simulated time may be slow: the tare waits for as long as the stamps go on.
+            while self._collector is not None and time.monotonic() <= went_on_s + _PATIENCE_S:
                 yield
+                if collector.lasted_ns != lasted_ns:
+                    lasted_ns, went_on_s = collector.lasted_ns, time.monotonic()
         finally:
             self._collector = None
             self.hub.listen(self, wanted=False)
         mean, stamp_ns = collector.result()
+        self._refuse_sick()
+        if collector.unchanged:
+            reading = ', '.join(f'{value:.4g}' for value in mean)
+            raise TareRefusedError(
+                f'All wrenches of the tare are the same to the last bit ({reading}): the sensor '
+                'is frozen, or not up yet. Look at its driver; where its steps are coarse, raise '
+                'tare.duration.'
+            )
         weight = self._weight(payload)
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         self.save()
@@ -103,6 +117,14 @@ class TareService(LongService):
         )
         also = '' if weight is None else '; wrench_external is tared, too'
         return f'tared: {offsets}{also}'
+
+    def _refuse_sick(self) -> None:
+        """Refuse where the sensor is frozen or saturated."""
+        if sick := self.wrenches.sickness():
+            raise TareRefusedError(
+                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
+                'again when the sensor lives.'
+            )
 
     def _weight(self, before: LivePayload | None) -> FloatArray | None:
         """Average the payload's weight; refuse where the payload is not that of ``before``."""

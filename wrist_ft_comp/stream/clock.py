@@ -27,6 +27,13 @@ LEAP_S = 60.0
 _LEAP_STEPS = 4
 #: Samples that ascend confirm a leap from this number on, however far apart they are.
 _CONFIRMING_SAMPLES = 3
+#: Two sources have two clocks where their stamps, less their arrival, differ for this time, s: a
+#: busy computer delays for less. Shorter ones would warn of a clock that is being set ...
+APART_FOR_S = 30.0
+#: ... by more than a thermal cell and this, s. The node looks at wrenches ten times a second.
+_LEAST_APART_S = 1.0
+#: Only a wrench that came less than this before, s, is compared with.
+_FRESH_WRENCH_S = 1.0
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
 
@@ -152,6 +159,42 @@ class SourceClocks:
             self._highest_ns = max(self._highest_ns, sample.stamp_ns)
         clock.kept = []
         return samples
+
+
+class ClockComparison:
+    """
+    Compares the clocks of sources with that of the wrench: how far stamps are ahead of arrival.
+
+    Clocks that leap together are one clock: a source is compared where it reports, with a wrench
+    that has just come.
+    """
+
+    def __init__(self, patience_s: float = APART_FOR_S) -> None:
+        #: By how much the stamps of a source are ahead of those of the wrench, s; only sources for
+        #: which that has been too much for the whole patience.
+        self.ahead_s: dict[str, float] = {}
+        self._patience_ns = round(patience_s * NANOSECONDS)
+        #: The newest wrench: its stamp minus its arrival, and its arrival, ns.
+        self._wrench_ns: tuple[int, int] | None = None
+        self._since_ns: dict[str, int] = {}
+
+    def note_wrench(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Take the stamp of a wrench that has just come, and its arrival, ns."""
+        self._wrench_ns = stamp_ns - arrival_ns, arrival_ns
+
+    def note(self, source: str, stamp_ns: int, arrival_ns: int, limit_s: float) -> None:
+        """Take a sample of a source, ns, whose clock may be off by ``limit_s``, or by a second."""
+        if self._wrench_ns is None:
+            return
+        wrench_ahead_ns, came_ns = self._wrench_ns
+        if arrival_ns - came_ns > _FRESH_WRENCH_S * NANOSECONDS:
+            return
+        ahead_s = (stamp_ns - arrival_ns - wrench_ahead_ns) / NANOSECONDS
+        if abs(ahead_s) <= max(limit_s, _LEAST_APART_S):
+            self._since_ns.pop(source, None)
+            self.ahead_s.pop(source, None)
+        elif arrival_ns - self._since_ns.setdefault(source, arrival_ns) >= self._patience_ns:
+            self.ahead_s[source] = ahead_s
 
 
 class StampWatch:

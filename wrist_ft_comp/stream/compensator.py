@@ -70,6 +70,8 @@ class Compensator:
         self.external_tare: FloatArray = np.zeros(len(AXES))
         #: Whether somebody tared; else a tare is what keeps the output at a change of model.
         self.tared = False
+        #: Sentences on what has happened since the last tare that may have moved the zero.
+        self.zero_doubts: list[str] = []
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
         #: the model, within the limits.
         self.compensation = no_drift()
@@ -171,20 +173,28 @@ class Compensator:
         """
         Make a mean raw wrench, shape (6,), of a time read zero; give raw minus zero drift.
 
-        Where the payload's mean weight is known, the external wrench reads zero, too.
+        The external wrench reads zero, too: of a sensor that carries the payload's mean weight,
+        N and N m, or nothing.
         """
         drift = self.compensation_at(stamp_ns)
         self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
-        if weight is not None:
-            self.external_tare = self.tare - (1.0 + drift.sensitivity) * weight
+        carried = np.zeros(len(AXES)) if weight is None else weight
+        self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
+        self.zero_doubts.clear()
         self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
 
+    def doubt_zero(self, why: str) -> None:
+        """Say until the next tare, in a sentence, why the zero may be another one."""
+        if why not in self.zero_doubts:
+            self.zero_doubts.append(why)
+
     def reset_tare(self) -> None:
         """Forget both tares."""
         self._tare_waits = False
+        self.zero_doubts.clear()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(

@@ -1,6 +1,7 @@
 """Taring: a mean raw wrench over some time, refused while the load moves."""
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from wrist_ft_comp.stream.limits import axis_limits
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5
-_MIN_SAMPLES = 10
+#: A step between two stamps counts for this share of the duration at most: a clock that leaps, or
+#: a sensor that was silent, is no time of taring. A tare has at least as many steps as that takes.
+_LONGEST_STEP_SHARE = 0.1
 
 
 class TareCollector:
@@ -24,16 +27,26 @@ class TareCollector:
 
     def __init__(self, duration_s: float, max_deviation_n: float) -> None:
         self._duration_ns = round(duration_s * NANOSECONDS)
+        self._longest_step_ns = math.ceil(_LONGEST_STEP_SHARE * self._duration_ns)
+        #: The time of wrenches so far, ns.
+        self.lasted_ns = 0
         self._limits = axis_limits(max_deviation_n)
         self._stamps_ns: list[int] = []
         self._wrenches: list[Sequence[float]] = []
 
     def add(self, stamp_ns: int, raw: Sequence[float]) -> bool:
-        """Add a raw wrench; True when the time is over and there are enough wrenches."""
+        """Add a raw wrench; True when the time is over."""
+        if self._stamps_ns:
+            step_ns = stamp_ns - self._stamps_ns[-1]
+            self.lasted_ns += max(0, min(step_ns, self._longest_step_ns))
         self._stamps_ns.append(stamp_ns)
         self._wrenches.append(raw)
-        long_enough = stamp_ns - self._stamps_ns[0] >= self._duration_ns
-        return long_enough and len(self._wrenches) >= _MIN_SAMPLES
+        return self.lasted_ns >= self._duration_ns
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether all wrenches are the same to the last bit, as those of a frozen sensor are."""
+        return len({np.array(wrench).tobytes() for wrench in self._wrenches}) == 1
 
     def result(self) -> tuple[FloatArray, int]:
         """
@@ -41,12 +54,14 @@ class TareCollector:
 
         An axis that the sensor has not, NaN in every wrench, stays NaN.
 
-        TareRefusedError when there are too few wrenches, they are not finite, or the load moved.
+        TareRefusedError when the time is not over, the wrenches are not finite, or the load moved.
         """
-        if len(self._wrenches) < _MIN_SAMPLES:
+        if self.lasted_ns < self._duration_ns:
             raise TareRefusedError(
-                f'Taring needs at least {_MIN_SAMPLES} wrenches; got {len(self._wrenches)}. '
-                'Check that the sensor publishes on wrench_raw, or raise tare.duration.'
+                f'The tare was to last {self._duration_ns / NANOSECONDS:g} s by the stamps of the '
+                f'wrench (tare.duration); {len(self._wrenches)} wrenches came, of '
+                f'{self.lasted_ns / NANOSECONDS:.3g} s. Look whether the sensor publishes on '
+                'wrench_raw, and call again.'
             )
         wrenches = np.array(self._wrenches)
         with np.errstate(all='ignore'):

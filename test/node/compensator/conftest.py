@@ -37,7 +37,7 @@ START = 1_700_000_000 * SECOND
 #: Messages that are under way at once: best effort loses none of so few.
 WINDOW = 40
 #: Shorter than the node's own, for the tests' sake.
-DIAGNOSTICS_PERIOD_S, TARE_GRACE_S = 0.05, 0.2
+DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
 #: Between two looks at what a test waits for, s.
 PAUSE_S = 0.002
 _NUMBERS = itertools.count()
@@ -373,9 +373,9 @@ def wired(bench, tmp_path, monkeypatch):
 
 
 @pytest.fixture(autouse=True)
-def short_grace(monkeypatch):
+def short_patience(monkeypatch):
     """Wait less for the wrenches of a tare."""
-    monkeypatch.setattr('wrist_ft_comp.node.tare._GRACE_S', TARE_GRACE_S)
+    monkeypatch.setattr('wrist_ft_comp.node.tare._PATIENCE_S', TARE_PATIENCE_S)
 
 
 def _make_rig(kind, bench, tmp_path, **options):
@@ -399,7 +399,7 @@ def make_model(make_model, tmp_path):
 
     def make(name, axes=None, **more):
         range_c = more.setdefault('range_c', (-50.0, 150.0))
-        gains = axes or {'force_z': (2.0, 0.0, 0.0)}
+        gains = {'force_z': (2.0, 0.0, 0.0)} if axes is None else axes
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
             axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, (1.0,))

@@ -1,11 +1,15 @@
 """What the node says of itself; of faults that come in, see test_input_faults.py."""
 
+from functools import partial
+import time
+
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.node import compensator_node
 from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.stream.clock import ClockComparison
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -134,3 +138,36 @@ def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
     shown = node.diagnosis('temperature').values
     assert float(shown['rate_hz']) >= 0.0
     assert float(shown['thermometer_1_age_s']) < 60.0
+
+
+def test_a_model_that_compensates_no_axis_is_a_warning(rig, make_model):
+    node = rig(model=make_model('m.yaml', {}), parameters={'temperature_timeout': 3600})
+    node.warm_up(30.0)
+    assert node.ask_output(START + 3 * SECOND, LOAD) == tuple(LOAD)
+    status = node.diagnosis('model', 'the model compensates no axis, because nothing could be')
+    assert status.level == WARN
+    status = node.diagnosis('output', 'not compensated: the model compensates no axis')
+    assert status.level == WARN
+
+
+@pytest.mark.parametrize('source', ['temperature', 'imu'])
+def test_a_source_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, source):
+    comparison = partial(ClockComparison, patience_s=0.0)
+    monkeypatch.setattr('wrist_ft_comp.node.inputs.ClockComparison', comparison)
+    node = rig(parameters={'temperature_timeout': 3600, 'gravity.source': 'imu'})
+
+    def send(late_s):
+        now = time.time_ns()
+        node.ask_output(now, LOAD)
+        node.node.broadcast('poll')
+        node.warm(now - (late_s if source == 'temperature' else 0) * SECOND, 25.0)
+        at_ns = now - (late_s if source == 'imu' else 0) * SECOND
+        node.node.broadcast('on_specific_force', at_ns, (0.0, 0.0, 9.81), None)
+
+    send(0)
+    assert 'one clock' not in node.diagnosis('temperature').message
+    send(40)
+    words = f'those of {node.topic("wrench_raw")}, compared with their arrival; all drivers must'
+    status = node.diagnosis('temperature', words)
+    assert f'stamps of {node.topic(source)} are 40 s behind' in status.message
+    assert status.level == WARN

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
@@ -19,6 +20,7 @@ from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.wire.tf_messages import Layouts
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -269,6 +271,7 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     part.hub.set(part.part, **BY_HAND)
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
+    assert 'by 180 degrees, and the tare of wrench_external is zero' in compensator.zero_doubts[0]
     part.feel(START, UP)
     part.ask(START, CONSTANT)
     found = part.status()
@@ -280,14 +283,68 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
-def tare_at_rest(node):
-    """Tare upright under the tool; the answer."""
+@pytest.mark.parametrize(
+    ('mirror', 'contact_n', 'axes'),
+    [
+        ((1, 1, 1), 0.0, ''),
+        ((-1, 1, 1), 0.0, 'force_x'),
+        ((-1, -1, 1), 0.0, 'force_x, force_y'),
+        ((1, 1, 1), -60.0, ''),
+    ],
+    ids=['right', 'mirrored', 'turned', 'presses where it points down'],
+)
+def test_a_wrench_that_moves_against_the_weight_is_a_warning(held, mirror, contact_n, axes):
+    """An arm that turns and comes back, and a noise of 0.1 N."""
+    part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    for k in range(100):
+        turn = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix()
+        up = turn.T @ UP
+        part.feel(START + k * SECOND, up * mirror)
+        contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
+        part.ask(START + k * SECOND, TOOL.weight(up) + contact + rng.normal(0, 0.1, 6))
+        found = part.status()
+    words = f'{axes} moves against the weight of day-1' if axes else 'subtracting day-1'
+    assert (found.level, words in found.message) == (WARN if axes else OK, True), found.message
+
+
+@pytest.mark.usefixtures('tf_messages')
+def test_a_frame_that_is_moved_on_the_robot_is_a_warning_until_the_next_tare(
+    rig, make_model, messages
+):
+    by_tf = {'gravity.source': 'tf', 'gravity.frame': 'base', 'temperature_timeout': 3600}
+    node = rig(model=make_model('m.yaml'), parameters=by_tf)
+    node.warm_up(25.0)
+    node.ask_output(START, CONSTANT)
+
+    def send(first, tcp_deg):
+        for k in range(first, first + 50):  # 3 rad/s, which is fast
+            turn = Rotation.from_euler('x', 0.03 * k) * Rotation.from_euler(
+                'y', np.radians(tcp_deg)
+            )
+            data = messages.transforms(
+                START + k * SECOND // 100, [('base', 'tool0', turn.as_quat())]
+            )
+            node.node.specific_force.on_tf(layouts, data, static=False)
+
+    layouts = Layouts()
+    send(0, 0.0)
+    assert node.diagnosis('output').level == OK
+    send(50, 30.0)
+    status = node.diagnosis('output', 'by TF the frame of the wrench turned at 5')
+    assert status.level == WARN
+    node.node.compensator.set_tare(CONSTANT, START)
+    assert node.diagnosis('output').level == OK
+
+
+def tare_at_rest(node, load=None):
+    """Tare upright under the tool, or another load; the answer."""
+    load = TOOL.weight(UP) if load is None else load
     answers = node.ask('tare')
     for k in range(21):
         stamp = START + k * SECOND // 100
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
-        node.ask_output(stamp, TOOL.weight(UP) + CONSTANT)
+        node.ask_output(stamp, load + CONSTANT + 1e-13 * (-1) ** k)
     return answers.get(timeout=20.0)
 
 
@@ -306,6 +363,30 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     assert not again.node.compensator.external_tare.any()
 
 
+def test_the_tare_of_the_empty_sensor_is_its_zero_under_every_payload(holding):
+    node = holding(**{'tare.duration': 0.2, 'payload.active': ''})
+    assert tare_at_rest(node, np.zeros(6)).success
+    assert node.set('payload.active', 'day-1').successful
+    node.ask_output(START, TOOL.weight(UP) + CONSTANT)
+    message = deserialize_message(node.externals.get(), WrenchStamped)
+    np.testing.assert_allclose(numbers(message), 0.0, atol=1e-12)
+    assert node.node.compensator.zero_doubts == []
+
+
+def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(holding, make_model):
+    model = make_model('m.yaml')
+    node = holding(**{'tare.duration': 0.2, 'payload.active': '', 'model_file': str(model.path)})
+    node.warm_up(25.0)
+    assert tare_at_rest(node).success
+    node.node.external.collect(SimpleNamespace(share=1.0))
+    node.node.external.collect(None)
+    assert node.set('payload.active', 'day-1').successful
+    status = node.diagnosis('output', 'day-1 was identified while payload.active was empty')
+    assert status.level == WARN
+    assert tare_at_rest(node).success
+    assert node.diagnosis('output').message == 'compensated'
+
+
 @pytest.mark.parametrize(
     ('felt_s', 'changed', 'reason'),
     [
@@ -319,7 +400,7 @@ def test_a_tare_without_force_or_of_two_payloads_is_refused(holding, felt_s, cha
     node.node.broadcast('on_specific_force', at_ns, (0.0, 0.0, -9.807), None)
     answers = node.ask('tare')
     for k in range(21):
-        node.ask_output(START + k * SECOND // 100, CONSTANT)
+        node.ask_output(START + k * SECOND // 100, CONSTANT + 1e-13 * k)
         if k == 10 and changed:
             assert node.set('payload.active', changed).successful
     answer = answers.get(timeout=20.0)

@@ -173,8 +173,9 @@ class TestWrench:
         warns(
             node, 'input', 'the reading has not changed by a bit for seconds; is the sensor frozen'
         )
+        look_at(node, noisy(30), [START + 21 * SECOND + k for k in range(30)])
         for k, wrench in enumerate(noisy(12)):
-            look_at(node, [wrench], [START + (21 + k) * SECOND])
+            look_at(node, [wrench], [START + (22 + k) * SECOND])
             assert node.diagnosis('input').level == OK
         log(node, r'INFO.*input: \d+ wrenches per second')
         unharmed(node)
@@ -242,6 +243,33 @@ class TestWrench:
             node.bench.helper.destroy_publisher(both[0])
             node.diagnosis(name, lambda s: node.ask_output(stamp, RAW) and s.level == OK)
         unharmed(node)
+
+    def test_a_driver_that_comes_back_is_a_warning_until_the_next_tare(self, warm, warns):
+        node = warm()
+
+        def publish():
+            return node.bench.helper.create_publisher(WrenchStamped, node.topic('wrench_raw'), 1)
+
+        first = publish()
+        graph = node.node.count_publishers
+        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 1, 'the first driver')
+        assert node.diagnosis('output').level == OK
+        second = publish()
+        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 2, 'the second driver')
+        assert node.diagnosis('output').level == OK
+        node.bench.helper.destroy_publisher(first)
+        warns(node, 'output', 'has left and another one came: its zero may be another one')
+        node.node.compensator.set_tare(RAW, START)
+        assert node.diagnosis('output').level == OK
+        node.bench.helper.destroy_publisher(second)
+
+    def test_two_nodes_of_one_name_warn_both(self, warm, monkeypatch, tmp_path):
+        monkeypatch.setattr('wrist_ft_comp.node.drift_topic._TWINS_S', 0.2)
+        node = warm()
+        twin = warm(namespace=node.namespace, directory=tmp_path / 'other')
+        for one in (node, twin):
+            words = f'two nodes are called {node.namespace}/wrist_ft_comp, and both publish'
+            assert one.diagnosis('output', words).level == WARN
 
 
 class TestTemperature:

@@ -90,7 +90,7 @@ def test_the_status_is_one_page_of_text_or_json(wired, operate):
     code, out, _ = operate('status', node.namespace)
     assert out.startswith(f'{node.namespace}/wrist_ft_comp')
     assert 'no model; record a warm-up' in out
-    assert code == int('STALE ' in out)  # the wrench may be too old by now
+    assert code == 1, 'nothing is compensated'
     statuses = json.loads(operate('status', node.namespace, '--json')[1])['statuses']
     assert statuses['model']['level'] == 'warning'
     assert statuses.keys() >= {'input', 'temperature', 'model', 'calibration', 'output'}

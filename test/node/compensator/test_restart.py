@@ -112,7 +112,8 @@ def test_a_state_of_another_time_moves_the_output_by_the_rate_only(
 def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
     node = restart(replace(warm, saved_ns=10**18), **{'tare.duration': 0.1})
     first, answers = warm.thermal.end_ns + 700 * SECOND, node.ask('tare')
-    node.stream(first + np.arange(20) * SECOND // 100, np.tile(LOAD, (20, 1)))
+    wobble = 1e-12 * (np.arange(20) % 2)[:, np.newaxis]  # a sensor that lives
+    node.stream(first + np.arange(20) * SECOND // 100, np.tile(LOAD, (20, 1)) + wobble)
     assert answers.get(timeout=20.0).success
     for second in range(30):
         node.warm(first + second * SECOND, 25.0)

@@ -1,10 +1,17 @@
+import time
+
 import numpy as np
+import pytest
 
 from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 OFFSET = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
+#: A sensor that lives: a bit of it changes.
+WRENCHES = np.tile(OFFSET, (51, 1))
+WRENCHES[25, 0] = np.nextafter(OFFSET[0], 9.0)
 #: Stamps of just over the second that a tare averages by default.
 STAMPS = START + np.arange(51) * SECOND // 50
 
@@ -16,10 +23,11 @@ def begin(node):
     return answers
 
 
-def tare(node, stamps=STAMPS, wrenches=None):
+def tare(node, stamps=STAMPS, wrenches=WRENCHES):
     answers = begin(node)
-    node.stream(stamps, np.tile(OFFSET, (len(stamps), 1)) if wrenches is None else wrenches)
-    return answers.get(timeout=20.0)
+    node.stream(stamps, wrenches)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    return answers.get()
 
 
 def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig):
@@ -38,13 +46,13 @@ def test_a_tare_answers_with_the_offset_and_reads_zero_after(rig):
 
 
 def test_a_sensor_with_three_forces_is_tared_and_recorded(rig):
-    node, three = rig(), OFFSET.copy()
-    three[3:] = np.nan
+    node, three = rig(), WRENCHES.copy()
+    three[:, 3:] = np.nan
     path = node.call('record', True).message.split()[-1]
     for second in range(3):
         node.warm(START + second * SECOND, 20.0)
-    assert tare(node, wrenches=np.tile(three, (51, 1))).success
-    corrected = node.ask_output(START + 2 * SECOND, three + 5.0)
+    assert tare(node, wrenches=three).success
+    corrected = node.ask_output(START + 2 * SECOND, three[0] + 5.0)
     np.testing.assert_allclose(corrected, [5.0, 5.0, 5.0, np.nan, np.nan, np.nan])
     assert 'torque_x' in node.diagnosis('input', 'torque').message
     node.warm(START + 3 * SECOND, 20.0)
@@ -65,12 +73,46 @@ def test_a_moving_load_is_refused_and_the_tare_stays(rig):
     assert tare(node, STAMPS + 15 * SECOND, moving).success
 
 
-def test_a_tare_without_wrenches_is_answered(rig):
-    node = rig(parameters={'tare.duration': 0.01})
-    sentence = node.refusal('tare')
-    assert sentence.startswith('Taring needs at least 10 wrenches; got 0.')
-    assert 'Check that the sensor publishes on wrench_raw' in sentence
-    assert tare(node).success
+@pytest.mark.parametrize(
+    ('wrenches', 'sentence'),
+    [
+        (WRENCHES[:0], 'was to last 1 s by the stamps of the wrench (tare.duration); 0 wrenches'),
+        (WRENCHES[:10], '10 wrenches came, of 0.18 s'),
+        (0 * abs(WRENCHES), 'same to the last bit (0, 0, 0, 0, 0, 0): the sensor is frozen'),
+    ],
+    ids=['none', 'falls silent', 'zeros'],
+)
+def test_a_tare_needs_its_full_time_of_a_living_sensor(rig, wrenches, sentence):
+    node = rig()
+    answer = tare(node, STAMPS[: len(wrenches)], wrenches)
+    assert (answer.success, sentence in answer.message) == (False, True), answer.message
+    assert not node.node.compensator.tared
+    assert tare(node, STAMPS + 5 * SECOND).success
+
+
+def test_a_tare_of_a_saturated_sensor_is_refused(rig):
+    node, watch = rig(), SensorWatch()
+    rng = np.random.default_rng(0)
+    for force_z in [0.0] + [200.0] * 100:
+        watch.look(0, [*rng.normal(0, 1, 2), force_z, 0.0, 0.0, 0.0])
+    node.node.wrench_input.sensor = watch
+    assert 'force_z stays at its extreme' in node.refusal('tare')
+
+
+def test_simulated_time_may_be_slower_than_a_tare_waits(rig):
+    """The stamps go on for longer than the tare waits for a silent sensor."""
+    node = rig()
+    answers, stamps = begin(node), iter(enumerate(STAMPS))
+
+    def goes_on():
+        for k, stamp in stamps:
+            node.ask_output(int(stamp), WRENCHES[k])
+            time.sleep(0.01)
+            return False
+        return not answers.empty()
+
+    node.wait_until(goes_on, 'the answer')
+    assert answers.get().success
 
 
 def test_a_caller_that_waits_for_a_tare_is_answered_at_the_end(rig):
