@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
+from wrist_ft_comp.ros.qos import NEWEST
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import make_executor, spin
 
@@ -102,8 +103,12 @@ class FakeHub:
         self.values = {row.name: row.default for row in part.parameters} | chosen
         self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
         self.frame, self.listening, self.publishers = 'tool0', False, 1
+        #: What is published on topics, by full name; of others, ``publishers`` are counted.
+        self.types = {}
         note = self.logged.append
-        self.log = SimpleNamespace(info=note, warning=note, error=note)
+        self.log = SimpleNamespace(
+            info=note, warning=note, error=note, write=lambda _, line: note(line)
+        )
         part.hub = self
 
     def chosen(self):
@@ -137,15 +142,41 @@ class FakeHub:
 
     def subscribe(self, _kind, topic, callback, _qos):
         self.topics[topic] = callback
+        return topic
 
-    def subscribe_unserved(self, _kind, topic, qos):
+    def subscribe_unserved(self, _kind, topic, qos=NEWEST):
         return self.topics.setdefault(topic, KeptMessages(topic, qos))
 
-    def count_publishers(self, _topic):
-        return self.publishers
+    def destroy_subscription(self, subscription):
+        del self.topics[getattr(subscription, 'topic_name', subscription)]
 
-    def get_publishers_info_by_topic(self, _topic):
+    def count_publishers(self, topic):
+        return len(self.types[topic]) if topic in self.types else self.publishers
+
+    def get_publishers_info_by_topic(self, topic):
+        version = SimpleNamespace(version=0)
+        return [
+            SimpleNamespace(topic_type=kind, topic_type_hash=version)
+            for kind in self.types.get(topic, ())
+        ]
+
+    def get_subscriptions_info_by_topic(self, _topic):
         return []
+
+    def resolve_topic_name(self, name):
+        return f'/{name}'
+
+    def get_name(self):
+        return 'node'
+
+    def get_namespace(self):
+        return '/'
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=self.values.get(name, False))
+
+    def now_ns(self):
+        return 0
 
 
 class KeptMessages:

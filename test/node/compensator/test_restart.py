@@ -1,4 +1,4 @@
-"""Warm restarts: what is saved, what a restarted node does with it, and what it says."""
+"""Warm restarts: what goes on from the saved state, when it does not, and what is saved."""
 
 from dataclasses import replace
 import time
@@ -6,15 +6,18 @@ import time
 import numpy as np
 import pytest
 
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
+from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-AXES = {'force_z': (2.0, 0.0, 600.0)}
 LOAD = [0.0, 0.0, 50.0, 0.0, 0.0, 0.0]
 TARE = np.array([0.0, 0.0, 7.0, 0.0, 0.0, 0.0])
-WARN = b'\1'
+HELD = 'the drift saved before the restart is held until a temperature comes'
+STEADY = 'the drift starts at the steady state of the first temperatures'
+OTHER_MODEL = 'belongs to another model, and so does its tare'
+TOO_OLD = 's old and this model remembers 1800 s'
 
 
 def warming(second):
@@ -23,7 +26,7 @@ def warming(second):
 
 @pytest.fixture
 def stored(make_model):
-    return make_model('m.yaml', AXES)
+    return make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
 
 
 @pytest.fixture
@@ -35,167 +38,149 @@ def warm(stored):
     return SavedState(time.time_ns(), stored.sha256, TARE, compensator.memory())
 
 
-@pytest.fixture
-def restart(rig, stored, tmp_path):
-    """Start a node that finds a state."""
+class Restarted:
+    """The part for restarts beside a fake hub, after the first model went live."""
 
-    def start(state, **parameters):
-        save_state(tmp_path / 'data/state.json', state)
-        return rig(model=stored, parameters=parameters)
+    def __init__(self, fake_hub, path, stored, **chosen):
+        self.compensator = Compensator(1, StreamSettings())
+        self.compensator.go_live(stored.model)
+        self.keeper = StateKeeper(
+            compensator=self.compensator, live_sha256=lambda: stored.sha256,
+            writer=StateWriter(path),
+        )  # fmt: skip
+        self.hub = fake_hub(self.keeper, **chosen)
+        self.keeper.on_model()
+
+    def warm(self, seconds, celsius=warming):
+        """Send a temperature a second."""
+        for second in seconds:
+            self.compensator.add_temperature(0, START + second * SECOND, celsius(second))
+        self.keeper.poll()
+
+    def output(self, second, raw):
+        """Correct a wrench; force z."""
+        return self.compensator.correct(START + second * SECOND, list(raw))[2]
+
+
+@pytest.fixture
+def restart(fake_hub, stored, tmp_path):
+    """Restart after a state was saved, or after what stands at its place."""
+
+    def start(state=None, **chosen):
+        path = tmp_path / 'state.json'
+        if state is not None:
+            save_state(path, state)
+        return Restarted(fake_hub, path, stored, **chosen)
 
     return start
 
 
-def origin(node):
-    return node.diagnosis('temperature').values['state']
-
-
-def test_drift_and_tare_are_subtracted_from_the_first_wrench_on(restart, warm, capfd):
-    node = restart(warm)
+def test_a_restarted_node_subtracts_drift_and_tare_from_the_first_wrench_on(
+    rig, stored, warm, tmp_path, capfd
+):
+    save_state(tmp_path / 'data/state.json', warm)
+    node = rig(model=stored)
     held = warm.thermal.compensation.zero[2]
     assert held > 5.0
     assert node.ask_output(START, LOAD)[2] == pytest.approx(50.0 - held - 7.0, abs=0.1)
+    assert node.diagnosis('temperature').values['state'] == HELD
     assert 'the tare from before the restart is active' in capfd.readouterr().err
-    assert origin(node) == 'the drift saved before the restart is held until a temperature comes'
 
 
-def test_the_first_cell_gives_the_length_of_the_gap(restart, warm, capfd):
-    node = restart(warm)
-    for second in range(410, 413):
-        node.warm(START + second * SECOND, warming(second))
-    sentence = 'the drift goes on from the thermal state saved 11 s before'
-    status = node.diagnosis('temperature', lambda status: sentence in str(status.values))
-    assert status.level == b'\0'
-    assert sentence in capfd.readouterr().err
-    assert node.node.compensator.compensation.zero[2] == pytest.approx(
-        warm.thermal.compensation.zero[2], rel=0.05
-    )
-    model = node.node.compensator.model
-    for following in (None, model):
-        node.node.compensator.go_live(following)
-        now = node.node.compensator.tracker.origin
-        node.wait_until(lambda now=now: node.node.state_keeper._logged_origin == now, 'the log')
-    assert origin(node) == sentence, 'also after a change of model'
-
-
-CLOCK_SET_BACK = 's in the future: the system clock was set back'
-TOO_OLD = 's old and this model remembers 1800 s'
+def test_the_first_cell_gives_the_length_of_the_gap(restart, warm):
+    restarted = restart(warm)
+    restarted.warm(range(410, 413))
+    said = 'the drift goes on from the thermal state saved 11 s before'
+    assert restarted.keeper.outcome == said
+    assert said in restarted.hub.logged
+    before, now = warm.thermal.compensation.zero, restarted.compensator.compensation.zero
+    assert now[2] == pytest.approx(before[2], rel=0.05)
+    for model in (None, restarted.compensator.model):
+        restarted.compensator.go_live(model)
+        restarted.keeper.poll()
+    assert restarted.keeper.outcome == said, 'also after a change of model'
 
 
 @pytest.mark.parametrize(
-    ('later_s', 'words'), [(3600, CLOCK_SET_BACK), (-6 * 3600, TOO_OLD), (-240 * 3600, TOO_OLD)]
-)
-def test_a_state_of_another_time_moves_the_output_by_the_rate_only(
-    restart, warm, capfd, later_s, words
-):
-    node = restart(replace(warm, saved_ns=warm.saved_ns + later_s * SECOND))
-    raw = [0.0, 0.0, 50.0 + warm.thermal.compensation.zero[2] + TARE[2], 0.0, 0.0, 0.0]
-    first = warm.thermal.end_ns + max(-later_s, 700) * SECOND
-    assert node.ask_output(first, raw)[2] == pytest.approx(50.0)
-    status = node.diagnosis('temperature')
-    assert words in status.values['state']
-    assert origin(node).endswith(
-        '; the drift saved before the restart is held until a temperature comes'
-    )
-    outputs = []
-    for tenth in range(600):
-        if tenth % 10 == 0:
-            node.warm(first + tenth * SECOND // 10, 25.0)
-        outputs.append(node.ask_output(first + tenth * SECOND // 10, raw)[2])
-    assert np.abs(np.diff([50.0, *outputs])).max() < 0.11, 'at most 1 N/s'
-    assert outputs[-1] == pytest.approx(50.0 + warm.thermal.compensation.zero[2] - 10.0)
-    assert words in origin(node)
-    assert 'starts at the steady state of the present temperatures' in origin(node)
-    assert words in capfd.readouterr().err
-
-
-def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
-    node = restart(replace(warm, saved_ns=10**18), **{'tare.duration': 0.1})
-    first, answers = warm.thermal.end_ns + 700 * SECOND, node.ask('tare')
-    wobble = 1e-12 * (np.arange(20) % 2)[:, np.newaxis]  # a sensor that lives
-    node.stream(first + np.arange(20) * SECOND // 100, np.tile(LOAD, (20, 1)) + wobble)
-    assert answers.get(timeout=20.0).success
-    for second in range(30):
-        node.warm(first + second * SECOND, 25.0)
-        assert node.ask_output(first + second * SECOND, LOAD)[2] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored):
-    node = restart(SavedState(time.time_ns(), stored.sha256, TARE, None))
-    assert node.ask_output(START, TARE)[2] == 0.0
-    node.warm_up(30.0, 5)
-    assert node.node.compensator.compensation.zero[2] == pytest.approx(20.0)
-    assert node.ask_output(START + 6 * SECOND, TARE)[2] == pytest.approx(0.0)
-
-
-@pytest.mark.parametrize(
-    ('change', 'words'),
+    ('change', 'words', 'tared'),
     [
-        ({'model_sha256': 'f' * 64}, 'belongs to another model, and so does its tare'),
-        ({'model_sha256': None}, 'belongs to another model, and so does its tare'),
-        ({'thermal': {'filters': {'force_z': np.zeros(9)}}}, 'does not fit the model it names'),
+        ({'model_sha256': 'f' * 64}, [OTHER_MODEL, STEADY], False),
+        ({'model_sha256': None}, [OTHER_MODEL, STEADY], False),
+        ({'filters': {'force_z': np.zeros(9)}}, ['does not fit the model', STEADY], True),
+        ({'later_s': 3600}, ['s in the future: the system clock was set back', HELD], True),
+        ({'later_s': -6 * 3600}, [TOO_OLD, HELD], True),
+        ({'later_s': -240 * 3600}, [TOO_OLD, HELD], True),
     ],
 )
-def test_a_state_that_cannot_be_used_is_logged(restart, warm, capfd, change, words):
-    if 'thermal' in change:
-        change = {'thermal': replace(warm.thermal, **change['thermal'])}
-    node = restart(replace(warm, **change))
-    assert not node.node.compensator.compensating
-    assert words in origin(node)
-    assert 'steady state of the first temperatures' in origin(node)
-    assert words in capfd.readouterr().err
-    same = 'model_sha256' not in change
-    np.testing.assert_array_equal(node.node.compensator.tare, TARE if same else np.zeros(6))
-
-
-@pytest.mark.usefixtures('haste')
-def test_a_broken_state_is_logged_and_replaced(rig, stored, tmp_path, capfd):
-    path = tmp_path / 'data/state.json'
-    path.write_bytes(b'{')
-    node = rig(model=stored)
-    assert 'state.json is not a state file' in origin(node)
-    assert 'state.json is not a state file' in capfd.readouterr().err
-    node.warm_up(30.0)
-    node.diagnosis('model', lambda status: int(status.values['state_saves']) >= 1)
-    assert load_state(path) is not None
+def test_a_state_that_cannot_be_used_is_said_and_logged(restart, warm, change, words, tared):
+    if 'filters' in change:
+        change = {'thermal': replace(warm.thermal, **change)}
+    if later_s := change.pop('later_s', 0):
+        change = {'saved_ns': warm.saved_ns + later_s * SECOND}
+    restarted = restart(replace(warm, **change))
+    for word in words:
+        assert word in restarted.keeper.outcome
+    np.testing.assert_array_equal(restarted.compensator.tare, TARE if tared else np.zeros(6))
+    first = 400 + max(-later_s, 700)
+    restarted.warm(range(first, first + 3))
+    assert words[0] in restarted.keeper.outcome
+    assert 'starts at the steady state of the' in restarted.keeper.outcome
+    assert any(words[0] in line for line in restarted.hub.logged)
 
 
 def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
-    node = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
-    assert node.node.compensator.tracker.awaiting_gap
+    restarted = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
+    assert restarted.keeper.outcome == HELD
+
+
+def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
+    restarted = restart(replace(warm, saved_ns=10**18))
+    restarted.compensator.set_tare(np.array(LOAD), START + 700 * SECOND)
+    for second in range(701, 730):
+        restarted.warm([second], lambda _: 25.0)
+        assert restarted.output(second, LOAD) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored):
+    restarted = restart(SavedState(time.time_ns(), stored.sha256, TARE, None))
+    assert restarted.output(0, TARE) == 0.0
+    restarted.warm(range(5), lambda _: 30.0)
+    assert restarted.compensator.compensation.zero[2] == pytest.approx(20.0)
+    assert restarted.output(6, TARE) == pytest.approx(0.0)
+
+
+def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
+    path = tmp_path / 'state.json'
+    path.write_bytes(b'{')
+    restarted = restart()
+    assert 'state.json is not a state file' in restarted.keeper.outcome
+    restarted.warm(range(4))
+    restarted.keeper.end()
+    assert load_state(path).thermal is not None
+
+
+def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
+    restarted = restart()
+    restarted.output(0, LOAD)
+    restarted.keeper.end()
+    assert list(tmp_path.glob('state*')) == []
 
 
 @pytest.mark.usefixtures('haste')
-def test_a_disk_that_refuses_is_logged_and_the_stream_goes_on(rig, stored, capfd):
+def test_a_disk_that_refuses_is_a_warning_and_logged_and_the_stream_goes_on(rig, stored, capfd):
     node = rig(model=stored)
     (node.directory / 'state.json').mkdir()
     node.warm_up(30.0, 4)
-    status = node.diagnosis('model', lambda status: status.level == WARN)
-    assert 'state.json cannot be written' in status.message
-    assert 'until then a restart loses the thermal state and the tare' in status.message
+    words = 'until then a restart loses the thermal state and the tare'
+    status = node.diagnosis('model', words)
+    assert (status.level, 'state.json cannot be written' in status.message) == (b'\1', True)
     assert node.ask_output(START, LOAD)[2] == pytest.approx(30.0)
-    log = []
-    node.wait_until(
-        lambda: log.append(capfd.readouterr().err) or 'cannot be written' in ''.join(log),
-        'the log',
-    )
     (node.directory / 'state.json').rmdir()
-    for second in range(4, 8):
-        node.warm(START + second * SECOND, 30.0)
-    assert node.diagnosis('model', lambda status: status.level != WARN)
+    node.warm_up(30.0, 4, first=4)
+    assert node.diagnosis('model', lambda status: status.level != b'\1')
     (node.directory / 'state.json').unlink()
     (node.directory / 'state.json').mkdir()
     node.put_temperature(START + 8 * SECOND, 30.0)
     capfd.readouterr()
     node.bench.close()
     assert 'state.json cannot be written' in capfd.readouterr().err, 'also at the end'
-
-
-@pytest.mark.usefixtures('haste')
-def test_without_temperature_or_tare_nothing_is_written(rig, bench, tmp_path):
-    node = rig()
-    for number in range(20):
-        node.ask_output(number, LOAD)
-    assert node.diagnosis('output')
-    bench.close()
-    assert [file.name for file in (tmp_path / 'data').iterdir()] == ['lock']
