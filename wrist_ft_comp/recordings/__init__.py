@@ -1,1 +1,1 @@
-"""Recordings in files: CSV and bags; read ``recordings`` first."""
+"""Recordings in files: tables and bags; read ``open_recording`` first."""

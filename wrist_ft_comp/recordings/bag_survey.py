@@ -13,7 +13,7 @@ from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSum
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection
 from wrist_ft_comp.recordings.bag_recording import temperatures_inside
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import path_text
@@ -93,7 +93,16 @@ class _Tally:
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
-        stamps_ns, values = self._read(messages)
+        if self.reader is not None:
+            stamps_ns, values = self.reader.read(messages)
+        elif self.role == TF:
+            stamps_ns, values = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
+        else:
+            stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
+        if self.role == IMU:
+            self.moments += moments_of(values[:, cdr.ACCELERATION])
+        if self.role:
+            values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
         self.stamped |= bool(stamps_ns.any())
         stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
         self.samples += len(messages)
@@ -104,17 +113,6 @@ class _Tally:
         self.last_ns = int(stamps_ns[-1])
         self.low = np.fmin(self.low, np.fmin.reduce(values))
         self.high = np.fmax(self.high, np.fmax.reduce(values))
-
-    def _read(self, messages: list[bytes]) -> tuple[IntArray, FloatArray]:
-        """Read stamps, 0 where there are none, and temperatures, shape (n, P)."""
-        if self.role == TF:
-            return np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        if self.reader is not None:
-            return self.reader.read(messages)
-        stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
-        if self.role == IMU:
-            self.moments += moments_of(values[:, cdr.ACCELERATION])
-        return stamps_ns, values[:, : self.role == TEMPERATURE]
 
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
@@ -137,8 +135,20 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List what may be used of a bag, by role and topic, and warnings."""
     warnings: list[str] = []
-    filled = [c for c in bag.connections if c.msgcount]
-    tallies = {c.id: tally for c in filled if (tally := _tally(bag, c, warnings))}
+    tallies: dict[int, _Tally] = {}
+    for connection in (c for c in bag.connections if c.msgcount):
+        number, kind = connection.id, connection.msgtype
+        if role := _ROLES.get(kind):
+            tallies[number] = _Tally(connection, role)
+            continue
+        try:
+            definitions = bag.define(connection)
+        except RecordingError as error:
+            warnings.append(f'Whether it holds temperatures is not known: {error}')
+            continue
+        if paths := temperatures_inside(bag, connection):
+            reader = NumberReader(definitions, kind, paths)
+            tallies[number] = _Tally(connection, '', paths, reader)
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
@@ -151,20 +161,6 @@ def survey_bag(
         tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
         tuple(warnings),
     )
-
-
-def _tally(bag: Bag, connection: Connection, warnings: list[str]) -> _Tally | None:
-    """Decide what to look for in a connection's messages."""
-    if role := _ROLES.get(connection.msgtype):
-        return _Tally(connection, role)
-    try:
-        definitions = bag.define(connection)
-    except RecordingError as error:
-        warnings.append(f'Whether it holds temperatures is not known: {error}')
-        return None
-    found = temperatures_inside(bag, connection)
-    reader = NumberReader(definitions, connection.msgtype, found)
-    return _Tally(connection, '', found, reader) if found else None
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:

@@ -139,15 +139,11 @@ def plain_unit(text: str) -> str:
     return _OTHER_UNITS.get(plain, plain)
 
 
-def units_in(name: str) -> list[str]:
-    """List what may be a unit in the name of a column: in brackets, or behind / or _, or a ' '."""
-    behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
-    return [plain_unit(word) for word in (*_IN_BRACKETS.findall(name), *behind)]
-
-
 def known_unit(channel: str, name: str, unit: str = '') -> str:
     """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
-    words = *units_in(name), plain_unit(unit)
+    # In brackets, or behind a slash, an underscore or a blank at the end.
+    behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
+    words = map(plain_unit, (*_IN_BRACKETS.findall(name), *behind, unit))
     return next((word for word in words if word in units_of(channel)), '')
 
 

@@ -1,7 +1,6 @@
 """What a file or a folder holds, for people: channels, and how they would be read."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSum
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag
-from wrist_ft_comp.recordings.bag_recording import gravity_samples, read_bag, uppermost_frame
+from wrist_ft_comp.recordings.bag_recording import gravity_samples, uppermost_frame
 from wrist_ft_comp.recordings.bag_survey import (
     Candidate,
     RAW_WRENCH,
@@ -33,9 +32,8 @@ from wrist_ft_comp.recordings.log_proposal import OPEN, propose
 from wrist_ft_comp.recordings.open_recording import BAG, open_recording, OpenTable, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.series import NANOSECONDS, Progress
-from wrist_ft_comp.stream.batch_grid import GridBuilder
 from wrist_ft_comp.stream.sample_checks import SampleChecks
-from wrist_ft_comp.wire.temperature_source import parse_source, parse_sources
+from wrist_ft_comp.wire.temperature_source import parse_source
 
 REFERENCE = 'reference'
 #: Thermal cells are as long as rows are apart where that is between these, s: rows that are more
@@ -128,11 +126,9 @@ def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSu
     return replace(summary, is_open=True, guessed=True, refusal=refusal)
 
 
-def _count_samples(
-    opened: OpenTable, progress: Progress | None, period_s: float = 1.0
-) -> RecordingSummary:
-    """Count samples, judge them as read_recording does, and name every channel's unit and role."""
-    builder, moments = GridBuilder(opened.name, period_s), np.zeros((4, 4))
+def _count_samples(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
+    """Count samples, judge them one by one, and name every channel's unit and role."""
+    checks, moments = SampleChecks(opened.name), np.zeros((4, 4))
     ends: list[int] = []
     spacings_s: list[float] = []
     for block in opened.samples(progress):
@@ -141,45 +137,49 @@ def _count_samples(
         if len(block.stamps_ns):
             ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
             ends = [min(ends), max(ends)]
-            steps_ns = np.diff(block.stamps_ns)
-            spacings_s += [float(np.median(steps_ns)) / NANOSECONDS] if len(steps_ns) else []
-        builder.add(block)
-    spacing_s = min(spacings_s, default=0.0)
-    if period_s < _SLOW_S[0] < spacing_s < _SLOW_S[1]:  # as of a row in ten minutes for weeks
-        return _count_samples(opened, progress, min(float(round(spacing_s)), PERIODS_S[1]))
-    refusal = opened.compensated
-    try:
-        judged = builder.build().warnings
-    except RecordingError as error:
-        refusal = refusal or str(error)
-        judged = tuple(s for s, _ in builder.checks.judge() if s != refusal)
+        if len(block.stamps_ns) > 1:
+            spacings_s.append(float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS)
+        checks.admit(block)
+    period_s, spacing_s = 1.0, min(spacings_s, default=0.0)
+    if _SLOW_S[0] < spacing_s < _SLOW_S[1]:  # as of a row in ten minutes for weeks
+        period_s = min(float(round(spacing_s)), PERIODS_S[1])
     found: dict[str, ChannelSummary] = {}
-    for channels, tally in builder.checks.tallies.items():
+    for channels, tally in checks.tallies.items():
         for channel in channels:
             role = _ROLES.get(channel, TEMPERATURE)
             unit = axis_unit(channel.removeprefix('reference_'))
             reads = (tally.least, tally.largest) if role == TEMPERATURE else None
             samples = tally.samples + (found[channel].samples if channel in found else 0)
             found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
+    first_ns, last_ns = ends or (None, None)
     return RecordingSummary(
-        opened.name,
-        TABLE,
-        tuple(found.values()),
-        ends[0] if ends else None,
-        ends[1] if ends else None,
-        warnings=(*opened.warnings, *judged),
-        topics=opened.options.topics,
-        specific_force=describe_force(moments),
-        refusal=refusal,
-        period_s=period_s,
-    )
+        opened.name, TABLE, tuple(found.values()), first_ns, last_ns,
+        warnings=(*opened.warnings, *(sentence for sentence, _ in checks.judge())),
+        topics=opened.options.topics, specific_force=describe_force(moments),
+        refusal=opened.compensated, period_s=period_s)  # fmt: skip
 
 
 def _describe_bag(bag: Bag, topics: Topics, progress: Progress | None) -> RecordingSummary:
     """Take topics, counts and times from the bag's own index, and survey what may be used."""
     candidates, warnings = survey_bag(bag, progress)
     topics = suggested_topics(candidates, topics)
-    topics, force, doubts = _survey_gravity(bag, candidates, topics)
+
+    # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
+    force, asked = None, topics.gravity_frame
+    if topics.imu:
+        imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
+        force = next(imus, None)
+    elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
+        moments = np.zeros((4, 4))
+        try:
+            topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
+            for block in gravity_samples(bag, topics):
+                moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
+            force = describe_force(moments)
+        except RecordingError as error:
+            topics = replace(topics, gravity_frame='')
+            warnings = *warnings, *([str(error)] if asked else [])
+
     temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
     wrench = topics.wrench.strip('/')
     both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
@@ -192,47 +192,12 @@ def _describe_bag(bag: Bag, topics: Topics, progress: Progress | None) -> Record
     counts: Counter[tuple[str, str]] = Counter()
     for connection in bag.connections:
         counts[connection.topic, connection.msgtype] += connection.msgcount
-    first, last = bag.span_ns if sum(counts.values()) else (None, None)
-    compressed = f', {bag.compression} compression' if bag.compression else ''
+    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
     channels = tuple(
         ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
         for (topic, kind), count in sorted(counts.items())
     )
-    kind = f'{BAG}, {bag.storage}{compressed}'
-    warnings = *bag.warnings, *warnings, *doubts, *_judge_samples(bag, topics)
-    found = first, last, warnings, candidates, topics, force
-    return RecordingSummary(bag.name, kind, channels, *found)
-
-
-def _survey_gravity(
-    bag: Bag, candidates: Sequence[Candidate], topics: Topics
-) -> tuple[Topics, ForceSummary | None, tuple[str, ...]]:
-    """Describe the specific force of a bag, of an IMU or else by TF, and say why there is none."""
-    if topics.imu:
-        imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
-        return topics, next(imus, None), ()
-    asked, moments = topics.gravity_frame, np.zeros((4, 4))
-    if not topics.wrench or not (asked or any(c.role == TF for c in candidates)):
-        return topics, None, ()
-    try:
-        topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
-        for block in gravity_samples(bag, topics):
-            moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
-    except RecordingError as error:
-        return replace(topics, gravity_frame=''), None, (str(error),) if asked else ()
-    return topics, describe_force(moments), ()
-
-
-def _judge_samples(bag: Bag, topics: Topics) -> tuple[str, ...]:
-    """Say what of a bag's wrench and temperatures cannot be used, as read_recording would."""
-    sources = parse_sources(topics.temperatures)
-    named = topics.wrench, *(source.topic for source in sources)
-    if not all(map(bag.named, named)):
-        return ()
-    checks = SampleChecks(bag.name, sources)
-    try:
-        for block in read_bag(bag, replace(topics, imu='', gravity_frame='')):
-            checks.admit(block)
-    except RecordingError as error:
-        return (str(error),)
-    return tuple(sentence for sentence, _ in checks.judge())
+    compressed = f', {bag.compression} compression' if bag.compression else ''
+    return RecordingSummary(
+        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+        (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip

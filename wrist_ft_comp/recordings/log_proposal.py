@@ -8,9 +8,10 @@ stays open, as in ``force_z=…``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 import difflib
 from itertools import count
-from math import isnan, nan
+from math import isnan
 import re
 import shlex
 from typing import NoReturn
@@ -126,7 +127,11 @@ class _Looks:
         #: The name in small letters, its parts separated by _, without a unit.
         self.plain = re.sub(r'\W+', '_', re.sub(r'[\[(].*|\s/\s.*', '', name.lower())).strip('_')
         self._filled = [cell for cell in cells if cell]
-        self.numbers = np.array([number for c in cells if not isnan(number := _number(c))])
+        numbers = []
+        for cell in self._filled:
+            with suppress(ValueError):
+                numbers.append(number_in(cell, ''))
+        self.numbers = np.array([number for number in numbers if not isnan(number)])
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self._filled) > 0
         self._steps = steps = np.diff(self.numbers)
@@ -182,13 +187,6 @@ class _Looks:
         unit = unit or next(likely, '')
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
-
-
-def _number(cell: str) -> float:
-    try:
-        return number_in(cell, '')
-    except ValueError:
-        return nan
 
 
 def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[str, str]:

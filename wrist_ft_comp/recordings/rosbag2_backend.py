@@ -19,7 +19,11 @@ _QUEUE = 1 << 40
 
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     """Open a bag folder or a storage file; the stack closes it."""
-    compression = _compression(chosen)
+    compression = ''  # file, message or nothing, as only the folder's metadata tells
+    if chosen.is_dir():
+        text = (chosen / 'metadata.yaml').read_text(encoding='utf-8')
+        mode = yaml.safe_load(text)['rosbag2_bagfile_information'].get('compression_mode') or ''
+        compression = '' if mode.lower() == 'none' else mode.lower()
     reader = _reader(chosen, compression)
     stack.callback(_close, reader)
     metadata = reader.get_metadata()
@@ -38,15 +42,6 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
         span_ns=(begin_ns, begin_ns + metadata.duration.nanoseconds),
         read=partial(_read, chosen, compression, topics),
         define=lambda topic: define_installed(topic.topic, topic.msgtype))  # fmt: skip
-
-
-def _compression(chosen: Path) -> str:
-    """Read how a bag folder is compressed: ``file``, ``message`` or ''."""
-    if not chosen.is_dir():
-        return ''
-    text = (chosen / 'metadata.yaml').read_text(encoding='utf-8')
-    mode = yaml.safe_load(text)['rosbag2_bagfile_information'].get('compression_mode') or ''
-    return '' if mode.lower() == 'none' else mode.lower()
 
 
 def _reader(chosen: Path, compression: str) -> Any:
