@@ -1,6 +1,6 @@
 """What a diary says of its days: in one sentence, what happened and when, and temperatures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from itertools import pairwise
 import re
@@ -159,20 +159,19 @@ def _incidents(days: Sequence[DayEntry]) -> list[Event]:
     found: dict[tuple[str, int], Event] = {}  # by name and last day
     weighed = any(day.payloads for day in days)
     for n, day in enumerate(days):
-        for name in _names(day, weighed=weighed):
+        # The names of the day's incidents: of thermometers, each that was out.
+        numbers = re.findall(r'hermometer (\d+)', day.incident)
+        names = []
+        if day.kind == THERMOMETER and numbers:
+            names = [f'thermometer {number} out' for number in dict.fromkeys(numbers)]
+        elif day.kind or day.incident:
+            names = [NAMES.get(day.kind, day.kind or 'incident')]
+        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
+            names = [NO_PAYLOAD]
+        for name in names:
             begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
             found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
     return list(found.values())
-
-
-def _names(day: DayEntry, *, weighed: bool) -> Iterator[str]:
-    """Name the incidents of a day: of thermometers, each that was out."""
-    if day.kind == THERMOMETER and (numbers := re.findall(r'hermometer (\d+)', day.incident)):
-        yield from (f'thermometer {number} out' for number in dict.fromkeys(numbers))
-    elif day.kind or day.incident:
-        yield NAMES.get(day.kind, day.kind or 'incident')
-    elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
-        yield NO_PAYLOAD
 
 
 def when(entry: DayEntry) -> str:

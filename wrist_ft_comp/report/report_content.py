@@ -1,6 +1,6 @@
 """What a report shows: one record, built from a calibration or from an evaluation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -75,8 +75,6 @@ class AxisView:
     errors: AxisEvaluation
     #: What the errors were made of.
     series: ErrorSeries
-    #: Each recording and its errors; empty where errors are held out.
-    parts: Sequence[tuple[str, AxisEvaluation]]
     #: Which drifts are removed.
     drifts: str
     #: What the model's file says of it (model.schema.json).
@@ -86,6 +84,8 @@ class AxisView:
     responses: tuple[FloatArray, FloatArray] | None
     #: What another day is accepted by, a sentence; empty where nothing is stated.
     limit: str = ''
+    #: Each recording and its errors; empty where errors are held out.
+    parts: Sequence[tuple[str, AxisEvaluation]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,21 +214,36 @@ def evaluation_content(
     recordings = [judged.recording for judged in evaluated]
     coverage = cover(recordings)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
-    axes = []
+    axes, beyond = [], []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
+        column, limit = AXES.index(axis), stored.model.day_limits.get(axis)
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
-        series = _evaluated_series(evaluated, AXES.index(axis), coverage.leading)
+        series = _evaluated_series(evaluated, column, coverage.leading)
+        # How far a thermometer moved, at most, where the axis was compared.
+        compared = (e.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated)
+        moved_k = max(float(np.ptp(cells, axis=0).max()) for cells in compared if len(cells))
         evidence = Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
-            noise=series.noise, moved_k=_moved_k(evaluated, AXES.index(axis)),
+            noise=series.noise, moved_k=moved_k,
             compensated=axis in stored.model.axes, block_name='recording',
             blocks=FoldErrors(
                 np.array([figures.rms_before for _, figures in parts]),
                 np.array([figures.rms_after for _, figures in parts])))  # fmt: skip
-        view = _axis_view(stored, axis, evidence, errors, series, parts)
-        if (limit := stored.model.day_limits.get(axis)) is not None:
+        view = replace(_axis_view(stored, axis, evidence, errors, series), parts=parts)
+        if limit is not None:
             view = replace(view, limit=f'Limit of its peaks: {limit:.2g} {view.unit}.')
+            if errors.max_after > limit:
+                largest = f'{rounded(errors.max_after)} {view.unit}'
+                beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
         axes.append(view)
+    warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
+    if beyond:
+        warnings.append(
+            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
+            f'{", ".join(beyond)}. The zero may have jumped (a tare in the driver, a contact, '
+            'another tool), a temperature may be missing or beyond those that were learnt, or it '
+            'is another sensor. The report (--report) shows when it began.'
+        )
     ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
     levels = {axis.axis: axis.verdict.level for axis in axes}
     limits = 'Limits of peaks are those that the calibration stated of 95 of 100 days.'
@@ -240,44 +255,17 @@ def evaluation_content(
         f'{averaged_s(stored.model):g} s. Reference: {references}.',
         conditions=limits if any(axis.limit for axis in axes) else '', axes=tuple(axes),
         advice=(what_was_not_learnt(coverage, ranges_c, levels),),
-        warnings=(
-            *dict.fromkeys(w for r in recordings for w in r.warnings),
-            *_beyond_limits(stored, axes)))  # fmt: skip
+        warnings=tuple(warnings))  # fmt: skip
 
 
-def _beyond_limits(stored: StoredModel, axes: Sequence[AxisView]) -> Iterator[str]:
-    """Name the axes whose largest error is above what the calibration stated of another day."""
-    limits = stored.model.day_limits
-    beyond = [
-        f'{view.axis} {rounded(view.errors.max_after)} {view.unit} '
-        f'(limit {rounded(limits[view.axis])})'
-        for view in axes
-        if view.errors.max_after > limits.get(view.axis, np.inf)
-    ]
-    if beyond:
-        yield (
-            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
-            f'{", ".join(beyond)}. The zero may have jumped (a tare in the driver, a contact, '
-            'another tool), a temperature may be missing or beyond those that were learnt, or it '
-            'is another sensor. The report (--report) shows when it began.'
-        )
-
-
-def _axis_view(  # noqa: PLR0913, PLR0917 -- what an axis' view is made of
-    stored: StoredModel,
-    axis: str,
-    evidence: Evidence,
-    errors: AxisEvaluation,
-    series: ErrorSeries,
-    parts: Sequence[tuple[str, AxisEvaluation]] = (),
+def _axis_view(
+    stored: StoredModel, axis: str, evidence: Evidence, errors: AxisEvaluation, series: ErrorSeries
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry = stored.document['axes'].get(axis, _NO_ENTRY)
-    model = stored.model.axes.get(axis)
+    entry, model = stored.document['axes'].get(axis, _NO_ENTRY), stored.model.axes.get(axis)
     return AxisView(
         axis=axis, unit=evidence.unit, verdict=judge(evidence), errors=errors, series=series,
-        parts=parts, drifts=drifts_removed(model),
-        entry={**entry, 'reason': ''} if evidence.refusal else entry,
+        drifts=drifts_removed(model), entry={**entry, 'reason': ''} if evidence.refusal else entry,
         responses=None if model is None else _step_responses(model, stored.model.period_ns),
     )  # fmt: skip
 
@@ -335,12 +323,6 @@ def _evaluated_series(
     rows = np.isfinite(before) & np.isfinite(after)
     columns = hours, temperature_c, before, after, part
     return ErrorSeries(*(values[rows] for values in columns))
-
-
-def _moved_k(evaluated: Sequence[EvaluatedRecording], column: int) -> float:
-    """Say how far a thermometer moved, at most, where an axis was compared, K."""
-    compared = (e.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated)
-    return max(float(np.ptp(cells, axis=0).max()) for cells in compared if len(cells))
 
 
 def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
