@@ -201,6 +201,7 @@ def test_a_predecessor_and_an_empty_file_are_replaced(done, model, drift_csv, fo
         done('evaluate', model, drift_csv, '--report', report)
         done('show', folder, '--picture', picture)
         done('calibrate', drift_csv, '-o', again, '--method', 'pls')
+        done('evaluate', again, drift_csv)
     assert report.read_text().startswith('<!doctype html>')
     assert picture.read_bytes().startswith(PNG[:8])
 

@@ -64,13 +64,9 @@ def centred(values):
 
 
 class TestKnownTruth:
-    @pytest.mark.parametrize(
-        ('method', 'truth'),
-        [('arx_pls_oe', {300.0: 0.5}), ('auto', {200.0: 0.6, 1500.0: -0.4})],
-        ids=str,
-    )
-    def test_lags_are_found_in_a_record_that_was_not_seen(self, simulate, lagged, method, truth):
-        calibration = calibrate([simulate(i, truth) for i in range(3)], settings(method))
+    def test_lags_are_found_in_a_record_that_was_not_seen(self, simulate, lagged):
+        truth = {200.0: 0.6, 1500.0: -0.4}
+        calibration = calibrate([simulate(i, truth) for i in range(3)], settings('auto'))
         fit = calibration.fits['force_z']
         new = simulate(9, truth, share=0.8)
         theta = new.temperature_c[:, 0] - 30
@@ -80,8 +76,6 @@ class TestKnownTruth:
         assert np.sqrt(np.mean(error**2)) < 0.01 * np.sqrt(np.mean(expected**2))
         assert not sensitivity.any()
         assert fit.rms_after < 0.05 * fit.rms_before
-        if len(truth) == 1 and method == 'arx_pls_oe':
-            assert min(abs(tau / 300 - 1) for tau in fit.time_constants_s) < 1e-2
         assert any('zero drift only' in note for note in fit.notes)
 
     @pytest.mark.parametrize('gain_error', [0.0, 0.15])
