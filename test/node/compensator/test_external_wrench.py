@@ -94,7 +94,7 @@ class Held:
 
 
 @pytest.fixture
-def held(fake_hub, tmp_path):
+def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the first import
     """Make the part with two payloads that were learnt, or with what stands in the file."""
 
     def make(*entries, **chosen):
