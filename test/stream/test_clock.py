@@ -195,6 +195,7 @@ def compare(wrench_s, source_s, seconds, comparison=None, first=0):
 def test_two_clocks_are_told_by_stamps_and_arrival(wrench_s, source_s, ahead_s):
     patience = round(APART_FOR_S)
     assert compare(wrench_s, source_s, patience).ahead_s == {}
+    assert compare(wrench_s, wrench_s + 3601, 1).ahead_s, 'that needs no patience'
     found = compare(wrench_s, source_s, patience + 1).ahead_s
     assert found == ({} if ahead_s is None else {'/t': pytest.approx(ahead_s)})
 

@@ -260,17 +260,18 @@ class ExternalWrench(Part):
             return
         before, self._last = self._last or payload, payload
         apart_deg = payload.frame.apart_deg(before.frame)
-        tared = self.compensator.external_tare.any()
+        tare, external_tare = self.compensator.tare, self.compensator.external_tare
+        tared = external_tare.any()
         if tared and apart_deg > _CONTRADICTION_DEG:
-            self.compensator.restore_tare(self.compensator.tare, np.zeros(len(AXES)))
+            self.compensator.restore_tare(tare, np.zeros(len(AXES)))
             self.compensator.doubt_zero(
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
-        elif tared and self._unnamed:
+        elif tared and self._unnamed and np.allclose(tare, external_tare):
             self.compensator.doubt_zero(
-                f'{payload.name} was identified while payload.active was empty: if a tare was '
-                'taken then, its weight is in the tare of wrench_external; call ~/tare'
+                'the tare was taken while payload.active was empty, and a payload was identified '
+                f'so, too: the weight of {payload.name} may be in the tare; call ~/tare'
             )
         self._unnamed = False
 

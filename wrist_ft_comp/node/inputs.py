@@ -391,7 +391,7 @@ class TemperatureInput(Part):
         for topic, ahead_s in self._comparison.ahead_s.items():
             side = 'ahead of' if ahead_s > 0 else 'behind'
             yield (
-                f'stamps of {topic} are {abs(ahead_s):.3g} s {side} those of '
+                f'stamps of {topic} are {abs(ahead_s):.1f} s {side} those of '
                 f'{self._wrenches.topic}, compared with their arrival; all drivers must use one '
                 'clock'
             )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS, SAME_CLOCK_S
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)
@@ -171,7 +171,7 @@ class ClockComparison:
 
     def __init__(self, patience_s: float = APART_FOR_S) -> None:
         #: By how much the stamps of a source are ahead of those of the wrench, s; only sources for
-        #: which that has been too much for the whole patience.
+        #: which that has been too much for the whole patience, or is hours.
         self.ahead_s: dict[str, float] = {}
         self._patience_ns = round(patience_s * NANOSECONDS)
         #: The newest wrench: its stamp minus its arrival, and its arrival, ns.
@@ -193,7 +193,9 @@ class ClockComparison:
         if abs(ahead_s) <= max(limit_s, _LEAST_APART_S):
             self._since_ns.pop(source, None)
             self.ahead_s.pop(source, None)
-        elif arrival_ns - self._since_ns.setdefault(source, arrival_ns) >= self._patience_ns:
+            return
+        apart_ns = arrival_ns - self._since_ns.setdefault(source, arrival_ns)
+        if apart_ns >= self._patience_ns or abs(ahead_s) > SAME_CLOCK_S:
             self.ahead_s[source] = ahead_s
 
 

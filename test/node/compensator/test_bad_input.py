@@ -32,6 +32,7 @@ LIVE = {
     'no stamp at all': 'wrenches come without stamps; the time of arrival is taken',
     'thermometer without a stamp': 'thermometer 1 does not stamp its readings; the time of',
     'no topic of a wrench': 'no raw wrenches arrive: .*wrench_raw has no publisher .is the driver',
+    'two clocks': r'stamps of \S+temperature are 17\d+.\d s ahead of those of \S+wrench_raw, comp',
     'one spike': r'force_z of .* stands out by up to \d\d.* N for 1 s in all, first at 0:0',
     'one reading of absolute zero': f'{DROPPED}{NO_SENSOR}-273.1 °C',
     'one wrench that is none': 'some wrenches are unusable and dropped; .*: they are not finite',

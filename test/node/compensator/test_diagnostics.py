@@ -169,5 +169,5 @@ def test_a_source_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, so
     send(40)
     words = f'those of {node.topic("wrench_raw")}, compared with their arrival; all drivers must'
     status = node.diagnosis('temperature', words)
-    assert f'stamps of {node.topic(source)} are 40 s behind' in status.message
+    assert f'stamps of {node.topic(source)} are 40.0 s behind' in status.message
     assert status.level == WARN

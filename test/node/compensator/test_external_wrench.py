@@ -94,7 +94,7 @@ class Held:
 
 
 @pytest.fixture
-def held(fake_hub, tmp_path):
+def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the first import
     """Make the part with two payloads that were learnt, or with what stands in the file."""
 
     def make(*entries, **chosen):
@@ -381,10 +381,15 @@ def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(hold
     node.node.external.collect(SimpleNamespace(share=1.0))
     node.node.external.collect(None)
     assert node.set('payload.active', 'day-1').successful
-    status = node.diagnosis('output', 'day-1 was identified while payload.active was empty')
+    status = node.diagnosis('output', 'so, too: the weight of day-1 may be in the tare; call')
     assert status.level == WARN
     assert tare_at_rest(node).success
     assert node.diagnosis('output').message == 'compensated'
+    assert node.set('payload.active', '').successful
+    node.node.external.collect(SimpleNamespace(share=1.0))
+    node.node.external.collect(None)
+    assert node.set('payload.active', 'day-1').successful
+    assert node.diagnosis('output').message == 'compensated', 'the tare knew the weight'
 
 
 @pytest.mark.parametrize(
