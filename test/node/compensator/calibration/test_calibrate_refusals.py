@@ -62,6 +62,7 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     robot.write(node.directory / 'recordings/calm.csv')
     said = node.call('calibrate')
     check_refused(node, said, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    assert 'gave no result' not in said.message
     assert node.node.live.stored.sha256 == live.sha256
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
 
