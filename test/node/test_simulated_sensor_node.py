@@ -1,14 +1,19 @@
+"""The simulated sensor: its topics, its times, and what it waits for."""
+
+from collections import defaultdict
+from copy import deepcopy
+from types import SimpleNamespace
+
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
-from rclpy.qos import QoSReliabilityPolicy
-from sensor_msgs.msg import Imu, Temperature
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.simulated_sensor import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 
-BEST_EFFORT, RELIABLE = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
 TIMEOUT_S = 60.0
 START_S = 1000
 FAST = {
@@ -26,10 +31,6 @@ def stamp_ns(message):
 def six(message):
     force, torque = message.wrench.force, message.wrench.torque
     return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-
-
-def take(messages, count):
-    return [messages.get(timeout=TIMEOUT_S) for _ in range(count)]
 
 
 @pytest.mark.parametrize('executor', ['default', 'events'])
@@ -50,48 +51,61 @@ def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench, exe
     assert all(message.variance > 0 for message in messages[2:])
 
 
-def test_stamps_advance_by_speed_over_rate(bench):
-    raw = bench.listen(WrenchStamped, 'wrench_raw')
-    temperature = bench.listen(Temperature, 'temperature')
-    bench.start(SimulatedSensor, parameters={**FAST, 'temperature_rate': 40.0})
-    for messages, step_ns in ((raw, 200_000_000), (temperature, 2_500_000_000)):
-        stamps = np.array([stamp_ns(message) - START_S * 10**9 for message in take(messages, 20)])
-        assert (stamps % step_ns == 0).all()
-        assert (np.diff(stamps) == step_ns).all()
+@pytest.fixture
+def simulate(ros_context, monkeypatch):
+    """Run half a second of a simulation, without DDS; messages by topic and stamp, ns."""
+
+    def run(**parameters):
+        sent, now = defaultdict(dict), [0.0]
+
+        def advertise(_, _kind, topic):
+            def publish(message):
+                sent[topic][stamp_ns(message)] = deepcopy(message)
+
+            return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
+
+        monkeypatch.setattr(SimulatedSensor, '_advertise', advertise)
+        monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
+        chosen = [Parameter(name, value=value) for name, value in {**FAST, **parameters}.items()]
+        node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
+        for now[0] in np.arange(0.0, SETTLE_S + 0.5, 0.01):
+            node._wake()
+        node.destroy_node()
+        return sent
+
+    return run
 
 
-def record(bench, name, parameters, count=50):
-    """Listen to a node of its own name and namespace; messages by topic and stamp."""
-    listened = {
-        topic: bench.listen(message_type, f'{name}/{topic}')
-        for topic, message_type in (
-            ('wrench_raw', WrenchStamped),
-            ('wrench_reference', WrenchStamped),
-            ('temperature', Temperature),
-        )
-    }
-    bench.start(SimulatedSensor, namespace=name, parameters={**FAST, **parameters})
-    return {
-        topic: {stamp_ns(message): message for message in take(messages, count)}
-        for topic, messages in listened.items()
-    }
+def test_stamps_advance_by_speed_over_rate(simulate):
+    sent = simulate(temperature_rate=40.0)
+    for topic, step_ns in (('wrench_raw', 200_000_000), ('temperature', 2_500_000_000)):
+        first = np.array(list(sent[topic])[:18]) - START_S * 10**9
+        assert first.tolist() == [k * step_ns for k in range(18)]
 
 
-def common(one, other):
-    stamps = sorted(one.keys() & other.keys())
-    assert len(stamps) >= 10
-    return [one[stamp] for stamp in stamps], [other[stamp] for stamp in stamps]
-
-
-def test_same_parameters_give_the_same_messages_and_another_run_others(bench):
-    parameters = {'one': {}, 'other': {}, 'later': {'run': 1}}
-    one, other, later = (record(bench, name, {'seed': 3, **p}) for name, p in parameters.items())
-    for topic in one:
-        mine, theirs = common(one[topic], other[topic])
-        assert mine == theirs
+def test_same_parameters_give_the_same_messages_and_another_run_others(simulate):
+    one, other, later = (simulate(seed=3, run=run) for run in (0, 0, 1))
+    for topic in ('wrench_raw', 'wrench_reference', 'temperature'):
+        assert len(one[topic]) > 40
+        assert one[topic] == other[topic]
     for topic in ('wrench_raw', 'wrench_reference'):
-        mine, theirs = common(one[topic], later[topic])
-        assert all(six(a) != six(b) for a, b in zip(mine, theirs, strict=True))
+        assert all(six(one[topic][at]) != six(later[topic][at]) for at in one[topic])
+
+
+def test_a_robot_at_work_publishes_its_imu_and_its_contacts(simulate):
+    """Weight is what raw holds beyond contacts: of the masses that were asked for, at rest."""
+    sent = simulate(tool_mass=1.5)
+    topics = 'imu', 'wrench_reference', 'wrench_external_reference'
+    imu, whole, external = (list(sent[topic].values()) for topic in topics)
+    assert len(imu) == len(whole) == len(external) > 200
+    assert {message.header.frame_id for message in imu} == {'wrist_ft_imu'}
+    turning = np.array([[getattr(m.angular_velocity, axis) for axis in 'xyz'] for m in imu])
+    rest = np.linalg.norm(turning, axis=1) < 0.02
+    weight = np.array([six(m) for m in whole]) - [six(m) for m in external]
+    masses = np.linalg.norm(weight[rest, :3], axis=1) / 9.807
+    assert np.all(np.min(np.abs(masses[:, None] - [1.5, 2.3]), axis=1) < 0.05)
+    felt = np.array([[getattr(m.linear_acceleration, axis) for axis in 'xyz'] for m in imu])
+    assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)
 
 
 @pytest.fixture
@@ -144,24 +158,3 @@ def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context):
     words = ['--ros-args', '-p', 'duty_cycle.start_s:=[100.0, 50.0]']
     with pytest.raises(SettingsError, match='ascend'):
         SimulatedSensor(context=ros_context, cli_args=words)
-
-
-def test_a_robot_at_work_publishes_its_imu_and_its_contacts(bench):
-    """Weight is what raw holds beyond contacts: of the masses that were asked for, at rest."""
-    topics = {'imu': Imu, 'wrench_reference': WrenchStamped}
-    topics['wrench_external_reference'] = WrenchStamped
-    heard = {topic: bench.listen(kind, topic) for topic, kind in topics.items()}
-    work = {'tool_mass': 1.5}
-    bench.start(SimulatedSensor, parameters={**FAST, **work})
-    seen = {topic: {stamp_ns(m): m for m in take(heard[topic], 200)} for topic in topics}
-    stamps = sorted(set.intersection(*map(set, seen.values())))
-    assert len(stamps) > 100
-    imu, whole, external = ([seen[topic][stamp] for stamp in stamps] for topic in topics)
-    assert {message.header.frame_id for message in imu} == {'wrist_ft_imu'}
-    turning = np.array([[getattr(m.angular_velocity, axis) for axis in 'xyz'] for m in imu])
-    rest = np.linalg.norm(turning, axis=1) < 0.02
-    weight = np.array([six(m) for m in whole]) - [six(m) for m in external]
-    masses = np.linalg.norm(weight[rest, :3], axis=1) / 9.807
-    assert np.all(np.min(np.abs(masses[:, None] - [1.5, 2.3]), axis=1) < 0.05)
-    felt = np.array([[getattr(m.linear_acceleration, axis) for axis in 'xyz'] for m in imu])
-    assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)

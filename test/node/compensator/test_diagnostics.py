@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.node import compensator_node
+from wrist_ft_comp.node.inputs import Counts, WrenchInput
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
 
@@ -45,17 +45,28 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     assert status.level == STALE, 'none has come since'
 
 
-def test_input_is_stale_or_well_or_unusable(rig):
-    node = rig()
-    words = f'no raw wrenches arrive: {node.topic("wrench_raw")} has no publisher (is the driver'
-    assert node.diagnosis('input', words).level == STALE
-    node.bench.helper.create_publisher(compensator_node.WrenchStamped, node.topic('wrench_raw'), 1)
-    words = f'{node.topic("wrench_raw")} has a publisher that sends none; is the sensor running?'
-    assert node.diagnosis('input', lambda status: words in status.message).level == STALE
-    node.ask_output(START, LOAD)
-    status = node.diagnosis('input')
-    assert (status.level, status.values['received']) == (OK, '1')
-    assert 'wrenches per second' in status.message
+@pytest.mark.parametrize(
+    ('kind', 'incompatible', 'words'),
+    [
+        ('geometry_msgs/msg/WrenchStamped', {}, '/wrench_raw has a publisher that sends none'),
+        (
+            'geometry_msgs/msg/Wrench', {},
+            '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped',
+        ),
+        (
+            'geometry_msgs/msg/WrenchStamped', {'wrench_raw': 'reliability'},
+            'their publisher offers less reliability than is asked for',
+        ),
+    ],
+)  # fmt: skip
+def test_why_no_wrenches_arrive_is_said(fake_hub, kind, incompatible, words):
+    part = WrenchInput(Counts(), lambda: None)
+    hub = fake_hub(part)
+    hub.types, hub.incompatible = {'/wrench_raw': [kind]}, incompatible
+    part.start()
+    (status,) = part.statuses()
+    assert status.level == STALE
+    assert f'no raw wrenches arrive: {words}' in status.message
 
 
 def test_a_thermometer_that_never_reported_is_named(rig):

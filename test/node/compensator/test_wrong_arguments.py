@@ -32,6 +32,7 @@ def refusal(context, tmp_path, *arguments):
         ("temperature_topics:=['{bad}']", '{bad}'),
         ("temperature_topics:=['']", 'must name at least one topic; got none'),
         ('temperature_topics:=[]', 'must name at least one topic; got none'),
+        ("temperature_topics:=['heat', '/heat:temperature']", 'are one and the same'),
         ('temperature_topics:=[wrench_raw]', 'The topic wrench_raw cannot be used'),
         ('data_directory:=~nobody_here/x', 'nobody here has a home of that name'),
         ('model_file:=/', '/ cannot be read: Is a directory'),

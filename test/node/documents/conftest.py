@@ -25,8 +25,6 @@ ROOT = Path(__file__).parents[3]
 STAND_IN = Path(__file__).with_name('ros2.py')
 #: Far above what is normal, so that only a fault hits.
 TIMEOUT_S = 240.0
-#: Simulations are faster here than documents ask for, who leave a reader's computer some room.
-FASTER = 3
 
 
 def read_commands(document):
@@ -160,7 +158,7 @@ class Player:
         if words[3] == 'compensator':
             self._terminal.end()
             self._bench.wait_until(lambda: not self._node_is_there(), 'the end of the one before')
-        self._terminal.start([_faster(word) for word in words])
+        self._terminal.start(words)
         if words[3] == 'compensator':
             self._bench.wait_until(self._node_is_there, 'the node')
 
@@ -178,13 +176,6 @@ class Player:
         while not enough(temperatures.get(timeout=TIMEOUT_S)):
             pass
         helper.destroy_subscription(heard)
-
-
-def _faster(word):
-    """Raise the speed of a simulation, and the rates of its messages with it."""
-    name, assigned, value = word.partition(':=')
-    is_raised = name in {'speed', 'temperature_rate', 'wrench_rate'}
-    return f'{name}{assigned}{FASTER * float(value)}' if is_raised else word
 
 
 @pytest.fixture

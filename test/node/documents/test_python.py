@@ -15,14 +15,14 @@ STEP_NS = 5_000_000
 
 
 class Sensor:
-    """Is warm from its 400th reading on."""
+    """Is warm from its 100th reading on."""
 
     def __init__(self):
         self.readings = 0
 
     def read(self):
         self.readings += 1
-        warm = 40.0 if self.readings > 400 else 20.0
+        warm = 40.0 if self.readings > 100 else 20.0
         return 10**18 + STEP_NS * self.readings, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], warm
 
 

@@ -1,9 +1,15 @@
+"""What ~/calibrate says where it gives no model, while the wrenches go on."""
+
+from dataclasses import replace
+import errno
 import os
 import signal
 import sys
 
 import numpy as np
 import pytest
+
+from wrist_ft_comp.jobs.entry import answer
 
 START = 1_700_000_000_000_000_000
 pytestmark = pytest.mark.usefixtures('haste')
@@ -40,11 +46,11 @@ def ready(rig, make_robot):
     return make
 
 
-def check_refused(node, answer, *words):
-    assert not answer.success
-    assert all(word in answer.message for word in words), answer.message
+def check_refused(node, said, *words):
+    assert not said.success
+    assert all(word in said.message for word in words), said.message
     status = node.diagnosis('calibration', lambda status: status.level != b'\0')
-    assert status.values['last'] == answer.message
+    assert status.values['last'] == said.message
     assert stream_goes_on(node)
 
 
@@ -54,8 +60,9 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     robot = make_robot()
     robot.temperature_c = 20.0 + 0.1 * (robot.temperature_c - 20.0)
     robot.write(node.directory / 'recordings/calm.csv')
-    answer = node.call('calibrate')
-    check_refused(node, answer, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    said = node.call('calibrate')
+    check_refused(node, said, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    assert 'gave no result' not in said.message
     assert node.node.live.stored.sha256 == live.sha256
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
 
@@ -96,13 +103,35 @@ def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, w
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 
+class JobOnAFullDisk:
+    """A calibration in this process, whose disk takes nothing."""
+
+    def __init__(self, job):
+        def refuse(_):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(os, 'fsync', refuse)
+            self._outcome = answer(replace(job, report=None))
+
+    def poll(self):
+        return self._outcome
+
+
+def test_a_full_disk_is_a_sentence_and_leaves_nothing(ready, monkeypatch):
+    node = ready()
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.start_job', JobOnAFullDisk)
+    check_refused(node, node.call('calibrate'), 'cannot be written: No space left on device')
+    assert node.node.live.stored is None
+    assert list((node.directory / 'models').iterdir()) == []
+
+
 def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     node = ready()
     (node.directory / 'active.json').mkdir()
-    answer = node.call('calibrate')
-    assert answer.success
-    assert '\nwarning: ' in answer.message
-    assert 'active.json cannot be written' in answer.message
-    assert 'until the node ends' in answer.message
+    said = node.call('calibrate')
+    assert said.success
+    assert '\nwarning: ' in said.message
+    assert 'active.json cannot be written' in said.message
     assert node.node.live.stored is not None
     assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message

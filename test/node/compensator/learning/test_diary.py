@@ -1,71 +1,117 @@
+"""Recordings of days: where one begins and ends, what survives, and what the disk allows."""
+
 import os
 import resource
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stream.cell_averager import row_channels
 
-HOUR, DAY = 6, 144  # cells
+DAY, SECOND = 1440, 10**9
+CHANNELS = ('force_x', 'temperature_c')
 
 
-def test_a_day_is_a_recording_of_24_h_with_five_digits(learner):
-    node = learner()
-    node.hear(DAY + 10)
-    assert node.files() == ['day_00001.csv', 'day_00002.csv']
-    recording = read_recording(node.days / 'day_00001.csv')
-    assert len(recording) == DAY
-    assert recording.wrench[7].tolist() == [12.346, 0.5, 123.457, 0.1, 0.2, 0.3]
-    np.testing.assert_allclose(recording.temperature_c[:, 0], 25 + 0.01 * np.arange(DAY))
-    np.testing.assert_allclose(recording.specific_force[1:], [[0, 0, 9.80665]] * (DAY - 1), 1e-4)
-    np.testing.assert_allclose(recording.rotation_speed[1:], 0.01)
+@pytest.fixture
+def write(tmp_path):
+    """Write a row at each of some minutes, as one run of a node; rows of every day there is."""
+
+    def write(minutes, values=(1.0, 20.0), max_bytes=1e9):
+        files = DayFiles(tmp_path, CHANNELS, max_bytes)
+        try:
+            for minute in minutes:
+                files.append(round(minute * 60 * SECOND), values)
+        finally:
+            files.close()
+        paths = sorted((tmp_path / 'days').glob('*'))
+        return [path.read_text().count('\n') - 1 for path in paths]
+
+    return write
 
 
-@pytest.mark.parametrize(('hours', 'days'), [(1.9, 1), (2.2, 2), (-3.0, 2)])
-def test_a_silence_of_2_h_and_stamps_that_run_back_end_a_day(learner, hours, days):
-    node = learner()
-    node.hear(30, later=200)
-    first = (node.days / 'day_00001.csv').read_bytes()
-    node.hear(30, later=round(hours * HOUR))
-    assert len(node.files()) == days
-    assert (node.days / 'day_00001.csv').read_bytes().startswith(first), 'nothing is overwritten'
+@pytest.mark.parametrize(
+    ('runs', 'rows'),
+    [
+        ([range(DAY + 20)], [DAY, 20]),
+        ([[*range(60), *range(60 + 114, 234)]], [120]),
+        ([[*range(60), *range(60 + 132, 252)]], [60, 60]),
+        ([[*range(200, 260), *range(60)]], [60, 59]),
+        ([[*range(60), 30, *range(60, 70)]], [70]),
+        ([range(60), range(60, 120)], [120]),
+        ([range(60), range(300, 360)], [60, 60]),
+        ([range(5), range(300, 360)], [60]),
+    ],
+    ids=[
+        'a day', 'silent for 1.9 h', 'silent for 2.2 h', 'time ran back', 'a stray row',
+        'a restart', 'a late restart', 'minutes only',
+    ],
+)  # fmt: skip
+def test_a_day_ends_after_24_h_a_silence_of_2_h_and_where_time_ran_back(write, runs, rows):
+    assert [write(run) for run in runs][-1] == rows
 
 
-def test_a_silence_of_the_clock_ends_a_day_too(learner, monkeypatch):
+@pytest.mark.parametrize(('apart', 'days'), [(833, 2), (60, 1)])
+def test_two_clocks_do_not_fill_the_folder_with_files(write, apart, days):
+    """Rows that leap to and fro end no day; an honest day before them stays."""
+    both = (minute for pair in range(1000, 1050) for minute in (pair, pair + apart))
+    rows = write([*range(1000), *both])
+    assert len(rows) == days
+    assert rows[0] >= 1000
+
+
+def test_temperatures_from_before_a_silence_begin_no_day(tmp_path):
+    files = DayFiles(tmp_path, CHANNELS, 1e9)
+    for second in (*range(700), 100, 101, 102):
+        files.append(second * SECOND, (1.0 if second > 102 else np.nan, 20.0))
+    files.close()
+    assert len(list((tmp_path / 'days').iterdir())) == 1
+
+
+def test_a_killed_node_loses_the_last_row_at_most(write, tmp_path):
+    write(range(20))
+    path = tmp_path / 'days/day_00001.csv'
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-9])
+    assert write(range(20, 25)) == [24]
+    assert path.read_bytes().startswith(whole[: whole[:-1].rindex(b'\n') + 1])
+
+
+def test_the_days_never_take_more_than_their_room(write, tmp_path):
+    (tmp_path / 'days').mkdir()
+    with (tmp_path / 'days/day_00001.csv').open('wb') as file:
+        file.truncate(50_000_000 - day_files._MARGIN_BYTES + 10)
+    with pytest.raises(RecordingError, match=r'as much as learning.max_mb allows \(50 MB\)'):
+        write(range(1, 20), max_bytes=5e7)
+    assert len(list((tmp_path / 'days').iterdir())) == 1
+
+
+def test_a_day_of_two_thermometers_takes_less_than_10_mb(tmp_path):
+    rng, channels = np.random.default_rng(4), row_channels(2, with_force=True)
+    files = DayFiles(tmp_path, channels, 1e9)
+    scale = [30.0] * 3 + [3.0] * 3 + [np.nan] * 6 + [10.0] * 2 + [6.0] * 3 + [0.3]
+    for second, row in enumerate(rng.normal(0.0, scale, (864, len(channels)))):
+        row[12:14] += 30.0
+        files.append((1_700_000_000 + second) * SECOND + SECOND // 2, row.tolist())
+    files.close()
+    assert 5e6 < 100 * (tmp_path / 'days/day_00001.csv').stat().st_size < 10e6
+
+
+def test_a_node_writes_what_it_hears_and_a_silence_by_the_clock_ends_the_day(learner, monkeypatch):
     node = learner()
     node.hear(20)
+    recording = read_recording(node.days / 'day_00001.csv')
+    assert recording.wrench[7].tolist() == [12.346, 0.5, 123.457, 0.1, 0.2, 0.3]
+    np.testing.assert_allclose(recording.temperature_c[:, 0], 25 + 0.01 * np.arange(19))
+    np.testing.assert_allclose(recording.specific_force[1:], [[0, 0, 9.80665]] * 18, 1e-4)
+    np.testing.assert_allclose(recording.rotation_speed[1:], 0.01)
     monkeypatch.setattr('wrist_ft_comp.node.learner.SILENCE_NS', 0)
     node.judged()
     assert [len(job['recordings']) for job in node.asked()] == [1]
-
-
-def test_a_restart_goes_on_with_the_day_unless_it_is_over(learner):
-    for later, files in ((0, 1), (1, 1), (40, 2)):
-        node = learner()
-        node.hear(20, later)
-        node.node.destroy_node()
-        assert len(node.files()) == files
-    rows = [(node.days / name).read_text().count('\n') - 1 for name in node.files()]
-    assert rows == [38, 19], 'the last cell of a run is not complete'
-
-
-def test_a_killed_node_loses_the_last_row_at_most(learner):
-    node = learner()
-    node.hear(20)
-    path = node.days / 'day_00001.csv'
-    whole = path.read_bytes()
-    assert whole.count(b'\n') == 20, 'a header and all cells but the last, which is not complete'
-    path.write_bytes(whole[:-9])
-    again = learner()
-    again.hear(5)
-    text = path.read_text()
-    assert text.startswith(whole[: whole[:-1].rindex(b'\n') + 1].decode())
-    assert len(read_recording(path)) == 24
 
 
 def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learner, monkeypatch):
@@ -89,62 +135,7 @@ def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learn
     assert len(read_recording(path)) == 29, 'five are missing, one is not complete'
 
 
-def test_the_days_never_take_more_than_their_room(learner, tmp_path):
-    days = tmp_path / 'data/days'
-    days.mkdir(parents=True)
-    with (days / 'day_00001.csv').open('wb') as file:
-        file.truncate(50_000_000 - day_files._MARGIN_BYTES + 2000)
-    node = learner(**{'learning.max_mb': 50.0})
-    node.hear(20)
-    status = node.rig.diagnosis('learning', 'holds as much as learning.max_mb allows (50 MB)')
-    assert status.level == b'\x01'
-    assert status.values['megabytes'] == '49.8'
-    assert node.files() == ['day_00001.csv']
-
-
-@pytest.mark.parametrize(('apart_s', 'names'), [
-    (50_000, ['day_00001.csv', 'day_00002.csv']), (3600, ['day_00001.csv']),
-])  # fmt: skip
-def test_two_clocks_do_not_fill_the_folder_with_files(tmp_path, apart_s, names):
-    """Rows that leap to and fro end no day; an honest day before them stays."""
-    files = DayFiles(tmp_path, ('force_x', 'temperature_c'), 1e9)
-    for second in range(1050):
-        files.append(second * 10**9, (1.0, 2.0))
-        if second >= 1000:
-            files.append((second + apart_s) * 10**9, (1.0, 2.0))
-    files.close()
-    assert sorted(file.name for file in (tmp_path / 'days').iterdir()) == names
-    assert (tmp_path / 'days/day_00001.csv').read_text().count('\n') >= 1001
-
-
-def test_a_day_of_two_thermometers_takes_less_than_10_mb(tmp_path):
-    rng, channels = np.random.default_rng(4), row_channels(2, with_force=True)
-    files = DayFiles(tmp_path, channels, 1e9)
-    scale = [30.0] * 3 + [3.0] * 3 + [np.nan] * 6 + [10.0] * 2 + [6.0] * 3 + [0.3]
-    for second, row in enumerate(rng.normal(0.0, scale, (864, len(channels)))):
-        row[12:14] += 30.0
-        files.append((1_700_000_000 + second) * 10**9 + 500_000_000, row.tolist())
-    files.close()
-    assert 5e6 < 100 * (tmp_path / 'days/day_00001.csv').stat().st_size < 10e6
-
-
-def test_a_silent_thermometer_does_not_end_the_day(learner, monkeypatch):
-    monkeypatch.undo()
-    node = learner()
-    for second in range(1500):
-        stamp = 1_700_000_000 * 10**9 + second * 10**9
-        node.rig.put(stamp, [1.0] * 6)
-        node.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.80665), None)
-        if not 100 < second < 900:
-            node.rig.put_temperature(stamp, 25.0)
-        node.node.recorder.poll()
-    assert node.files() == ['day_00001.csv']
-    recording = read_recording(node.days / 'day_00001.csv')
-    assert np.isfinite(recording.wrench).all(axis=1).sum() > 1400
-    assert recording.warnings == ()
-
-
-def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path):
+def test_a_job_makes_room_once_where_days_take_more_than_they_may(learner, tmp_path):
     node = learner()
     node.a_day()
     node.node.destroy_node()
@@ -153,19 +144,14 @@ def test_days_from_before_a_smaller_bound_are_tidied_up(learner, tmp_path):
     node = learner(**{'learning.max_mb': 50.0})
     node.hear(5)
     node.judged(2)
-    assert node.node.learning.running_s is None, 'it is asked for once, not for ever'
     node.wait(lambda: node.node.learning.diary.files.full, 'another look')
     assert len(node.asked()) == 2
+    assert node.rig.diagnosis('learning', 'learning.max_mb').values['megabytes'] == '60.0'
 
 
 def test_a_second_node_names_the_process_that_holds_the_folder(learner, tmp_path):
-    node = learner()
-    with pytest.raises(SettingsError, match=f'process {os.getpid()} on') as refused:
-        node.rig.bench.make(
-            CompensatorNode,
-            namespace='/other',
-            parameters={'data_directory': str(tmp_path / 'data')},
-        )
-    assert 'data_directory of its own' in str(refused.value)
+    node, given = learner(), {'data_directory': str(tmp_path / 'data')}
+    with pytest.raises(SettingsError, match=f'process {os.getpid()} on .*of its own'):
+        node.rig.bench.make(CompensatorNode, namespace='/other', parameters=given)
     node.node.destroy_node()
     assert learner().days == node.days

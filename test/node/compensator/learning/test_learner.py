@@ -1,9 +1,13 @@
+"""What a node that learns does with what its job found, and what it says."""
+
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.learning.memory import memory_path
-from wrist_ft_comp.stored.model_store import day_of_choice
+from wrist_ft_comp.learning.memory import Memory, memory_path
+from wrist_ft_comp.node.learner import Learner
 
 #: After all that was heard.
 LATE = 1_800_000_000 * 10**9
@@ -14,6 +18,60 @@ OK, WARN = b'\x00', b'\x01'
 def models(make_model):
     """A model that is live and one that is better."""
     return make_model('old.yaml', {'force_z': (0.5, 0, 0)}), make_model('new.yaml')
+
+
+@pytest.mark.parametrize(
+    ('chosen', 'state', 'level', 'words'),
+    [
+        ({}, {}, OK, 'the day is being recorded; no better model is offered'),
+        ({}, {'waiting': 'another sensor learns'}, OK, 'another sensor learns'),
+        ({}, {'memory': Memory(offered='new.yaml')}, OK, 'a better model is offered'),
+        ({}, {'memory': Memory(incident='it froze')}, WARN, 'it froze'),
+        ({}, {'memory': Memory(incident='it froze', paused='a jump')}, WARN, 'a jump'),
+        ({}, {'memory': Memory(paused='a jump'), 'problem': 'no disk'}, WARN, 'no disk'),
+        ({'gravity.source': 'none'}, {}, WARN, 'they are payload and none'),
+        ({'calibration.reference': 'constant'}, {}, WARN, 'they are constant and imu'),
+    ],
+)
+def test_the_worst_is_said_first(tmp_path, chosen, state, level, words):
+    given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
+    jobs = SimpleNamespace(store=SimpleNamespace(directory=tmp_path))
+    live = SimpleNamespace(history=[])
+    part = Learner({**given, 'calibration.reference': 'payload', **chosen}, live, None, jobs, None)
+    vars(part).update(state)
+    (status,) = part.statuses()
+    assert (status.level, words in status.message) == (level, True), status.message
+
+
+def test_off_is_off(learner):
+    node = learner(mode='off')
+    node.hear(147)
+    assert not node.rig.directory.exists() or not node.days.exists()
+    assert not node.node.recorder._running, 'the force path has nothing to do'
+    assert list(node.node.learning.statuses()) == []
+    assert 'learning is off' in node.rig.call('adopt').message
+
+
+def test_a_decision_ends_what_was_said_of_an_incident(learner, models):
+    node, sentence = learner(), 'thermometer 1 stood still for 3.0 h'
+    node.answer(success=True, message=sentence, incident=sentence, paused=sentence)
+    node.a_day()
+    assert node.rig.diagnosis('learning', sentence).level == WARN
+    assert node.rig.set('model_file', str(models[1].path)).successful
+    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
+
+
+def test_a_broken_memory_is_a_sentence_and_is_kept(learner, models):
+    node = learner(model_file=str(models[0].path))
+    node.a_day()
+    assert node.rig.set('model_file', str(models[1].path)).successful
+    node.node.destroy_node()
+    path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
+    path.write_text(broken)
+    node = learner(model_file=str(models[0].path))
+    status = node.rig.diagnosis('learning', 'learning.json.kept')
+    assert (status.level, path.with_name('learning.json.kept').read_text()) == (WARN, broken)
+    assert 'set model_file to new.yaml' in status.values['last_change']
 
 
 def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, models):
@@ -115,20 +173,6 @@ def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(le
     assert (after['path'], after['day']) == (str(new.path), 'day_00001.csv')
 
 
-def test_a_kill_right_after_an_adoption_keeps_its_reason_and_the_model(learner, models):
-    node = learner(model_file=str(models[0].path))
-    node.find(models[1])
-    node.a_day()
-    offered = node.node.learning.offered
-    node.node.live.take(node.node.live.load(offered), 'a person called ~/adopt: leaves half')
-    node.node.destroy_node()
-    node = learner(model_file=str(models[0].path))
-    node.wait(lambda: node.node.learning.memory.champion == models[1].sha256, 'its notice')
-    status = node.rig.diagnosis('learning', 'no better model is offered')
-    assert status.values['last_change'].endswith('~/adopt: leaves half')
-    assert offered.exists()
-
-
 def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
     old, new = models
     node = learner(model_file=str(old.path), mode='auto')
@@ -193,29 +237,6 @@ def test_a_job_waits_while_another_sensor_learns_and_one_that_fails_is_a_warning
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
-def test_a_broken_memory_is_a_sentence_and_decisions_stay(learner, models):
-    node = learner(model_file=str(models[0].path))
-    node.a_day()
-    assert node.rig.set('model_file', str(models[1].path)).successful
-    node.node.destroy_node()
-    path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
-    path.write_text(broken)
-    node = learner(model_file=str(models[0].path))
-    status = node.rig.diagnosis('learning', 'learning.json.kept')
-    assert (status.level, path.with_name('learning.json.kept').read_text()) == (WARN, broken)
-    assert 'set model_file to new.yaml' in status.values['last_change']
-    node.a_day()
-    assert node.asked()[-1]['learning']['history'][-1]['day'] == 'day_00002.csv'
-    node.node.destroy_node()
-    path.write_text(path.read_text().replace('day_00003.csv', 'day_1.csv'))
-    (node.rig.directory / 'active.json').write_text('[' * 986 + ']' * 986)
-    node = learner()
-    assert node.rig.diagnosis('learning').values['last_change'] == 'none yet'
-    assert 'active.json is not a list of models' in node.rig.diagnosis('model').message
-    assert day_of_choice(node.node.live.history) == '', 'a broken list is no decision'
-    node.wait(lambda: node.node.learning.memory.judged == 'day_00003.csv', 'a day judged again')
-
-
 @pytest.mark.parametrize('changed', ['', 'rubbish'])
 def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models, changed):
     node = learner(model_file=str(models[0].path))
@@ -227,40 +248,6 @@ def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models,
     assert str(path) in sentence
     assert sentence.endswith('The running model stays.')
     assert node.node.live.sha256 == models[0].sha256
-
-
-def test_off_is_off(learner):
-    node = learner(mode='off')
-    node.hear(147)
-    assert not node.rig.directory.exists() or not node.days.exists()
-    assert not node.node.recorder._running, 'the force path has nothing to do'
-    names = [status.name for status in node.rig._report()]
-    assert not any(name.endswith('learning') for name in names)
-    assert 'learning is off' in node.rig.call('adopt').message
-
-
-def test_without_gravity_nothing_is_learnt(learner):
-    node, words = learner(**{'gravity.source': 'none'}), 'they are payload and none'
-    node.hear(147)
-    assert node.rig.diagnosis('learning', words).level == WARN
-    assert words in node.rig.call('adopt').message
-    assert not node.days.exists()
-
-
-def test_an_incident_is_a_warning_until_a_day_without_one_or_a_decision(learner, models):
-    node = learner()
-    sentence = 'thermometer 1 stood still for 3.0 h'
-    node.answer(success=True, message=sentence, incident=sentence)
-    node.a_day()
-    assert node.rig.diagnosis('learning', sentence).level == WARN
-    node.answer(success=True, message='nothing new')
-    node.a_day()
-    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
-    node.answer(success=True, message=sentence, incident=sentence, paused=sentence)
-    node.a_day()
-    assert node.rig.diagnosis('learning', sentence).level == WARN
-    assert node.rig.set('model_file', str(models[1].path)).successful
-    assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
 def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
