@@ -109,7 +109,7 @@ def test_a_robot_that_swings_is_said_to_move(day, tmp_path, write_table, capsys,
         }  # fmt: skip
         paths.append(write_table(tmp_path / f'day{seed}.csv', columns))
     main(['calibrate', *map(str, paths), '-o', str(tmp_path / 'model.yaml')])
-    said = capsys.readouterr().out
+    said = ' '.join(capsys.readouterr().err.split())
     assert re.search(r'force_z (by )?\d\.?\d* N', said)
     assert 'declared unloaded' in said
     assert 'id the robot move' in said
