@@ -11,6 +11,6 @@ def test_damaged_inputs_are_taken_or_refused(run_bench):
 
 
 def test_every_file_loads_after_kills(run_bench):
-    code, printed = run_bench('faults', 'kills', '3')
+    code, printed = run_bench('faults', 'kills', '1')
     assert code == 0, printed
     assert json.loads(printed)['loaded']['states'] > 0
