@@ -72,7 +72,7 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
 
 
 def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
-    days, run, done, tmp_path, monkeypatch
+    days, run, tmp_path, monkeypatch
 ):
     argv = 'calibrate', days[3], '--reference', 'payload', '--method', 'pls', '-o'
     kept, save = tmp_path / 'payloads.json', calibration_job.save_model
@@ -88,7 +88,7 @@ def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
     assert run(*argv, tmp_path / 'lost.yaml').sentence
     assert not kept.exists()
     monkeypatch.setattr(calibration_job, 'save_model', save_and_break)
-    assert 'its payloads are not: ' in done(*argv, tmp_path / 'cell.yaml')
+    assert 'its payloads are not: ' in run(*argv, tmp_path / 'cell.yaml').err
     assert (tmp_path / 'cell.yaml').exists()
 
 
