@@ -110,11 +110,11 @@ def test_a_map_that_was_given_is_called_no_guess(logs, done):
     assert f'columns: {GIVEN[1]}\ntime: iso' in shown
 
 
-def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, done):
+def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
     """Also where a part is cut off, times count from the file's first stamp."""
     words = ['calibrate', logs[2], '-o', 'model.yaml', '--method', 'pls', *GIVEN]
     for cut in ([], ['--from', '600']):
-        said = done(*words, *cut)
+        said = run(*words, *cut).err
         assert re.search(
             r'stands out by up to \S+ N for \d+ s in all, first at 0:40:0\d \(2026-11-20 08:40:0',
             said,
