@@ -263,7 +263,7 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'of version .* reads version 2') for n in (0, 3, '1', 1.5, None, [1])),
+        *(('version', n, 'of version .* reads version 3') for n in (0, 4, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),

@@ -105,7 +105,7 @@ class _Tally:
             values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
         self.stamped |= bool(stamps_ns.any())
         # A single message without a stamp must not mix the clock of arrival with that of stamps.
-        stamps_ns = stamps_ns[stamps_ns != 0] if stamps_ns.any() else times_ns
+        stamps_ns = np.asarray(stamps_ns[stamps_ns != 0] if stamps_ns.any() else times_ns)
         self.samples += len(messages)
         if self.first_ns is None:
             self.first_ns = self.last_ns = int(stamps_ns[0])

@@ -81,7 +81,7 @@ class _ModelKind(Kind):
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = _ModelKind(
     name='model file', says='wrist_ft_comp drift model',
-    begins='format: wrist_ft_comp drift model\n', version=2, max_bytes=4_000_000,
+    begins='format: wrist_ft_comp drift model\n', version=3, max_bytes=4_000_000,
     endings='.yaml .yml', error=ModelFileError, parse=_parse,
     made_by='Make one with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',

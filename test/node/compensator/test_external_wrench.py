@@ -10,7 +10,6 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
-from wrist_ft_comp.wire.tf_messages import Layouts
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
@@ -21,6 +20,7 @@ from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
+from wrist_ft_comp.wire.tf_tree import Layouts
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
