@@ -46,6 +46,17 @@ def test_files_that_are_named_exist(document):
             assert (ROOT / 'wrist_ft_comp' / name).exists(), name
 
 
+def test_architecture_names_where_things_are():
+    text = (ROOT / 'docs/architecture.md').read_text('utf-8')
+    places = re.findall(r'^\| .+ \| `([\w/]+\.py)` \| `([\w.]+)` \|$', text, re.M)
+    assert len(places) > 50
+    for file, definition in places:
+        folder = ROOT / 'wrist_ft_comp' if (ROOT / 'wrist_ft_comp' / file).exists() else ROOT
+        code = (folder / file).read_text('utf-8')
+        for name in definition.split('.'):
+            assert re.search(rf'(?:def|class) {name}\b', code), (file, name)
+
+
 @every_document
 def test_targets_of_make_that_are_named_exist(document):
     makefile = (ROOT / 'Makefile').read_text('utf-8')
