@@ -56,9 +56,8 @@ class Learner:
     def asked(self):
         """Give the jobs that were asked for so far."""
         path = self._folder / 'asked'
-        return (
-            [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-        )
+        whole, _, _ = path.read_text().rpartition('\n') if path.exists() else ('', '', '')
+        return [json.loads(line) for line in whole.splitlines()]  # the last may be half written
 
     def hear(self, cells, later=0):
         """Send cells, some of them later than the last: wrench, specific force, temperature."""
