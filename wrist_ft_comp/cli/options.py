@@ -44,7 +44,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
-        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
+        sentence = message if message.endswith('?') else f'{message.rstrip(".")}.'
+        raise UsageError(f'{sentence} See {self.prog} --help.')
 
     def refuse_unknown(self, words: Sequence[str]) -> None:
         """Refuse words that no option takes, and name the option that may be meant."""
