@@ -121,7 +121,7 @@ class WrenchInput(Part):
         """
         Decide whether a wrench passes that holds NaN, or what no sensor reads; else count it.
 
-        Axes that were NaN in every wrench so far may be NaN: the sensor does not have them.
+        An axis that was NaN in every earlier wrench may be NaN: the sensor does not have it.
         """
         newest = self.newest()
         before = raw if newest is None else newest[1]

@@ -28,7 +28,7 @@ class TareCollector:
     def __init__(self, duration_s: float, max_deviation_n: float) -> None:
         self._duration_ns = round(duration_s * NANOSECONDS)
         self._longest_step_ns = math.ceil(_LONGEST_STEP_SHARE * self._duration_ns)
-        #: The time of wrenches so far, ns.
+        #: How long the collected wrenches lasted, ns.
         self.lasted_ns = 0
         self._limits = axis_limits(max_deviation_n)
         self._stamps_ns: list[int] = []
