@@ -11,10 +11,10 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.wrench_topics import Newest
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion_collector import MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload

@@ -11,13 +11,11 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
-from wrist_ft_comp.node.inputs import WrenchInput
-from wrist_ft_comp.payload.live_weight import LivePayload
+from wrist_ft_comp.node.wrench_topics import WrenchInput
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.ros.services import Service
-from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -109,7 +107,20 @@ class TareService(LongService):
                 'is frozen, or not up yet. Look at its driver; where its steps are coarse, raise '
                 'tare.duration.'
             )
-        weight = self._weight(payload)
+        weight, after, refused = None, self.external.payload, self.external.refusal
+        if after is not None or payload is not None or refused:
+            weights = [weight for weight in self._weights if weight is not None]
+            if after is None or after is not payload or len(weights) < len(self._weights):
+                why = refused or 'payload.active changed meanwhile'
+                if after is payload and not refused:
+                    count = len(self._weights)
+                    why = f'specific force was fresh for {len(weights)} of {count} wrenches'
+                raise TareRefusedError(
+                    f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look '
+                    'at the status payload and call again; with payload.active empty, wrench is '
+                    'tared alone.'
+                )
+            weight = np.asarray(np.mean(weights, axis=0))
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         self.save()
         offsets = ', '.join(
@@ -125,19 +136,3 @@ class TareService(LongService):
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
                 'again when the sensor lives.'
             )
-
-    def _weight(self, before: LivePayload | None) -> FloatArray | None:
-        """Average the payload's weight; refuse where the payload is not that of ``before``."""
-        payload, refused = self.external.payload, self.external.refusal
-        if payload is None and before is None and not refused:
-            return None
-        weights = [weight for weight in self._weights if weight is not None]
-        if payload is None or payload is not before or len(weights) < len(self._weights):
-            fresh = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
-            why = refused or (fresh if payload is before else 'payload.active changed meanwhile')
-            raise TareRefusedError(
-                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
-                'the status payload and call again; with payload.active empty, wrench is tared '
-                'alone.'
-            )
-        return np.asarray(np.mean(weights, axis=0))

@@ -20,8 +20,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import HEADER, Kind
-from wrist_ft_comp.stored.plain_values import from_plain, to_plain
+from wrist_ft_comp.stored.own_file import from_plain, HEADER, Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration

@@ -23,7 +23,7 @@ class AdmittanceController:
     def __init__(self, node):
         self.node = node
         self.reference = np.zeros(6)  # as activation sets it
-        self.node.node.correction_topic._publisher.publish = self.on_reference
+        self.node.node.correction_topic.publisher.publish = self.on_reference
 
     def on_reference(self, message):
         if message.header.frame_id in {'', 'tool0'}:
@@ -32,7 +32,7 @@ class AdmittanceController:
 
     def correct(self):
         """Let the timer of the node fire."""
-        self.node.node.correction_topic.publish()
+        self.node.node.correction_topic.poll()
 
     def run(self, seconds):
         """Warm up by 0.1 K/s under a contact; what the controller sees, ``wrench``, raw."""

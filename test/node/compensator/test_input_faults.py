@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.node.inputs import Counts, WrenchInput
+from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
 
@@ -264,7 +264,7 @@ class TestWrench:
         node.bench.helper.destroy_publisher(second)
 
     def test_two_nodes_of_one_name_warn_both(self, warm, monkeypatch, tmp_path):
-        monkeypatch.setattr('wrist_ft_comp.node.drift_topic._TWINS_S', 0.2)
+        monkeypatch.setattr('wrist_ft_comp.node.wrench_topics._TWINS_S', 0.2)
         node = warm()
         twin = warm(namespace=node.namespace, directory=tmp_path / 'other')
         for one in (node, twin):

@@ -7,7 +7,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState, FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header
 
-from wrist_ft_comp.node.message_fields import TemperatureTopic
+from wrist_ft_comp.node.temperature_topics import TemperatureTopic
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
@@ -157,7 +157,7 @@ def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_mode
 
 def test_without_a_header_the_time_of_arrival_is_taken_and_shown(rig):
     node = rig(topics=['heat:data[0]'])
-    node.node.inputs._take(0, None, 21.0)
+    node.node.inputs.take(0, None, 21.0)
     assert node.node.inputs._stamp_ns > START
     shown = node.diagnosis('temperature').values
     assert shown['thermometer_1_time'].startswith('of arrival')

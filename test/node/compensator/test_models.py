@@ -25,7 +25,8 @@ def remember(node_or_directory, *names):
     directory = getattr(node_or_directory, 'directory', node_or_directory)
     directory.mkdir(exist_ok=True, parents=True)
     entries = [{**asdict(HistoryEntry(None)), 'path': f'models/{name}'} for name in names]
-    (directory / 'active.json').write_text(json.dumps({'history': entries}))
+    document = {'format': 'wrist_ft_comp live models', 'version': 1, 'history': entries}
+    (directory / 'active.json').write_text(json.dumps(document))
 
 
 class TestRollback:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node.state_keeper import StateKeeper
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
+from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
@@ -46,7 +47,7 @@ class Restarted:
         self.compensator.go_live(stored.model)
         self.keeper = StateKeeper(
             compensator=self.compensator, live_sha256=lambda: stored.sha256,
-            writer=StateWriter(path),
+            writer=FileWriter(), path=path,
         )  # fmt: skip
         self.hub = fake_hub(self.keeper, **chosen)
         self.keeper.on_model()

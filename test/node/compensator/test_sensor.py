@@ -78,7 +78,7 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
         warm = 5 * math.sin(k / 20)
         node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
         for thermometer, celsius in enumerate((20.0 + warm, 20.0)):
-            node.node.inputs._take(thermometer, at, celsius)
+            node.node.inputs.take(thermometer, at, celsius)
     assert node.call('record', False).success
     recording = read_recording(path, period_s=0.1)
     assert recording.warnings == ()
