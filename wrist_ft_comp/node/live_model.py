@@ -81,8 +81,11 @@ class LiveModel(Part):
         given = self.load(store.locate(model_file)) if model_file else None
         try:
             self.history = store.history()
-            if self.history and self.history[-1].path is not None:
-                self.stored = self.load(self.history[-1].path)
+            last = self.history[-1] if self.history else HistoryEntry(None)
+            if given and (given.path, given.sha256) == (last.path, last.sha256):
+                self.stored = given  # to read a model takes 30 ms
+            elif last.path is not None:
+                self.stored = self.load(last.path)
         except WristFtCompError as error:
             self.problem = f'The last model cannot be used: {error}'
             log.write(ERROR, self.problem)

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+import errno
 import fcntl
 from itertools import chain, count
 import os
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Literal
 from weakref import finalize
 
@@ -166,14 +166,17 @@ class ModelStore:
         """Say why nothing can be kept here, without leaving a trace; empty when something can."""
         try:
             above = (self.directory, *self.directory.absolute().parents)
-            with TemporaryFile(dir=next(folder for folder in above if folder.exists())):
-                return ''
+            folder = next(folder for folder in above if folder.exists())
+            os.close(os.open(folder, os.O_TMPFILE | os.O_RDWR))
         except OSError as error:
-            return (
-                f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
-                'choose another data_directory; until then no recording, calibration or thermal '
-                'state is kept.'
-            )
+            # EOPNOTSUPP: some disks, such as NFS, know no files without a name.
+            if error.errno != errno.EOPNOTSUPP or not os.access(folder, os.W_OK):
+                return (
+                    f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
+                    'choose another data_directory; until then no recording, calibration or '
+                    'thermal state is kept.'
+                )
+        return ''
 
     def release(self) -> None:
         """Leave the folder to others."""

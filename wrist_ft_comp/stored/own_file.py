@@ -16,7 +16,6 @@ import json
 import os
 from pathlib import Path
 import re
-from secrets import token_hex
 import sys
 import threading
 import time
@@ -58,7 +57,7 @@ def replace_file(target: Path, content: str | bytes) -> None:
     are no text; they become "?".
     """
     data = content.encode(errors='replace') if isinstance(content, str) else content
-    neighbour = target.parent / f'.{target.name}.{token_hex(4)}{_SUFFIX}'
+    neighbour = target.parent / f'.{target.name}.{os.urandom(4).hex()}{_SUFFIX}'
     try:
         with neighbour.open('xb') as file:
             if target.exists():

@@ -283,28 +283,37 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
+def turned_by(axis, degrees):
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
 @pytest.mark.parametrize(
-    ('mirror', 'contact_n', 'axes'),
+    ('felt_turn', 'shift_m', 'contact_n', 'words'),
     [
-        ((1, 1, 1), 0.0, ''),
-        ((-1, 1, 1), 0.0, 'force_x'),
-        ((-1, -1, 1), 0.0, 'force_x, force_y'),
-        ((1, 1, 1), -60.0, ''),
+        (np.eye(3), 0.0, 0.0, ''),
+        (np.eye(3), 0.0, -60.0, ''),
+        (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'as if specific force were mirrored'),
+        (turned_by('z', 90.0), 0.0, 0.0, 'as if specific force were turned by 90 degrees'),
+        (turned_by('x', 12.0), 0.0, 0.0, 'as if specific force were turned by 12 degrees'),
+        (np.eye(3), 0.04, 0.0, 'as if the centre of mass were 40 mm from that of day-1'),
     ],
-    ids=['right', 'mirrored', 'turned', 'presses where it points down'],
+    ids=['right', 'presses where it points down', 'mirrored', 'quarter', 'tilted', 'other TCP'],
 )
-def test_a_wrench_that_moves_against_the_weight_is_a_warning(held, mirror, contact_n, axes):
+def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
+    held, felt_turn, shift_m, contact_n, words
+):
     """An arm that turns and comes back, and a noise of 0.1 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
     for k in range(100):
-        turn = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix()
-        up = turn.T @ UP
-        part.feel(START + k * SECOND, up * mirror)
+        up = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix().T @ UP
+        part.feel(START + k * SECOND, felt_turn @ up)
         contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
-        part.ask(START + k * SECOND, TOOL.weight(up) + contact + rng.normal(0, 0.1, 6))
+        noise = rng.normal(0, 0.1, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
+        part.ask(START + k * SECOND, mounted.weight(up) + contact + noise)
         found = part.status()
-    words = f'{axes} moves against the weight of day-1' if axes else 'subtracting day-1'
-    assert (found.level, words in found.message) == (WARN if axes else OK, True), found.message
+    expected = words or 'subtracting day-1'
+    assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
 
 
 @pytest.mark.usefixtures('tf_messages')
