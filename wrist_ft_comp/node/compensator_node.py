@@ -143,17 +143,20 @@ class CompensatorNode(Hub):
     def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
         """Make one of each of PARTS; they meet here, and begin in ``run``."""
         store, compensator, counts = self.store, self.compensator, self.counts
-        writer = self.writer = FileWriter()
+        writer, drivers = FileWriter(), set[str]()
+        self.writer = writer
         writer.problems['state.json'] = store.check_writable()
         self.live = live = LiveModel(
             store=store, sensor=self.sensor, swap=self._swap, writer=writer
         )
         self.state_keeper = StateKeeper(
             compensator=compensator, live_sha256=lambda: live.sha256, writer=writer,
-            path=store.directory / 'state.json',
+            path=store.directory / 'state.json', drivers=drivers,
         )  # fmt: skip
         self.specific_force = SpecificForceInput(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest)
+        self.wrench_input = WrenchInput(
+            counts, self.newest, lambda: compensator.model.axes if compensator.model else ()
+        )
         self.inputs = TemperatureInput(
             thermometers=self.thermometers, compensator=compensator, wrenches=self.wrench_input,
             specific_force=self.specific_force, live=live, state_keeper=self.state_keeper,
@@ -179,7 +182,7 @@ class CompensatorNode(Hub):
         calibrated = partial(live.take, why='a person called ~/calibrate')
         self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
         self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
-        self.drift_topic = DriftTopic(compensator, counts)
+        self.drift_topic = DriftTopic(compensator, counts, self.newest, drivers)
         self.correction_topic = CorrectionTopic(compensator, self.newest)
         return (
             self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,

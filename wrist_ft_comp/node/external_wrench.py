@@ -410,13 +410,16 @@ class ExternalWrench(Part):
             self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         found = self._check.found
         if found.mirrored or found.turn_deg:
-            how = f'turned by {found.turn_deg:.0f} degrees'
-            if found.mirrored:
-                how = 'mirrored'
             yield (
-                f'the force moves as if specific force were {how} against what is taken off for '
-                f'{payload.name}; mend the mount of the IMU or the frame of the wrench, or call '
-                '~/identify_payload'
+                f'the force moves otherwise than the weight of {payload.name}: specific force is '
+                f'mirrored or turned, by {found.turn_deg:.0f} degrees; mend the mount of the IMU '
+                'or the frame of the wrench, or call ~/identify_payload'
+            )
+        if found.scale != 1:
+            yield (
+                f'the force moves {found.scale:.3g} times as much as the weight of '
+                f'{payload.name}: its unit, payload.mass, or the payload is another one; mend '
+                'that, or call ~/identify_payload'
             )
         if found.shift_m:
             yield (

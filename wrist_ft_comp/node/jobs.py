@@ -149,7 +149,7 @@ class CalibrateService(LongService):
         level, message = OK, 'recording' if recording else 'idle'
         if recording is not None:
             numbers['recording'] = str(self.recording.path)
-            numbers['recorded_cells'] = str(recording.rows)
+            numbers |= {'recorded_cells': str(recording.rows), **self.recording.spans()}
         if self.running_s is not None:
             message = f'running for {self.running_s:.0f} s'
         elif trouble := self.recording.failure or self.recording.doubt():

@@ -11,7 +11,14 @@ from typing import Any, Protocol
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
+from wrist_ft_comp.channels import (
+    AXES,
+    FORCE_CHANNELS,
+    LARGEST,
+    REFERENCE_CHANNELS,
+    SensorNames,
+    temperature_channel,
+)
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
@@ -51,6 +58,8 @@ class OwnRecording:
     rows: int = 0
     #: By channel, how many of the newest rows have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
+    #: By channel, its least and its largest value.
+    spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 class Recorder(Part):
@@ -67,7 +76,7 @@ class Recorder(Part):
     def __init__(
         self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
     ) -> None:
-        thermometers = compensator.thermometers
+        self.thermometers = thermometers = compensator.thermometers
         #: Names of a row's values.
         self.channels = row_channels(thermometers, with_force=with_force)
         self.sensor = sensor
@@ -147,6 +156,9 @@ class Recorder(Part):
                 for channel, value in zip(self.channels, values, strict=True):
                     count = recording.lacking[channel] + 1 if math.isnan(value) else 0
                     recording.lacking[channel] = count
+                    if not count:
+                        least, most = recording.spans.get(channel, (value, value))
+                        recording.spans[channel] = min(least, value), max(most, value)
         except RecordingError as error:
             return error
         return None
@@ -283,6 +295,16 @@ class RecordService(Part):
         elif self.current is not None:
             self._heard = True
             self.recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+
+    def spans(self) -> dict[str, str]:
+        """Give how long the present recording is, and which temperatures it spans."""
+        if self.current is None or not self.current.rows:
+            return {}
+        values = {'recording_s': f'{self.current.rows * self.recorder.period_ns / NANOSECONDS:g}'}
+        for j in range(self.recorder.thermometers):
+            if span := self.current.spans.get(temperature_channel(j)):
+                values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
+        return values
 
     def doubt(self) -> str:
         """Say that no wrenches are recorded, or no reference that was heard; else empty."""

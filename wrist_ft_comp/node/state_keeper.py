@@ -1,7 +1,7 @@
 """The part for warm restarts: it saves thermal state and tare, and continues from them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 import time
@@ -21,8 +21,8 @@ from wrist_ft_comp.stream.thermal_memory import belongs_to
 SAVE_PERIOD_S = 5.0
 #: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-#: The live model's hash, the bytes of both tares, and what is doubted of the zero.
-_Key: TypeAlias = tuple[str | None, bytes, bytes, tuple[str, ...]]
+#: The live model's hash, the bytes of both tares, what is doubted of the zero, and who publishes.
+_Key: TypeAlias = tuple[str | None, bytes, bytes, tuple[str, ...], tuple[str, ...]]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -38,6 +38,8 @@ class StateKeeper(Part):
     live_sha256: Callable[[], str | None]
     writer: FileWriter
     path: Path
+    #: The publishers of raw wrenches, which the part for the output keeps up to date.
+    drivers: set[str] = field(default_factory=set)
     #: What happened to the saved state.
     outcome: str = 'there was no saved state'
     #: The trouble with the file that was logged last.
@@ -76,6 +78,7 @@ class StateKeeper(Part):
                 state.tare, state.external_tare, before_drift=memory is None
             )
             self.hub.log.info('the tare from before the restart is active')
+            self.drivers.update(state.drivers)
         for doubt in state.zero_doubts:
             self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
@@ -95,7 +98,8 @@ class StateKeeper(Part):
         """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
         stream, tracker = self.compensator, self.compensator.tracker
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
-        key = (self.live_sha256(), *tares, tuple(stream.zero_doubts))
+        doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.drivers))
+        key = (self.live_sha256(), *tares, doubts, drivers)
         return key, tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
@@ -134,7 +138,7 @@ class StateKeeper(Part):
             saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
         state = SavedState(
             saved_ns, self.live_sha256(), stream.tare, stream.memory(), stream.external_tare,
-            tuple(stream.zero_doubts),
+            tuple(stream.zero_doubts), tuple(sorted(self.drivers)),
         )  # fmt: skip
         self.writer.put(self.path.name, partial(save_state, self.path, state))
 

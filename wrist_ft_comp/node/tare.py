@@ -104,8 +104,9 @@ class TareService(LongService):
             reading = ', '.join(f'{value:.4g}' for value in mean)
             raise TareRefusedError(
                 f'All wrenches of the tare are the same to the last bit ({reading}): the sensor '
-                'is frozen, or not up yet. Look at its driver; where its steps are coarse, raise '
-                'tare.duration.'
+                'is frozen, or not up yet. Look at its driver. Mock hardware, whose readings '
+                'never change, needs no tare: do not call it there. Where the steps of the sensor '
+                'are coarse, raise tare.duration.'
             )
         weight, after, refused = None, self.external.payload, self.external.refusal
         if after is not None or payload is not None or refused:

@@ -185,7 +185,6 @@ class TemperatureInput(Part):
     _stamp_ns: int = 0
     _growth: Growth = field(default_factory=Growth)
     _events: Events = field(default_factory=Events)
-    _comparison: ClockComparison = field(default_factory=ClockComparison)
     #: Stamps of the wrench and of the IMU that were compared last, ns.
     _compared_ns: tuple[int | None, int] = None, 0
 
@@ -194,7 +193,7 @@ class TemperatureInput(Part):
 
     def start(self) -> None:
         """Subscribe to every thermometer."""
-        self._tracker = self.compensator.tracker
+        self._tracker, self._comparison = self.compensator.tracker, ClockComparison()
         by_imu = self.hub.chosen()['gravity.source'] == 'imu'
         self._imu_topic = self.hub.resolve_topic_name('imu') if by_imu else ''
         by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)

@@ -1,6 +1,6 @@
 """The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 import math
 import time
@@ -26,6 +26,10 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
 #: The diagnostics warn of an event for this time, s.
 _WARNED_S = 10.0
+#: An axis that reads exactly 0 for this many looks in a row, 5 s, is dead, ...
+_DEAD_LOOKS = 50
+#: ... unless more than this share of its other looks repeat the one before, as coarse steps do.
+_COARSE_SHARE = 0.1
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
@@ -80,13 +84,22 @@ def arrival(stamp_ns: int) -> str:
 
 
 class WrenchInput(Part):
-    """Judges the raw wrenches, by the node's counts and its newest wrench."""
+    """
+    Judges the raw wrenches, by the node's counts and its newest wrench.
+
+    ``modelled`` names the axes that the live model compensates.
+    """
 
     title, logged = 'input', True
     hub: Hub
 
-    def __init__(self, counts: Counts, newest: Callable[[], Newest | None]) -> None:
-        self._counts, self.newest = counts, newest
+    def __init__(
+        self,
+        counts: Counts,
+        newest: Callable[[], Newest | None],
+        modelled: Callable[[], Collection[str]] = tuple,
+    ) -> None:
+        self._counts, self.newest, self._modelled = counts, newest, modelled
         self.sensor = SensorWatch()
         #: Stamp of the newest wrench that was looked at, ns; None before the first.
         self.stamp_ns: int | None = None
@@ -96,6 +109,10 @@ class WrenchInput(Part):
         #: The frame, the one before, and how often it changed.
         self._frame = self._frame_before = ''
         self._frame_changes = 0
+        #: By axis, how many looks in a row read exactly 0, how many others there were, and how
+        #: many of those were the same as the one before.
+        self._zeros, self._others, self._repeats = np.zeros((3, len(AXES)), np.int64)
+        self._last_raw: FloatArray = np.full(len(AXES), np.nan)
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
         self._growth, self._events = Growth(), Events()
@@ -136,6 +153,11 @@ class WrenchInput(Part):
             layout = locate(data, WRENCH_DOUBLES)
             stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
             self.absent = [AXES[i] for i in np.flatnonzero(np.isnan(raw))]
+            reading = np.array(raw)
+            self._zeros = np.where(reading == 0, self._zeros + 1, 0)
+            self._others += reading != 0
+            self._repeats += (reading != 0) & (reading == self._last_raw)
+            self._last_raw = reading
             sensor.look(self.stamp_ns if stamped else 0, np.nan_to_num(raw).tolist())
             if frame != self._frame:
                 self._frame_changes += bool(self._frame)
@@ -184,7 +206,15 @@ class WrenchInput(Part):
             well = f'{rate_hz:.0f} wrenches per second'
             if self.absent:
                 well += f'; {", ".join(self.absent)} never had a number'
+            if unused := ', '.join(self._dead(lived=False)):
+                well += f'; {unused} never read anything but 0'
             yield doubtful(self.title, self._doubts(publishers), well, numbers)
+
+    def _dead(self, *, lived: bool) -> list[str]:
+        """List axes that read exactly 0, and read something else before, or never did."""
+        is_coarse = self._repeats > _COARSE_SHARE * self._others
+        is_dead = (self._zeros >= _DEAD_LOOKS) & ~is_coarse & ((self._others > 0) == lived)
+        return [AXES[i] for i in np.flatnonzero(is_dead)]
 
     def sickness(self) -> str:
         """Say that the sensor is frozen or saturated; empty where it lives."""
@@ -201,6 +231,13 @@ class WrenchInput(Part):
             yield f'{publishers} publishers share the topic; their readings are mixed'
         if sick := self.sickness():
             yield sick
+        elif dead := ', '.join(self._dead(lived=True)):
+            yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
+        elif lost := [axis for axis in self._dead(lived=False) if axis in self._modelled()]:
+            yield (
+                f'{", ".join(lost)} never read anything but 0, and the model knows it as an axis '
+                'that lives; is it dead?'
+            )
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'frame' in recent:
@@ -221,11 +258,15 @@ class DriftTopic(Part):
     topics = (('~/drift', 'zero drift being subtracted, once per thermal cell'),)
     hub: Hub
 
-    def __init__(self, compensator: Compensator, counts: Counts) -> None:
-        self._compensator, self._counts = compensator, counts
+    def __init__(
+        self, compensator: Compensator, counts: Counts, newest: Callable[[], Newest | None],
+        drivers: set[str],
+    ) -> None:  # fmt: skip
+        self._compensator, self._counts, self._newest = compensator, counts, newest
         self._growth = Growth()
-        #: The publishers of raw wrenches, by their identity in the graph.
-        self._drivers: set[bytes] = set()
+        #: The publishers of raw wrenches, by their identity in the graph; at first, those before
+        #: the restart.
+        self._drivers = drivers
         #: When this node was the only one of its name last, by the steady clock.
         self._alone_s = time.monotonic()
 
@@ -244,14 +285,16 @@ class DriftTopic(Part):
         hub, stream, counts = self.hub, self._compensator, self._counts
         # A driver that came instead of another one, and a node of this name.
         topic = hub.resolve_topic_name('wrench_raw')
-        drivers = {bytes(end.endpoint_gid) for end in hub.get_publishers_info_by_topic(topic)}
+        ends = hub.get_publishers_info_by_topic(topic)
+        drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(self._drivers):
             if self._drivers:
                 stream.doubt_zero(
                     f'the publisher of {topic} has left and another one came: its zero may be '
                     'another one; call ~/tare'
                 )
-            self._drivers = drivers
+            self._drivers.clear()
+            self._drivers.update(drivers)
         own = hub.get_name(), hub.get_namespace()
         if hub.get_node_names_and_namespaces().count(own) <= 1:
             self._alone_s = time.monotonic()
@@ -259,7 +302,8 @@ class DriftTopic(Part):
         grown, elapsed_s = self._growth.since(published=counts.published, failed=counts.failed)
         tare = 'active' if stream.tared else 'none'
         if not stream.tared and stream.tare.any():
-            tare = 'none; an offset is kept since a change of model'
+            kept = np.linalg.norm(stream.tare[:3])
+            tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
         numbers = {
             'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
             'published': str(counts.published),
@@ -267,9 +311,20 @@ class DriftTopic(Part):
             'origin': stream.tracker.origin,
             **_axis_numbers(stream),
         }
+        if (newest := self._newest()) is not None:
+            published = stream.correct(*newest[:2])
+            for axis, raw, compensated in zip(AXES, newest[1], published, strict=True):
+                if not math.isnan(raw):
+                    numbers[f'{axis}_raw'] = f'{raw:.4g} {axis_unit(axis)}'
+                    numbers[f'{axis}_compensated'] = f'{compensated:.4g} {axis_unit(axis)}'
+        yield Status(self.title, *self._judge(grown['failed']), numbers)
+
+    def _judge(self, failed: int) -> tuple[bytes, str]:
+        """Choose level and message: the worst of all that is wrong with what is published."""
+        hub, stream, counts = self.hub, self._compensator, self._counts
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
         level, why = WARN, 'not compensated: no model or no temperature yet'
-        if grown['failed']:
+        if failed:
             level, why = ERROR, f'wrenches were lost by a fault of this program: {counts.fault}'
         elif large:
             level, why = ERROR, f'drift of {large} is at its limit'
@@ -282,11 +337,13 @@ class DriftTopic(Part):
             why = 'not compensated: the model compensates no axis'
         elif stream.compensating and stream.zero_doubts:
             why = '; '.join(stream.zero_doubts)
+        elif stream.compensating and not stream.tared:
+            why = 'no tare: wrench still holds the zero of the sensor; call ~/tare'
         elif stream.compensating and (policy := hub.incompatible.get('wrench')):
             why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
         elif stream.compensating:
             level, why = OK, 'compensated'
-        yield Status(self.title, level, why, numbers)
+        return level, why
 
 
 def _axis_numbers(stream: Compensator) -> dict[str, str]:

@@ -42,6 +42,8 @@ class SavedState:
     external_tare: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
     #: Why the zero may be another one since the last tare.
     zero_doubts: tuple[str, ...] = ()
+    #: The publishers of raw wrenches, by their identity in the graph.
+    drivers: tuple[str, ...] = ()
 
 
 def save_state(path: Path, state: SavedState) -> None:
@@ -63,7 +65,7 @@ def save_state(path: Path, state: SavedState) -> None:
     }
     document = {
         'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, **tares,
-        'thermal': thermal, 'zero_doubts': state.zero_doubts,
+        'thermal': thermal, 'zero_doubts': state.zero_doubts, 'drivers': state.drivers,
     }  # fmt: skip
     KIND.save(path, to_plain(document), indent=None)
 

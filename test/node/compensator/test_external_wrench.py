@@ -292,12 +292,13 @@ def turned_by(axis, degrees):
     [
         (np.eye(3), 0.0, 0.0, ''),
         (np.eye(3), 0.0, -60.0, ''),
-        (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'as if specific force were mirrored'),
-        (turned_by('z', 90.0), 0.0, 0.0, 'as if specific force were turned by 90 degrees'),
-        (turned_by('x', 12.0), 0.0, 0.0, 'as if specific force were turned by 12 degrees'),
+        (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'specific force is mirrored or turned'),
+        (turned_by('z', 90.0), 0.0, 0.0, 'turned, by 90 degrees'),
+        (turned_by('x', 12.0), 0.0, 0.0, 'turned, by 12 degrees'),
+        (np.eye(3) / 4.448, 0.0, 0.0, 'moves 4.45 times as much as the weight of day-1: its unit'),
         (np.eye(3), 0.04, 0.0, 'as if the centre of mass were 40 mm from that of day-1'),
     ],
-    ids=['right', 'presses where it points down', 'mirrored', 'quarter', 'tilted', 'other TCP'],
+    ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'other TCP'],
 )
 def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
     held, felt_turn, shift_m, contact_n, words
@@ -337,6 +338,7 @@ def test_a_frame_that_is_moved_on_the_robot_is_a_warning_until_the_next_tare(
 
     layouts = Layouts()
     send(0, 0.0)
+    node.node.compensator.set_tare(CONSTANT, START)
     assert node.diagnosis('output').level == OK
     send(50, 30.0)
     status = node.diagnosis('output', 'by TF the frame of the wrench turned at 5')

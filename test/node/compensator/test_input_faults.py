@@ -79,7 +79,9 @@ def warm(rig, make_model):
 @pytest.fixture
 def quick(monkeypatch):
     """Look less often before a reading counts as suspicious."""
-    monkeypatch.setattr('wrist_ft_comp.node.inputs.SensorWatch', lambda: SensorWatch(looks=4))
+    monkeypatch.setattr(
+        'wrist_ft_comp.node.wrench_topics.SensorWatch', lambda: SensorWatch(looks=4)
+    )
 
 
 def unharmed(node, stamp=START + 30 * SECOND):
@@ -191,6 +193,24 @@ class TestWrench:
         assert node.node.wrench_input.sensor.saturated == ('force_z',)
         unharmed(node)
 
+    @pytest.mark.parametrize(
+        ('axis', 'before', 'words'),
+        [
+            (3, 1.0, 'torque_x reads exactly 0 for seconds; is the axis dead'),
+            (2, 0.0, 'force_z never read anything but 0, and the model knows it'),
+            (3, 0.0, ''),
+        ],
+        ids=['dies', 'modelled', 'not there'],
+    )
+    def test_a_dead_axis_is_a_warning_where_it_should_live(self, warm, warns, axis, before, words):
+        node = warm()
+        wrenches = noisy(80, 5.0)
+        wrenches[:20, axis] *= before
+        wrenches[20:, axis] = 0.0
+        look_at(node, wrenches)
+        status = warns(node, 'input', words) if words else node.diagnosis('input')
+        assert words or (status.level, 'torque_x never read anything' in status.message) == (OK, 1)
+
     @pytest.mark.usefixtures('quick')
     @pytest.mark.parametrize(
         ('stamps', 'words'),
@@ -245,23 +265,31 @@ class TestWrench:
         unharmed(node)
 
     def test_a_driver_that_comes_back_is_a_warning_until_the_next_tare(self, warm, warns):
+        """Also where it came back while the node was away, and over a restart of the node."""
         node = warm()
-
-        def publish():
-            return node.bench.helper.create_publisher(WrenchStamped, node.topic('wrench_raw'), 1)
-
-        first = publish()
-        graph = node.node.count_publishers
-        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 1, 'the first driver')
-        assert node.diagnosis('output').level == OK
-        second = publish()
-        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 2, 'the second driver')
-        assert node.diagnosis('output').level == OK
-        node.bench.helper.destroy_publisher(first)
-        warns(node, 'output', 'has left and another one came: its zero may be another one')
+        warns(node, 'output', 'no tare: wrench still holds the zero of the sensor; call ~/tare')
         node.node.compensator.set_tare(RAW, START)
+        helper, topic = node.bench.helper, node.topic('wrench_raw')
+
+        def come(count):
+            driver = helper.create_publisher(WrenchStamped, topic, 1)
+            node.wait_until(lambda: node.node.count_publishers(topic) == count, 'the driver')
+            return driver
+
+        driver = come(1)
         assert node.diagnosis('output').level == OK
-        node.bench.helper.destroy_publisher(second)
+        words = 'has left and another one came: its zero may be another one; call ~/tare'
+        for while_the_node_runs in (True, False):
+            other = come(2)
+            helper.destroy_publisher(driver)
+            driver = other
+            if while_the_node_runs:
+                warns(node, 'output', words)
+            node = warm(namespace=node.namespace)
+            assert node.node.compensator.tared
+            warns(node, 'output', words)
+            node.node.compensator.set_tare(RAW, START)
+            assert node.diagnosis('output').level == OK
 
     def test_two_nodes_of_one_name_warn_both(self, warm, monkeypatch, tmp_path):
         monkeypatch.setattr('wrist_ft_comp.node.wrench_topics._TWINS_S', 0.2)
