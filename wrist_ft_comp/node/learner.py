@@ -11,12 +11,7 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import (
-    RecordingError,
-    SettingsError,
-    StateFileError,
-    WristFtCompError,
-)
+from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.memory import last_change, load_memory, Memory, save_memory

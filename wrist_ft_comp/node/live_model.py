@@ -188,11 +188,7 @@ class LiveModel(Part):
         self.hub.broadcast('on_model')
 
     def _write_down(
-        self,
-        why: str,
-        how: How = 'chosen',
-        judged: str = '',
-        then: Then | None = None,
+        self, why: str, how: How = 'chosen', judged: str = '', then: Then | None = None
     ) -> None:
         """Remember that the live model is live from now on; no news where it was live before."""
         path, sha256 = (self.stored.path, self.stored.sha256) if self.stored else (None, '')

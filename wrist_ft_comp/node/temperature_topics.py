@@ -31,12 +31,7 @@ from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.message_layout import (
-    define_installed,
-    Definitions,
-    follow,
-    NumberReader,
-)
+from wrist_ft_comp.wire.message_layout import define_installed, Definitions, follow, NumberReader
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 from wrist_ft_comp.wire.units import other_unit, unit_remedy
 

@@ -338,20 +338,6 @@ class TestTemperature:
         warns(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
         unharmed(node, START + 10 * HOUR)
 
-    def test_one_thermometer_that_stops_is_held_and_the_others_go_on(self, warm, log):
-        node = warm(thermometers=2, parameters={'temperature_timeout': 0.5})
-        stamps = iter(range(START + 20 * SECOND, START + HOUR, SECOND))
-
-        def one_is_silent(status):
-            node.put_temperature(next(stamps), 30.0)
-            return '2 silent' in status.message
-
-        status = node.diagnosis('temperature', one_is_silent)
-        assert status.message == 'thermometer 2 silent for more than 0.5 s; drift is held'
-        log(node, 'temperature: thermometer 2 silent')
-        assert node.node.compensator.tracker.grid._next > START // SECOND + 20
-        unharmed(node)
-
     def test_a_frozen_thermometer_is_replaced_with_a_warning(self, warm, warns):
         node = warm(thermometers=2, prediction=ALIKE)
         for second in range(20, 420):
@@ -362,24 +348,6 @@ class TestTemperature:
         assert 'what the others predict of it is used until it agrees again' in status.message
         assert status.values['thermometer_2_c'] == '31.00'
         assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
-
-    def test_two_of_three_that_were_silent_are_believed_after_half_an_hour(self, warm, warns):
-        """The third is the mean of the others, so that one alone tells nothing of the two."""
-        node = warm(3, prediction=MIDDLE, parameters={'temperature_timeout': 5.0})
-        for second in range(20, 820, 10):
-            node.put_temperature(START + second * SECOND, 30.0 + min(second, 400) / 100)
-        status = warns(node, 'temperature', 'thermometer 3 is silent; what the others predict of')
-        assert 'thermometer 2 is silent' in status.message
-        believed_c = float(status.values['thermometer_2_believed_c'])
-        assert believed_c == pytest.approx(34.0, abs=0.5), 'it moves along with the first'
-        back, rng = second + 10, np.random.default_rng(0)
-        for second in range(back, back + 3600, 10):
-            ripple = rng.normal(0.0, 0.02, 3)
-            node.warm(START + second * SECOND, *np.array([34.0, 36.0, 35.0]) + ripple)
-        status = node.diagnosis('temperature', lambda status: 'silent' not in status.message)
-        assert node.node.compensator.tracker.temperature_c == pytest.approx(
-            [34.0, 36.0, 35.0], abs=0.1
-        )
 
     def test_a_temperature_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, warns):
         node = warm(parameters={'max_drift_rate': 0.01})
@@ -421,16 +389,6 @@ class TestTemperature:
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
         warns(node, 'temperature', words)
         unharmed(node)
-
-    def test_the_stream_of_a_clock_that_begins_anew_goes_on_from_there(self, warm, warns):
-        node = warm()
-        for second in range(5):
-            node.warm(second * SECOND, 30.0)
-        tracker = node.node.compensator.tracker
-        assert (tracker.clocks.restarts, tracker.forgot) == (1, False)
-        words = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
-        assert warns(node, 'temperature', words).values['stamps_restarted'] == '1'
-        unharmed(node, 10 * SECOND)
 
 
 class TestQualityOfService:

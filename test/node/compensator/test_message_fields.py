@@ -96,12 +96,6 @@ def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, me
     assert listening.problem() == ''
 
 
-def test_of_a_fast_topic_only_the_newest_message_is_kept(listen):
-    listening = listen('/state:temperature')
-    listening.hear(battery(20.0))
-    assert listening.hub.topics['/state'].qos_profile.depth == 1
-
-
 @pytest.mark.parametrize(
     ('entry', 'message', 'words', 'good'),
     [

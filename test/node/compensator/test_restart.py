@@ -129,11 +129,6 @@ def test_a_state_that_cannot_be_used_is_said_and_logged(restart, warm, change, w
     assert any(words[0] in line for line in restarted.hub.logged)
 
 
-def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
-    restarted = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
-    assert restarted.keeper.outcome == HELD
-
-
 def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
     restarted = restart(replace(warm, saved_ns=10**18))
     restarted.compensator.set_tare(np.array(LOAD), START + 700 * SECOND)
