@@ -408,27 +408,34 @@ class ExternalWrench(Part):
         if wrench is not None and at_stamp is not None:
             corrected = self.compensator.correct(*wrench[:2], external=True)
             self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
-        found = self._check.found
+        yield from filter(None, [self.moves_otherwise()])
+        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
+            yield f'{payload.turn}; {other}'
+
+    def moves_otherwise(self) -> str:
+        """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""
+        found, payload = self._check.found, self.payload
+        if payload is None:
+            return ''
         if found.mirrored or found.turn_deg:
-            yield (
+            return (
                 f'the force moves otherwise than the weight of {payload.name}: specific force is '
                 f'mirrored or turned, by {found.turn_deg:.0f} degrees; mend the mount of the IMU '
                 'or the frame of the wrench, or call ~/identify_payload'
             )
         if found.scale != 1:
-            yield (
+            return (
                 f'the force moves {found.scale:.3g} times as much as the weight of '
                 f'{payload.name}: its unit, payload.mass, or the payload is another one; mend '
                 'that, or call ~/identify_payload'
             )
         if found.shift_m:
-            yield (
+            return (
                 'the torque moves as if the centre of mass were '
                 f'{1e3 * found.shift_m:.0f} mm from that of {payload.name}; was the frame of the '
                 'wrench moved, such as by another TCP? Move it back, or call ~/identify_payload'
             )
-        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
-            yield f'{payload.turn}; {other}'
+        return ''
 
     def _off_gravity(self, force: FloatArray) -> Iterator[str]:
         """Doubt a specific force, (3,), whose norm is not that of gravity."""

@@ -1,6 +1,7 @@
 """The part for warm restarts: it saves thermal state and tare, and continues from them."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -8,6 +9,7 @@ import time
 from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.node.live_model import Then
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.series import NANOSECONDS
@@ -44,6 +46,8 @@ class StateKeeper(Part):
     outcome: str = 'there was no saved state'
     #: The trouble with the file that was logged last.
     _complained: str = ''
+    #: The bytes of the tares in the file, where they are known.
+    _written: tuple[bytes, bytes] = b'', b''
     #: The saved state, until the first thermal cell decides whether it is used.
     _loaded: SavedState | None = None
     #: When to save next, by the steady clock; None before the first model is live.
@@ -72,6 +76,7 @@ class StateKeeper(Part):
             return ''
         if state.model_sha256 != self.live_sha256():
             return 'the saved state belongs to another model, and so does its tare'
+        self._written = state.tare.tobytes(), state.external_tare.tobytes()
         memory, model = state.thermal, self.compensator.model
         if state.tare.any() or state.external_tare.any():
             self.compensator.restore_tare(
@@ -128,8 +133,8 @@ class StateKeeper(Part):
             self.hub.log.error(problem)
         self._complained = problem
 
-    def save(self) -> None:
-        """Have the present state saved; returns at once."""
+    def save(self, then: Then | None = None) -> None:
+        """Have the present state saved; ``then`` gets why that failed, or '', when it is known."""
         stream = self.compensator
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
@@ -140,7 +145,19 @@ class StateKeeper(Part):
             saved_ns, self.live_sha256(), stream.tare, stream.memory(), stream.external_tare,
             tuple(stream.zero_doubts), tuple(sorted(self.drivers)),
         )  # fmt: skip
-        self.writer.put(self.path.name, partial(save_state, self.path, state))
+        self.writer.put(self.path.name, partial(self._write, state), then)
+
+    def _write(self, state: SavedState) -> None:
+        """Write a state; where that fails, no state of another tare may come back."""
+        tares = state.tare.tobytes(), state.external_tare.tobytes()
+        try:
+            save_state(self.path, state)
+        except StateFileError:
+            if tares != self._written:
+                with suppress(OSError):
+                    self.path.unlink()
+            raise
+        self._written = tares
 
     def end(self) -> bool:
         """Save once more, and wait for the disk; True when a caller was answered just now."""

@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
+from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.node.wrench_topics import WrenchInput
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
@@ -21,6 +22,8 @@ from wrist_ft_comp.stream.tare import TareCollector
 
 #: A tare is refused where the stamps of wrenches do not go on for this time, s.
 _PATIENCE_S = 2.0
+#: A tare is answered when it is saved, or after this time, s.
+_DISK_S = 5.0
 
 
 @dataclass(eq=False, kw_only=True)
@@ -28,13 +31,13 @@ class TareService(LongService):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
 
-    ``save`` keeps the tare over a restart.
+    ``save`` keeps the tare over a restart, and tells what it is given why that failed, or ''.
     """
 
     compensator: Compensator
     external: ExternalWrench
     wrenches: WrenchInput
-    save: Callable[[], None]
+    save: Callable[..., None]
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
@@ -123,12 +126,18 @@ class TareService(LongService):
                 )
             weight = np.asarray(np.mean(weights, axis=0))
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
-        self.save()
+        problems: list[str] = []
+        self.save(problems.append)
+        asked_s = time.monotonic()
+        while not problems and time.monotonic() - asked_s < _DISK_S:
+            yield
+        unsaved = problems[0] if problems else 'the disk does not answer'
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
         also = '' if weight is None else '; wrench_external is tared, too'
-        return f'tared: {offsets}{also}'
+        lost = f'A restart loses this tare: {unsaved}' if unsaved else ''
+        return warned(f'tared: {offsets}{also}', lost)
 
     def _refuse_sick(self) -> None:
         """Refuse where the sensor is frozen or saturated."""
@@ -136,4 +145,9 @@ class TareService(LongService):
             raise TareRefusedError(
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
                 'again when the sensor lives.'
+            )
+        if otherwise := self.external.moves_otherwise():
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {otherwise}. Both tares stay as they were; '
+                'when that is mended, turn the tool about until the status payload says so.'
             )

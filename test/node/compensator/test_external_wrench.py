@@ -16,6 +16,7 @@ from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.payload.weight_check import Disagreement
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
@@ -356,7 +357,8 @@ def tare_at_rest(node, load=None):
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
         node.ask_output(stamp, load + CONSTANT + 1e-13 * (-1) ** k)
-    return answers.get(timeout=20.0)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    return answers.get()
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
@@ -372,6 +374,14 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(again.node.compensator.tare, TOOL.weight(UP) + CONSTANT, atol=1e-12)
     assert again.call('reset_tare').success
     assert not again.node.compensator.external_tare.any()
+
+
+def test_a_tare_under_a_wrong_weight_is_refused(holding):
+    node = holding()
+    node.node.external._check.found = Disagreement(turn_deg=90.0)
+    assert 'cannot be tared: the force moves otherwise than the weight' in node.refusal('tare')
+    assert node.set('payload.active', '').successful
+    assert tare_at_rest(node).success is False, 'too short, but begun'
 
 
 def test_the_tare_of_the_empty_sensor_is_its_zero_under_every_payload(holding):

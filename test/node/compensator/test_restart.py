@@ -155,6 +155,26 @@ def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     assert load_state(path).thermal is not None
 
 
+def test_a_tare_that_cannot_be_saved_does_not_bring_back_the_one_before(
+    restart, warm, tmp_path, monkeypatch
+):
+    restarted, told = restart(warm), []
+    monkeypatch.setattr('os.fsync', lambda _: (_ for _ in ()).throw(OSError(28, 'No space left')))
+    restarted.keeper.save()
+    restarted.compensator.set_tare(TARE + 1.0, START)
+    restarted.keeper.save(told.append)
+    restarted.keeper.end()
+    assert 'state.json cannot be written: No space left' in told[0]
+    assert not (tmp_path / 'state.json').exists()
+
+
+def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
+    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',))
+    restarted = restart(state)
+    assert restarted.compensator.zero_doubts == ['the frame was moved']
+    assert restarted.keeper.drivers == {'abc'}
+
+
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
     restarted = restart()
     restarted.output(0, LOAD)
