@@ -36,8 +36,7 @@ from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
 from wrist_ft_comp.ros.running import run_node
-from wrist_ft_comp.stored.model_store import ModelStore, node_directory
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.model_store import FileWriter, ModelStore, node_directory
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
