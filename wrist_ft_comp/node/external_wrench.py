@@ -121,8 +121,6 @@ class ExternalWrench(Part):
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    #: The answer of ~/identify_payload to the last request.
-    last_identification: str = ''
     #: Why the payload that parameters name is not taken off any more; empty while it is.
     refusal: str = ''
     hub: Hub = field(init=False)
@@ -359,7 +357,6 @@ class ExternalWrench(Part):
             'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
             'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
             'published': str(self.published),
-            'last_identification': self.last_identification or 'none yet',
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'

@@ -1,7 +1,6 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
 from collections import deque
-from collections.abc import Sequence
 from functools import partial
 import math
 from typing import Any
@@ -12,7 +11,7 @@ from sensor_msgs.msg import Imu
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
 from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.parameters import at_start, Parameter
+from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR, LATCHED
 from wrist_ft_comp.ros.rclpy_internals import waiting
@@ -86,7 +85,7 @@ class SpecificForceInput(Part):
             'gravity.frame', '',
             'With gravity.source tf: the frame whose z is up, against which the frame_id of the '
             'wrench turns.'),
-        Parameter(
+        at_start(
             'gravity.timeout', 0.2,
             'Age above which a specific force is not used, so that no weight is subtracted.',
             's', 0.01, 10.0),
@@ -146,12 +145,6 @@ class SpecificForceInput(Part):
         """Keep one specific force, m/s², and its speed of rotation, rad/s."""
         self.forces.add(stamp_ns, specific_force)
         self.speed = math.nan if speed is None else speed
-
-    def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Follow gravity.timeout."""
-        for parameter in parameters:
-            if parameter.name == 'gravity.timeout':
-                self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
 
     def frames(self) -> FrameIds:
         """

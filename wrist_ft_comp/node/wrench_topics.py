@@ -252,10 +252,19 @@ class WrenchInput(Part):
 
 
 class DriftTopic(Part):
-    """Publishes the zero drift once per thermal cell, and judges what is subtracted."""
+    """
+    Publishes the zero drift once per thermal cell, and the correction; judges what is subtracted.
+
+    The correction is the compensated minus the raw wrench of the newest wrench. A controller that
+    adds its last message to each raw wrench, such as admittance_controller by its
+    ~/wrench_reference, is compensated without the wrench going through this node.
+    """
 
     title, logged = 'output', True
-    topics = (('~/drift', 'zero drift being subtracted, once per thermal cell'),)
+    topics = (
+        ('~/drift', 'zero drift being subtracted, once per thermal cell'),
+        ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
+    )
     hub: Hub
 
     def __init__(
@@ -271,14 +280,28 @@ class DriftTopic(Part):
         self._alone_s = time.monotonic()
 
     def start(self) -> None:
-        """Offer the topic."""
+        """Offer the topics."""
         self.drift = self.hub.advertise(WrenchStamped, '~/drift')
+        self.correction = self.hub.advertise(WrenchStamped, '~/correction')
 
     def on_cells(self, _cells: Sequence[ThermalCell], stamp_ns: int) -> None:
         """Publish what is subtracted at the end of cells."""
         if self._compensator.compensating:
             zero = self._compensator.compensation.zero
             self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
+
+    def poll(self) -> None:
+        """
+        Publish the correction, unless there was no wrench yet or the drift has not been found.
+
+        Then the controller holds the last one, which a restarted node sent before it ended.
+        """
+        stream, newest = self._compensator, self._newest()
+        if newest is None or (stream.model is not None and not stream.compensating):
+            return
+        stamp_ns, raw, _ = newest
+        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
+        self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
 
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, whether it hits a limit, and who else is in the graph."""
@@ -365,37 +388,3 @@ def _axis_numbers(stream: Compensator) -> dict[str, str]:
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers
-
-
-class CorrectionTopic(Part):
-    """
-    Publishes, ten times a second, the compensated minus the raw wrench of the newest wrench.
-
-    A controller that adds its last message to each raw wrench, such as admittance_controller by
-    its ~/wrench_reference, is compensated without the wrench going through this node. For at most
-    a tenth of a second, one that was just activated sees the raw wrench.
-    """
-
-    title = 'correction'
-    topics = (('~/correction', 'compensated minus raw, ten times a second: what controllers add'),)
-    hub: Hub
-
-    def __init__(self, compensator: Compensator, newest: Callable[[], Newest | None]) -> None:
-        self._compensator, self._newest = compensator, newest
-
-    def start(self) -> None:
-        """Offer the topic."""
-        self.publisher = self.hub.advertise(WrenchStamped, '~/correction')
-
-    def poll(self) -> None:
-        """
-        Publish, unless there was no wrench yet or the live model's drift has not been found.
-
-        Then the controller holds the last one, which a restarted node sent before it ended.
-        """
-        stream, newest = self._compensator, self._newest()
-        if newest is None or (stream.model is not None and not stream.compensating):
-            return
-        stamp_ns, raw, _ = newest
-        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
-        self.publisher.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))

@@ -15,7 +15,7 @@ ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 #: In an order in which a part that has stopped keeps nothing from those behind it.
 PARTS = (
     'wrench_input', 'live', 'state_keeper', 'recorder', 'recording', 'calibration',
-    'drift_topic', 'correction_topic', 'tare', 'external', 'identification', 'learning',
+    'drift_topic', 'tare', 'external', 'identification', 'learning',
     'specific_force', 'inputs',
 )  # fmt: skip
 VERBS = (
