@@ -39,10 +39,11 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Every feature of the node, in the order of the diagnostics. Their constructors are called in
+#: Every feature of the node, in the order of the diagnostics; at the end the files are written
+#: (StateKeeper) before the folder is left (LiveModel). Their constructors are called in
 #: ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
+    WrenchInput, TemperatureInput, StateKeeper, LiveModel, Recorder, RecordService,
     CalibrateService, DriftTopic, TareService, SpecificForceInput,
     ExternalWrench, IdentifyService, Learner,
 )  # fmt: skip
@@ -184,7 +185,7 @@ class CompensatorNode(Hub):
         self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
         self.drift_topic = DriftTopic(compensator, counts, self.newest, drivers)
         return (
-            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
+            self.wrench_input, self.inputs, self.state_keeper, live, self.recorder,
             self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip
