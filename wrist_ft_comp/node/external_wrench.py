@@ -264,17 +264,6 @@ class ExternalWrench(Part):
             )
         self._unnamed = False
 
-    def disagreement(self, frame: ForceFrame) -> str:
-        """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
-        mounted = self.specific_force.mount()
-        apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
-        if apart_deg <= _CONTRADICTION_DEG:
-            return ''
-        source = '/tf_static' if self.files.source == 'imu' else 'TF'
-        return (
-            f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
-        )
-
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
         center_m = np.array(chosen['payload.center_of_mass'], float)
@@ -293,7 +282,20 @@ class ExternalWrench(Part):
                     f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
-            return LivePayload(name, by_hand, *self._turn())
+            # With TF no rotation is needed. That of an IMU is the newest learnt one.
+            frames = self.specific_force.frames()
+            if self.files.source == 'tf':
+                return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
+            if found := list(self.files.frames(frames).items()):
+                return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
+            if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
+                said = f'because both frame_ids are {frames.wrench_frame}'
+                return LivePayload(name, by_hand, ForceFrame(source='imu'), said)
+            raise SettingsError(
+                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
+                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
+                'differ. Call ~/identify_payload first; that takes a minute of motion.'
+            )
         learnt = self.files.payloads()
         if name not in learnt:
             raise SettingsError(
@@ -315,31 +317,6 @@ class ExternalWrench(Part):
             )
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)
-
-    def _turn(self) -> tuple[ForceFrame, str]:
-        """
-        Find the rotation of specific force for a manual payload, and say who knows it.
-
-        With TF no rotation is needed. That of an IMU is the learnt one, or else that of
-        /tf_static, which people write.
-        """
-        if self.files.source == 'tf':
-            return ForceFrame(source='tf'), 'as TF gives it'
-        learnt = self.files.frames(self.specific_force.frames())
-        if learnt:
-            name, frame = list(learnt.items())[-1]
-            return frame, f'learnt with {name}'
-        if (mounted := self.specific_force.mount()) is not None:
-            names = self.specific_force.frames()
-            if names.force_frame == names.wrench_frame:
-                return mounted, f'because both frame_ids are {names.wrench_frame}'
-            return mounted, 'by /tf_static'
-        raise SettingsError(
-            f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
-            'wrench is not known: this sensor has learnt no payload yet, and /tf_static does not '
-            'link the two frames. Call ~/identify_payload, or set payload.active while the node '
-            'runs and /tf_static has that link.'
-        )
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
@@ -364,8 +341,7 @@ class ExternalWrench(Part):
         if self.collector is not None:
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
-            other = self.disagreement(payload.frame)
-            well = f'subtracting {payload.name}{other and "; "}{other}'
+            well = f'subtracting {payload.name}'
         yield doubtful(self.title, self._doubts(age_s, grown), well, numbers)
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
@@ -403,8 +379,6 @@ class ExternalWrench(Part):
             corrected = self.compensator.correct(*wrench[:2], external=True)
             self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         yield from filter(None, [self.moves_otherwise()])
-        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
-            yield f'{payload.turn}; {other}'
 
     def moves_otherwise(self) -> str:
         """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""

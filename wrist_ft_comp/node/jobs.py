@@ -230,9 +230,8 @@ class IdentifyService(LongService):
         finally:
             external.collect(None)
         frame = ForceFrame(np.array(outcome['rotation']))
-        other = external.disagreement(frame)
         use = (
-            f'{outcome["message"]} Specific force is {frame}{other and "; "}{other}. Use it: ros2 '
+            f'{outcome["message"]} Specific force is {frame}. Use it: ros2 '
             f'param set {self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])
