@@ -147,9 +147,7 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     assert part.doubt().startswith('imu is not heard: a publisher offers less reliability')
     hub.incompatible = {}
     part.on_imu(b'nonsense')
-    assert (
-        part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
-    )
+    assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
     assert list(start('none')[1].topics) == []
 

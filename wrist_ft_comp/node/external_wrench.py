@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
@@ -121,13 +121,11 @@ class ExternalWrench(Part):
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    #: Why the payload that parameters name is not taken off any more; empty while it is.
-    refusal: str = ''
     hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
     _check: WeightCheck = field(default_factory=WeightCheck)
-    #: The frame_ids when a payload was chosen last, and the payload before the present one.
-    _chosen: FrameIds | None = None
+    #: Whether the first model is live; the payload before the present one.
+    _begun: bool = False
     _last: LivePayload | None = None
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
@@ -162,8 +160,8 @@ class ExternalWrench(Part):
 
     def on_model(self) -> None:
         """Choose the payload as soon as the first model is live; a refusal ends the node."""
-        if self._chosen is None:
-            self._chosen = self.specific_force.frames()
+        if not self._begun:
+            self._begun = True
             self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
@@ -215,34 +213,19 @@ class ExternalWrench(Part):
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
-            self._settle()
+            self._hold(self._choose(self.hub.chosen()))
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""
         names = {row.name for row in self.parameters}
         return {one.name: one.value for one in parameters if one.name in names}
 
-    def poll(self) -> None:
-        """Choose a manual payload again where frame_ids have changed: another one may turn it."""
-        by_hand = self.payload is not None and self.payload.name == MANUAL
-        if (by_hand or self.refusal) and self.specific_force.frames() != self._chosen:
-            self._settle()
-
-    def _settle(self) -> None:
-        """Subtract the payload that parameters name; none where that is refused now."""
-        self._chosen = self.specific_force.frames()
-        try:
-            self._hold(self._choose(self.hub.chosen()))
-        except WristFtCompError as error:
-            self._hold(None)
-            self.refusal = str(error)
-
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
-        self.payload, self.refusal = payload, ''
+        self.payload = payload
         self._check = WeightCheck()
         self.collect(self.collector)
         if payload is None:
@@ -290,7 +273,10 @@ class ExternalWrench(Part):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
             if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
                 said = f'because both frame_ids are {frames.wrench_frame}'
-                return LivePayload(name, by_hand, ForceFrame(source='imu'), said)
+                frame = ForceFrame(
+                    source='imu', force_frame=frames[0], wrench_frame=frames.wrench_frame
+                )
+                return LivePayload(name, by_hand, frame, said)
             raise SettingsError(
                 f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
@@ -346,7 +332,7 @@ class ExternalWrench(Part):
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
-        yield from filter(None, (self.refusal, self.specific_force.doubt()))
+        yield from filter(None, [self.specific_force.doubt()])
         newest, payload = self.specific_force.forces.newest, self.payload
         rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
         if not (self.wanted or self.recorder.records_force):

@@ -229,19 +229,9 @@ def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, frame):
     other.force.frames = lambda: FrameIds('right', 'right')
     other.hub.set(other.part, **BY_HAND)
     assert 'because both frame_ids are right' in other.status().values['turn']
-
-
-def test_a_payload_by_hand_rests_where_its_turn_is_not_known_any_more(held, tmp_path):
-    part = held(('day', MOUNTED), **BY_HAND)
-    assert part.weighs(PART)
-    part.hub.frame = 'left'
-    part.part.poll()
-    assert part.ask(START, CONSTANT) is None
-    assert (part.status().level, 'is not known' in part.status().message) == (WARN, True)
-    (tmp_path / 'payloads.json').write_text('{')
-    part.hub.frame = 'tool0'
-    part.part.poll()
-    assert 'payloads.json' in part.status().message
+    other.force.frames = lambda: FrameIds('right', 'left')
+    other.feel(START, UP)
+    assert 'right is now left; is it another sensor?' in other.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
