@@ -1,7 +1,7 @@
 """The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import time
 from typing import TypeAlias
@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
-from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, OK, STALE, Status, WARN
+from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.ros.part import Part
@@ -340,33 +340,32 @@ class DriftTopic(Part):
                 if not math.isnan(raw):
                     numbers[f'{axis}_raw'] = f'{raw:.4g} {axis_unit(axis)}'
                     numbers[f'{axis}_compensated'] = f'{compensated:.4g} {axis_unit(axis)}'
-        yield Status(self.title, *self._judge(grown['failed']), numbers)
+        status = doubtful(self.title, self._doubts(grown['failed']), 'compensated', numbers)
+        is_error = grown['failed'] or stream.limits.too_large
+        yield replace(status, level=ERROR) if is_error else status
 
-    def _judge(self, failed: int) -> tuple[bytes, str]:
-        """Choose level and message: the worst of all that is wrong with what is published."""
-        hub, stream, counts = self.hub, self._compensator, self._counts
+    def _doubts(self, failed: int) -> Iterator[str]:
+        """Say what is wrong with what is published, the worst first."""
+        hub, stream = self.hub, self._compensator
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
-        level, why = WARN, 'not compensated: no model or no temperature yet'
         if failed:
-            level, why = ERROR, f'wrenches were lost by a fault of this program: {counts.fault}'
-        elif large:
-            level, why = ERROR, f'drift of {large} is at its limit'
-        elif time.monotonic() - self._alone_s > _TWINS_S:
+            yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
+        if large:
+            yield f'drift of {large} is at its limit'
+        if time.monotonic() - self._alone_s > _TWINS_S:
             name = hub.get_fully_qualified_name()
-            why = f'two nodes are called {name}, and both publish; end one, or rename it'
-        elif fast:
-            why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
-        elif stream.compensating and stream.model is not None and not stream.model.axes:
-            why = 'not compensated: the model compensates no axis'
-        elif stream.compensating and stream.zero_doubts:
-            why = '; '.join(stream.zero_doubts)
-        elif stream.compensating and (policy := hub.incompatible.get('wrench')):
-            why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
-        elif stream.compensating and not stream.tared:
-            why = 'no tare: wrench still holds the zero of the sensor; call ~/tare'
-        elif stream.compensating:
-            level, why = OK, 'compensated'
-        return level, why
+            yield f'two nodes are called {name}, and both publish; end one, or rename it'
+        if fast:
+            yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        if not stream.compensating:
+            yield 'not compensated: no model or no temperature yet'
+        elif stream.model is not None and not stream.model.axes:
+            yield 'not compensated: the model compensates no axis'
+        if policy := hub.incompatible.get('wrench'):
+            yield f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        yield from stream.zero_doubts
+        if not stream.tared:
+            yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'
 
 
 def _axis_numbers(stream: Compensator) -> dict[str, str]:

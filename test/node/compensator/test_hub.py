@@ -91,10 +91,10 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
     def refuse():
         raise SettingsError('not today')
 
-    node.node.external.poll = refuse
+    node.node.recorder.poll = refuse
     for _ in range(3):
         node.node.broadcast('poll')
-    assert not node.node.external.stopped
+    assert not node.node.recorder.stopped
     assert capfd.readouterr().err.count('not today') == 1
 
 
