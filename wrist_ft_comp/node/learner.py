@@ -181,6 +181,11 @@ class Learner(Part):
             self._remember()
 
     @property
+    def running_s(self) -> float | None:
+        """How long a job has been running, s; None when none is."""
+        return None if self._process is None else time.monotonic() - self._begun_s
+
+    @property
     def offered(self) -> Path:
         """The file of the model that is offered."""
         return self._directory / 'models' / self.memory.offered
@@ -342,9 +347,8 @@ class Learner(Part):
             message = trouble
         elif memory.offered:
             message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
-        elif self._process is not None:
-            running_s = time.monotonic() - self._begun_s
-            message = f'models have been compared on {self._judging} for {running_s:.0f} s'
+        elif self.running_s is not None:
+            message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
         else:
             message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
