@@ -14,10 +14,8 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import model_values, run_job
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute
-from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
-from wrist_ft_comp.payload.set_payload_commands import driver_lines
-from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.payload.weight import driver_lines, ForceFrame, payload_line
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED

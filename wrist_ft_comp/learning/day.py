@@ -9,16 +9,11 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.cross_validation import bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
+from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.learn_at_work import payloads_of
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
-from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.separation import (
-    separate,
-    separate_again,
-    slow_drift,
-    SLOW_S,
-)
-from wrist_ft_comp.payload.weight_gains import contrast, COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.payload_states import contrast, COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.separation import separate, separate_again, slow_drift, SLOW_S
+from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, differ, FloatArray
 from wrist_ft_comp.steps import Step
