@@ -38,11 +38,10 @@ from years_drawn import CELL_S, day_name, Events, Year, YearDay
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.learning.day import Day, describe, look_at
-from wrist_ft_comp.learning.diary import DayEntry, Diary
+from wrist_ft_comp.learning.diary import DayEntry, Diary, worthiest
 from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.model_choice import Champion, take
-from wrist_ft_comp.learning.old_days import worthiest
+from wrist_ft_comp.learning.separated_day import Day, describe, look_at
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days_picture import days_png
 from wrist_ft_comp.series import FloatArray, NANOSECONDS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.learning.memory import Memory, memory_path
+from wrist_ft_comp.learning.diary import Memory, memory_path
 from wrist_ft_comp.node.learner import Learner
 
 #: After all that was heard.
