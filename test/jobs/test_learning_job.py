@@ -11,7 +11,7 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs import entry, learning_job
+from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
@@ -182,14 +182,6 @@ def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_da
     assert 'payloads.json' in answer['incident']
     assert 'diary.json' in answer['incident']
     assert load_model(answer['path']).sha256 == answer['sha256']
-
-
-def test_a_damaged_day_does_not_harm_the_one_that_goes_on_from_it(own_days, monkeypatch):
-    monkeypatch.setattr(learning_job, 'goes_on', lambda *_: True)
-    first = own_days / 'days/day_00001.csv'
-    first.write_text(first.read_text().replace('\n', '\n1,2\n', 5))
-    entry.answer(job_of(own_days, 2))
-    assert [day.kind for day in load_diary(own_days).days] == ['unreadable', '']
 
 
 @pytest.mark.parametrize(('pause_s', 'rests'), [(0, False), (3 * 3600, True)])

@@ -43,6 +43,8 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     kinds = ('', 'tool', 'sensor', 'zero', 'contacts', '')
     entries = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
     assert [int(day.name[8]) for day in good_days(entries)] == [0, 1, 5]
+    entries[5] = replace(entries[5], temperature_c=((20.0, 30.0),))
+    assert good_days(entries) == entries[5:], 'other thermometers are of another sensor'
 
 
 @pytest.mark.parametrize('content', [None, '{'])

@@ -142,16 +142,6 @@ def test_a_day_that_cannot_be_read_is_named_and_others_are_learnt_from(look):
     assert choice.days == tuple(NAMES[3:6])
 
 
-def test_a_day_on_which_a_reading_froze_does_not_end_learning(look):
-    def freeze(recording):
-        wrench = recording.wrench.copy()
-        wrench[60:, 2] = wrench[60, 2]
-        return replace(recording, wrench=wrench)
-
-    choice = take_third(altered(look, 2, freeze))
-    assert choice.better is not None, choice.entry
-
-
 def test_a_day_without_a_cell_free_of_contact_is_no_dead_sensor(look):
     def pressed(name):
         day = look(name)
@@ -246,22 +236,3 @@ def test_newer_days_and_those_with_temperatures_of_no_other_day_are_kept():
     diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
     assert [day.name for day in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
     assert [day.name for day in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]
-
-
-def test_days_with_other_thermometers_are_of_another_sensor(look):
-    def one(recording):
-        seen_c, measured = recording.temperature_c[:, :1], recording.measured[:, :1]
-        return replace(recording, temperature_c=seen_c, measured=measured)
-
-    def look_at_fewer(name):
-        day = look(name)
-        return (
-            replace(day, recording=one(day.recording), drift=one(day.drift))
-            if name in NAMES[:3] else day
-        )  # fmt: skip
-
-    before = past(look_at_fewer, Champion(), 1, 2, 3, 4)
-    assert 'Another good day' in take_third(look_at_fewer, before[:2]).entry.verdict
-    later = take(NAMES[5], look_at_fewer, before, Champion(), NAMES, settings=QUICK)
-    assert later.days == tuple(NAMES[3:6])
-    assert [day.name for day in worthiest(before, 2)] == NAMES[3:5]
