@@ -10,8 +10,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.cross_validation import fold_bins, part_errors, unexplained
-from wrist_ft_comp.fit.folds import FOLDS
+from wrist_ft_comp.fit.folds import fold_bins, FOLDS, part_errors, unexplained
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 

@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.ridge_bank import BANKS_S, candidates, DEGREE_PENALTY, Pool, POOL_S
-from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, sum_by_fold
+from wrist_ft_comp.fit.ridge_bank import (
+    BANKS_S,
+    bin_axis_data,
+    candidates,
+    DEGREE_PENALTY,
+    Pool,
+    POOL_S,
+    sum_by_fold,
+)
 
 DEGREE = 3
 

@@ -9,7 +9,7 @@ from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, sum_by_fold
+from wrist_ft_comp.fit.ridge_bank import bin_axis_data, sum_by_fold
 
 WIDTH = 10
 #: With a last bin of 4 cells.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.xy_block import OBSERVATION_WINDOW_S, observe_drift
+from wrist_ft_comp.fit.pls import OBSERVATION_WINDOW_S, observe_drift
 
 CELLS = 400
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)

@@ -13,15 +13,22 @@ import numpy as np
 
 from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import bin_means, hold_out, tare
+from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
 from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
-from wrist_ft_comp.fit.folds import BINS_PER_FOLD
-from wrist_ft_comp.fit.model_building import build_axis_model, build_features
+from wrist_ft_comp.fit.folds import bin_means, hold_out, tare
 from wrist_ft_comp.fit.result import AxisFit, Candidate
-from wrist_ft_comp.fit.ridge_bank import candidates, LONG_BANK_S, Pool, POOL_S, RidgeFit
+from wrist_ft_comp.fit.ridge_bank import (
+    bin_axis_data,
+    BinnedData,
+    build_axis_model,
+    candidates,
+    LONG_BANK_S,
+    Pool,
+    POOL_S,
+    RidgeFit,
+    sum_by_fold,
+)
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.fit.sums_by_fold import bin_axis_data, BinnedData, sum_by_fold
 from wrist_ft_comp.series import FloatArray
 
 COMBINATION = 'combination'
@@ -105,17 +112,12 @@ def _left_of_fold(
     The features are those that a fit to the other folds would run with: their range is what the
     others saw, so the rule beyond that range is judged, too.
     """
-    #   [ x_f(H_τ T) … | w x_f(H_τ T) … | w | r - w ]     with load
     pairs = zip(data.temperature_c, data.folds, strict=True)
     others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
     seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
     i = next(i for i, folds in enumerate(data.folds) if (folds == fold).any())
     rows = np.flatnonzero((data.folds[i] == fold) & (data.sums[i].count > 0))
-    sums, count = data.sums[i], data.sums[i].count[rows, np.newaxis]
-    w, y = sums.load[rows, np.newaxis] / count, sums.residual[rows, np.newaxis] / count
-    x = _columns(seen, relaxed_c[i][rows])
-    load = (w * x, w) if data.loaded else ()
-    left = np.concatenate((x, *load, y), axis=1) @ gains.T
+    left = data.regression(i, rows, _columns(seen, relaxed_c[i][rows])) @ gains.T
     return LeftOfFold(
         i, fold, np.asarray((rows + 0.5) * data.cells - 0.5), tare(left, data.period_s),
         _compared(left, data.period_s))  # fmt: skip

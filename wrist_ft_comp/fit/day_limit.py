@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import bin_means, tare
-from wrist_ft_comp.fit.folds import averaged_cells, FOLDS
+from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
+from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.series import FloatArray
 
 #: What another day is expected to keep is stated of a day of at least this length, s.

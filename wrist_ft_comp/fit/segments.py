@@ -14,8 +14,8 @@ from scipy.ndimage import median_filter
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.axis_data import JUDGED_BIN_S
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
-from wrist_ft_comp.fit.folds import JUDGED_BIN_S
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, noise_level
