@@ -12,6 +12,8 @@ from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
+    FtSensorSettings,
+    interpolation,
     measured_wrench,
     NOMINAL_C,
     start,
@@ -19,7 +21,6 @@ from wrist_ft_comp.simulation.ft_sensor import (
     thermometer_temperatures,
     trajectory,
 )
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,
@@ -32,11 +33,11 @@ SETTINGS = FtSensorSettings()
 CLEAN = replace(
     SETTINGS,
     thermometer_noise_k=0.0,
-    thermometer_quantum_k=0.0,
+    thermometer_quantum_k=1e-12,
     force_noise_n=0.0,
     torque_noise_nm=0.0,
-    force_quantum_n=0.0,
-    torque_quantum_nm=0.0,
+    force_quantum_n=1e-12,
+    torque_quantum_nm=1e-12,
 )
 UNLOADED = np.zeros(6)
 LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
