@@ -23,7 +23,7 @@ _APART_S = 60.0
 #: Smallest step, in standard deviations of a reading, over all axes.
 _SMALLEST_SIGMA = 15.0
 #: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s ...
-_HEAT_S = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0)
+_HEAT_S = np.geomspace(5.0, 160.0, 11)
 #: ... of which those below this many cells are left out: means over cells do not show them.
 _LEAST_HEAT_CELLS = 2.0
 #: A step and sudden heat may begin this far from where the reading seems to step, s. The level

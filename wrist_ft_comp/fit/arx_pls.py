@@ -23,7 +23,7 @@ from wrist_ft_comp.fit.settings import Orders
 from wrist_ft_comp.series import FloatArray
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
-MAX_POLE_RADIUS = 1.0 - 1e-5
+MAX_POLE_RADIUS = 0.99999
 #: Score t_r and output u_r of a recording, shapes (N_i,), u_r with an unknown constant.
 Segment = tuple[FloatArray, FloatArray]
 

@@ -29,15 +29,13 @@ from wrist_ft_comp.fit.ridge_bank import (
     sum_by_fold,
 )
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 COMBINATION = 'combination'
 #: An average that lowers what is left of held-out recordings by less than this share is not run.
 _WORTH_RUNNING = 0.02
 #: A fit's weight is what it leaves of the folds to the power of minus this.
 _SHARPNESS = 8.0
-#: Errors of an axis that never changes are rounding, up to this share of its readings.
-_ROUNDING = 1e-14
 #: Fits are compared by means over this time, or all look alike where a robot moves, s.
 _COMPARED_S = 120.0
 #: What a body forgets that did not start at rest is set aside before fits are compared, s ...
@@ -168,7 +166,7 @@ def _axis_fit(
     single = np.array([np.mean(of_fold.tared**2, axis=0) for of_fold in left])  # (folds, C)
     before = float(np.sqrt(single[:, 0]).mean())
     factor = day_over_blocks(data, before)
-    rounding = _ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
+    rounding = ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
 
     def stated(average: FloatArray) -> float:
         rms = left_of_a_day(float(np.sqrt(_mean_squares(average, left)).mean()), before, factor)

@@ -52,18 +52,16 @@ from wrist_ft_comp.fit.ridge_bank import (
     sum_by_fold,
 )
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: Most latents that compete.
 _MAX_LATENTS = 8
-#: Orders (n, m) that compete for each latent of arx_pls, the simplest first, ...
-_ORDERS = ((0, 1), (1, 1), (1, 2), (2, 2))
-#: ... each with a direct term, and with these delays, s: heat takes half a minute at most.
-_DELAYS_S = (0.0, 10.0, 30.0)
+#: Orders n = m up to this compete for each latent of arx_pls, the simplest first, ...
+_HIGHEST_ORDER = 2
+#: ... each with a direct term, without delay, and with this one, s: heat takes as long at most.
+_DELAY_S = 30.0
 #: Where arx_pls_oe searches τ, s: below, no sensor is known to lag; above, a day hardly shows it.
 _BOUNDS_S = (20.0, 5600.0)
-#: Share of rounding in a sum of squares.
-_ROUNDING = 1e-12
 
 PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 #: What each latent is: its orders, or the time constant of its filter, s.
@@ -88,11 +86,13 @@ def identify_paper_method(
     if method == 'filtered_pls':
         options = LONG_BANK_S
     elif method == 'arx_pls':
-        delays = sorted({round(delay_s / data.period_s) for delay_s in _DELAYS_S})
+        delays = sorted({0, round(_DELAY_S / data.period_s)})
         options = settings.orders[:1] or tuple(
             orders
-            for n, m in _ORDERS
-            for orders in (Orders(n, m, 0, direct=True), *(Orders(n, m, d) for d in delays))
+            for n in range(_HIGHEST_ORDER + 1)
+            for orders in (
+                Orders(n, max(n, 1), direct=True), *(Orders(n, max(n, 1), d) for d in delays)
+            )
         )
 
     def name(latents: int) -> str:
@@ -264,7 +264,7 @@ def _behind(
     normal = sums.centred(sums.fold >= -1)
     size = 1 / np.sqrt(np.where(np.diagonal(normal) > 0, np.diagonal(normal), np.inf))
     scaled = normal * np.outer(size, size)
-    gains = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1], rcond=_ROUNDING)[0]
+    gains = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1], rcond=ROUNDING)[0]
     rest = normal[-1, -1] * (1 - gains @ scaled[:-1, -1])
     gains = np.divide(gains * size[:-1], size[-1], out=np.zeros_like(gains), where=size[-1] > 0)
     return max(float(rest), 1e-300), gains, columns
@@ -344,5 +344,5 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
             below += float(w @ w)
             whole += float(load[rows] @ load[rows])
     # A load that is constant within each recording leaves the gain error at T_ref open.
-    gain_error = above / below if below > _ROUNDING * whole else 0.0
+    gain_error = above / below if below > ROUNDING * whole else 0.0
     return anchored(model, [0.0, gain_error])

@@ -22,7 +22,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
 #: Time constants of the longest bank of relaxations, s; 0 is static.
 LONG_BANK_S = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
@@ -39,8 +39,6 @@ POOL_S: FloatArray = np.unique(np.concatenate([*BANKS_S.values()]))
 STRENGTHS = (1e-2, 1e-4, 1e-6)
 #: The variance that a gain has before any data falls by this factor with every degree.
 DEGREE_PENALTY = 10.0
-#: Share of a column's sum of squares below which what centring leaves is rounding.
-_SILENT = 1e-12
 
 
 class RidgeFit(NamedTuple):
@@ -184,7 +182,7 @@ class SumsByFold:
             column_sums = self.sums[inside].sum(axis=0)
             total = total - np.outer(column_sums, column_sums) / self.count[inside].sum()
         # A column that is constant within each segment holds nothing; rounding must not pretend.
-        silent = np.diagonal(total) <= _SILENT * np.diagonal(whole)
+        silent = np.diagonal(total) <= ROUNDING * np.diagonal(whole)
         total[silent] = 0.0
         total[:, silent] = 0.0
         return total
@@ -260,7 +258,7 @@ def build_axis_model(
     flat = np.ascontiguousarray(rows[2:].T)
     # Singular vectors of W_x⁻¹ G, shapes (F, R), (R,) and (R, M), are static latents (eq. 15).
     inner, singular, outer = np.linalg.svd(flat / weight[:, np.newaxis], full_matrices=False)
-    kept = singular > _SILENT * singular[0]
+    kept = singular > ROUNDING * singular[0]
     if not kept.any():
         return None
     dynamics = ArxPls(

@@ -45,7 +45,7 @@ class Orders:
 
 
 #: u_r = b_r t_r (eq. 10): no memory.
-STATIC = Orders(n=0, m=1, d=0, direct=True)
+STATIC = Orders(n=0, m=1, direct=True)
 
 
 @dataclass(frozen=True)
