@@ -4,7 +4,7 @@ Which stretches of recordings are held out in turn, and what a candidate leaves 
 A candidate is scored on folds that it did not see, in free run, on means over bins.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,8 +77,6 @@ class FoldBins(NamedTuple):
     judged: FloatArray
 
 
-#: The bins that each candidate left, by its name; ``none`` is no compensation.
-Scores = Mapping[str, Sequence[FoldBins]]
 #: A model, None for "no compensation", and what had to be mended, in sentences.
 Fitted = tuple[AxisModel | None, tuple[str, ...]]
 #: Fits an axis, of which a fold may be held out.

@@ -10,8 +10,7 @@ competes are latents and their structure, or how many time constants there are, 
 the winner is fitted to everything, and its constants are fixed.
 """
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -30,12 +29,10 @@ from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
 from wrist_ft_comp.fit.folds import (
     Fitted,
-    FoldBins,
     hold_out,
     part_errors,
     Refit,
     refit_bins,
-    Scores,
     simplest_good,
     unexplained,
     WORTHWHILE,
@@ -72,60 +69,39 @@ def identify_paper_method(
     data: AxisData, settings: IdentificationSettings, method: PaperMethod
 ) -> AxisFit:
     """
-    Add latents while one more leaves less of held-out folds, and run the simplest good number.
+    Let held-out folds choose how many latents there are, and their structure.
 
-    Each latent's structure is the simplest good one beside those before it. Given orders and a
-    given number of latents stay. TooShortError is raised where no ARX finds enough consecutive
-    samples.
+    All latents have the same structure, unless orders were given for each. TooShortError is raised
+    where no ARX finds enough consecutive samples.
     """
     width = len(_observed_features(data, settings).names)
     # Hats take all latents, so that every knot keeps its own coefficients.
-    hats = width if settings.features == 'hats' else None
-    count = settings.latents or (len(settings.orders) if len(settings.orders) > 1 else hats)
+    fixed = settings.latents or (width if settings.features == 'hats' else None)
     options: Structure = (STATIC,)
     if method == 'filtered_pls':
         options = LONG_BANK_S
     elif method == 'arx_pls':
         delays = sorted({0, round(_DELAY_S / data.period_s)})
-        options = settings.orders[:1] or tuple(
+        options = settings.orders or tuple(
             orders
             for n in range(_HIGHEST_ORDER + 1)
             for orders in (
-                Orders(n, max(n, 1), direct=True), *(Orders(n, max(n, 1), d) for d in delays)
+                Orders(n, max(n, 1), direct=True),
+                *(Orders(n, max(n, 1), d) for d in delays),
             )
         )
-
-    def name(latents: int) -> str:
-        return f'{method}, {latents} latent{"s" if latents > 1 else ""}'
-
-    refit = partial(_fit_structure, settings, method)
-    structure: Structure = ()
+    numbers = [fixed] if fixed else range(1, min(width, _MAX_LATENTS) + 1)
+    structures: list[Structure] = [(option,) * r for r in numbers for option in options]
     if method == 'arx_pls' and len(settings.orders) > 1:
-        structure = settings.orders
-    elif count and len(options) == 1:
-        structure = options * count
-    bins: dict[str, Sequence[FoldBins]] = {}
-    least = np.inf
-    while len(structure) < (count or min(width, _MAX_LATENTS)):
-        left: dict[Structure, list[FoldBins]] = {}
-        for option in options:
-            with suppress(TooShortError):  # what is too long for the recordings does not compete
-                longer = (*structure, option)
-                left[longer] = refit_bins(data, partial(refit, longer))
-        if not left:
-            structure = structure or options[:1]
-            break
-        scores = [part_errors(of_structure) for of_structure in left.values()]
-        best = simplest_good(scores)
-        if not count and scores[best].mean() >= least:
-            break
-        structure, least = list(left)[best], scores[best].mean()
-        bins[name(len(structure))] = left[structure]
-    return compete(
-        data,
-        {name(r): partial(refit, structure[:r]) for r in range(count or 1, len(structure) + 1)},
-        bins,
-    )
+        structures = [settings.orders]
+    refits = dict[str, Refit]()
+    for structure in structures:
+        name = f'{method}, {len(structure)} latent{"s" if len(structure) > 1 else ""}'
+        if len(options) > 1:
+            alike = 'orders as given' if settings.orders else structure[0]
+            name += f', relaxation {alike} s' if method == 'filtered_pls' else f', {alike}'
+        refits[name] = partial(_fit_structure, settings, method, structure)
+    return compete(data, refits)
 
 
 def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
@@ -270,22 +246,22 @@ def _behind(
     return max(float(rest), 1e-300), gains, columns
 
 
-def compete(
-    data: AxisData,
-    refits: Mapping[str, Refit],
-    scored: Scores | None = None,
-    *,
-    may_be_none: bool = False,
-) -> AxisFit:
+def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
     """
     Let the simplest good candidate run, fix its constants, and state held-out errors.
 
-    Candidates stand in order, the simplest first, some of them perhaps scored already; no
-    compensation is scored beside them.
+    Candidates stand in order, the simplest first; no compensation is scored beside them. What is
+    too long for the recordings does not compete; TooShortError is raised where nothing is left.
     """
-    competing = ['none', *refits] if may_be_none else list(refits)
-    refits, scored = {'none': lambda _: (None, ()), **refits}, scored or {}
-    bins = {name: scored.get(name) or refit_bins(data, refit) for name, refit in refits.items()}
+    bins, refits = {}, {'none': lambda _: (None, ()), **refits}
+    for name, refit in refits.items():
+        try:
+            bins[name] = refit_bins(data, refit)
+        except TooShortError as error:  # noqa: PERF203 -- each may be refused
+            too_short = error
+    competing = [name for name in bins if may_be_none or name != 'none']
+    if not competing:
+        raise too_short
     scores = [part_errors(bins[name]) for name in competing]
     chosen = competing[simplest_good(scores)]
     model, notes = refits[chosen](data)
