@@ -32,13 +32,14 @@ _SEARCHED_S = 20.0
 #: A step is named where it is more likely than heat by the exponential of this: with n readings,
 #: n times the logarithm of the ratio of squares that heat and step leave.
 _LEAST_EVIDENCE = 18.0
-#: Where a long contact hides what happened, heat and step explain it alike. A jump of this size,
-#: in standard deviations over all axes, is taken for a step then, but not named. With cells of
-#: 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that were none.
-_HIDDEN_SIGMA = 100.0
-#: Heat is likelier than a step below this evidence: the best of 33 onsets and time constants is
-#: better by about ln 33 by chance. At -1, a jump of 130 standard deviations behind 94 s of contact
-#: was missed.
+#: Where a contact of at least this time hides what happened, s, heat and step explain it alike. A
+#: jump is taken for a step then, but not called certain, ...
+_HIDING_S = 20.0
+#: ... from this size on, in standard deviations over all axes. With cells of 10 s, tares of a
+#: driver were above 300; at 40, five of six worlds got steps that were none; at 100, jumps of 2 N
+#: were missed ...
+_HIDDEN_SIGMA = 60.0
+#: ... and where the best of 33 heats is likelier by no more than it may be by chance, ln 33.
 _HIDDEN_EVIDENCE = -3.5
 #: A robust weight's width while a step is placed, in standard deviations of an axis.
 _WIDTH = 4.0
@@ -174,8 +175,9 @@ def _explain(
     )
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
     jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
-    size, smallest = np.linalg.norm(jump), _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA
-    if evidence < _HIDDEN_EVIDENCE or size < smallest:
+    hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE
+    smallest = _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA if hidden else np.inf
+    if np.linalg.norm(jump) < smallest:
         return None
     after = int(firsts[first])
     before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _SEARCHED_S)
