@@ -33,8 +33,6 @@ from wrist_ft_comp.series import BoolArray, FloatArray, stretches
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 EXHAUSTED = 1e-24
-#: Turns of NIPALS for one latent, at most.
-_MAX_ITERATIONS = 2000
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0
 #: A window shows sensitivity when its load varies by this share of the load's whole deviation.
@@ -175,11 +173,6 @@ class Pls:
     scores: FloatArray
 
     @property
-    def latents(self) -> int:
-        """Number of latents R; fewer than asked for when the data have no more."""
-        return int(self.weights.shape[1])
-
-    @property
     def rotations(self) -> FloatArray:
         """R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4)."""
         # (F, R) = (F, R) (R, R)⁻¹
@@ -225,24 +218,15 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
 
 def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
     """
-    Find the next latent's weights: the leading eigenvector of EᵀF FᵀE, shape (F,), of length 1.
+    Find the next latent's weights, what NIPALS converges to, shape (F,), of length 1.
 
-    E has shape (N, F), F shape (N, M). Where E explains nothing of F, the weights are 0.
+    They are the leading eigenvector of EᵀF FᵀE, E of shape (N, F), F of shape (N, M). Where E
+    explains nothing of F, the weights are 0.
     """
     covariance = e.T @ f  # (F, M)
-    w = covariance[:, np.argmax(np.sum(covariance**2, axis=0))]
-    for _ in range(_MAX_ITERATIONS):
-        norm = np.linalg.norm(w)
-        if norm == 0:
-            return w
-        w = w / norm
-        # u = F q with q ∝ Fᵀ t and w ∝ Eᵀ u: one turn of NIPALS, without its two N-vectors.
-        turned = covariance @ (covariance.T @ w)
-        turned_norm = np.linalg.norm(turned)
-        if turned_norm == 0 or np.linalg.norm(turned / turned_norm - w) < 1e-15:
-            break
-        w = turned
-    return fix_signs(w)
+    if not covariance.any():
+        return np.zeros(len(covariance))
+    return fix_signs(np.linalg.svd(covariance, full_matrices=False)[0][:, 0])
 
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
