@@ -34,8 +34,7 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.payload.doubts import follows_gravity
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress

@@ -10,8 +10,8 @@ from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
 from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.series import FloatArray, IntArray
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
