@@ -5,10 +5,9 @@ import pytest
 
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.cell_averager import CellAverager, row_channels
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.stream_grid import CellAverager, row_channels, ThermalCell
 
 SECOND = 1_000_000_000
 NAN = math.nan

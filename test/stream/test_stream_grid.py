@@ -13,8 +13,8 @@ from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.gap import OUTAGE_S, reporting_cells
 from wrist_ft_comp.stream.stream_grid import ThermalGrid
+from wrist_ft_comp.stream.thermal_memory import OUTAGE_S, reporting_cells
 
 SECOND = 1_000_000_000
 
@@ -94,7 +94,7 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
     assert np.count_nonzero(reported < ready) <= len(rows)
     np.testing.assert_array_equal(measured, batch.measured[rows])
     np.testing.assert_allclose(held_c, batch.temperature_c[rows], atol=1e-10)
-    bridged_c = tracker.history.temperature_c
+    bridged_c = tracker.history_c
     np.testing.assert_allclose(bridged_c, batch.temperature_c[: len(bridged_c)], atol=1e-10)
     assert len(bridged_c) == rows[-1] + 1
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
+from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 
 SECOND = 1_000_000_000
 LONG = [20.0] * 300

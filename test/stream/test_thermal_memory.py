@@ -9,14 +9,14 @@ import pytest
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.gap import (
+from wrist_ft_comp.stream.thermal_memory import (
+    belongs_to,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
 )
-from wrist_ft_comp.stream.thermal_memory import belongs_to
-from wrist_ft_comp.stream.thermometer_prediction import start
+from wrist_ft_comp.stream.thermometer_faults import start
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

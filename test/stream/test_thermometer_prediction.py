@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.stream import thermometer_prediction
+from wrist_ft_comp.stream import offline
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.offline import lies, simulate_drift, thermometer_doubts
+from wrist_ft_comp.stream.offline import simulate_drift, thermometer_doubts
 
 PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
 FORCE_Z = 2
@@ -99,14 +99,14 @@ def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
     learn, make_day, thermometers, fault
 ):
     model, day = learn(thermometers).model, failing(make_day(7, thermometers), fault)
-    (found,) = lies(model, day)
+    (found,) = list(thermometer_doubts(model, day))
     assert found.startswith('thermometer 2 ')
     assert left(day, model) < 0.5 * left(day, replace(model, prediction=None))
 
 
 def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
     """Also where they are judged in every cell."""
-    monkeypatch.setattr(thermometer_prediction, '_stands_still', lambda *_: True)
+    monkeypatch.setattr(offline, '_stands_still', lambda *_: True)
     for thermometers in (2, 3):
         model = learn(thermometers).model
         for seed in range(10, 15):
@@ -116,13 +116,13 @@ def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
 def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
     day = make_day(7)
     rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
-    assert lies(learn(3).model, failing(rest, 'dead', begin=500, end=512)) == []
+    assert not thermometer_doubts(learn(3).model, failing(rest, 'dead', begin=500, end=512))
 
 
 def test_one_thermometer_predicts_nothing(learn, make_day):
     calibration, day = learn(1), make_day(7, 1)
     assert calibration.model.prediction is None
-    assert lies(calibration.model, failing(day, 'frozen', 0)) == []
+    assert list(thermometer_doubts(calibration.model, failing(day, 'frozen', 0))) == []
 
 
 @pytest.mark.parametrize('fault', ['dead', 'frozen'])

@@ -3,7 +3,7 @@
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.units import split_scale, to_celsius, unit_remedy
+from wrist_ft_comp.wire.temperature_source import split_scale, to_celsius, unit_remedy
 
 
 @pytest.mark.parametrize(

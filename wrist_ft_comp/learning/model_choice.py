@@ -33,7 +33,7 @@ from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.learning.schedule import ANOTHER_DAY, FEWEST_DAYS, MOST_DAYS, reason
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import lies
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
@@ -87,7 +87,8 @@ def describe_day(
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
-                drift, distrusted = simulated.zero, lies(champion.model, day.drift)
+                drift = simulated.zero
+                distrusted = list(thermometer_doubts(champion.model, day.drift))
                 by_live = left(simulated, day)
                 entry = replace(entry, left={**entry.left, champion.key: by_live})
         kind, sentence = incident(day, entry, before, drift)

@@ -22,9 +22,8 @@ from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.own_file import writing
-from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.stream_grid import CellAverager, Row, row_channels, ThermalCell
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
