@@ -2,8 +2,7 @@
 
 import pytest
 
-from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status, WARN
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, STALE, Status, WARN
 
 WELL = Status('input', OK, '999 wrenches per second')
 NAN = Status('input', WARN, 'some wrenches are unusable and dropped; check the driver')

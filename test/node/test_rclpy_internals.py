@@ -5,7 +5,6 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.ros.qos import SLOW_SENSOR
 from wrist_ft_comp.ros.rclpy_internals import (
     given_parameters,
     intercept_answers,
@@ -14,6 +13,7 @@ from wrist_ft_comp.ros.rclpy_internals import (
     Stop,
     waiting,
 )
+from wrist_ft_comp.ros.topics import SLOW_SENSOR
 
 
 def test_a_given_empty_array_is_told_from_nothing(bench):

@@ -15,9 +15,8 @@ from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import unpublished, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.clock import ClockComparison

@@ -6,9 +6,10 @@ the cells without a sample.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -185,59 +186,20 @@ class SampleChecks:
         return unit_remedy(value_c, lambda unit: channel.removesuffix('c') + unit.lower())
 
 
-class CellMeans:
-    """Sums and counts of samples in the cells of every channel, while they are read."""
+class CellSums(NamedTuple):
+    """What the samples of a channel are in cells: numbers, ascending, sums and counts, (n,)."""
 
-    def __init__(self, period_ns: int) -> None:
-        self._period_ns = period_ns
-        #: By channel, for each block: numbers of its cells, ascending, sums and counts in them.
-        self.blocks: defaultdict[str, list[tuple[IntArray, FloatArray, IntArray]]]
-        self.blocks = defaultdict(list)
+    cells: IntArray
+    sums: FloatArray
+    counts: IntArray
 
-    def add(self, samples: Samples) -> None:
-        """Add a block of samples; blocks of the same channels must come in order of time."""
-        values = samples.values
-        if not len(values):
-            return
-        cells = samples.stamps_ns // self._period_ns
-        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
-        if samples.channels == (ROTATION_CHANNEL,):
-            values = values**2  # the mean speed of a motion to and fro says nothing
-        sums = np.add.reduceat(values, starts, axis=0)
-        counts = np.diff(starts, append=len(cells))
-        for column, channel in enumerate(samples.channels):
-            self.blocks[channel].append((cells[starts], sums[:, column], counts))
-
-    def lacks(self, channels: Iterable[str]) -> bool:
-        """Whether there is no sample of any of some channels."""
-        return self.blocks.keys().isdisjoint(channels)
-
-    def ends(self, channel: str) -> tuple[int, int]:
-        """Find the first and the last cell of a channel."""
-        blocks = self.blocks[channel]
-        return int(blocks[0][0][0]), int(blocks[-1][0][-1])
-
-    def cells(self, channels: Iterable[str]) -> IntArray:
-        """List the cells with samples of some channels, ascending."""
-        parts = [cells for name in channels for cells, _, _ in self.blocks[name]]
-        return np.asarray(np.unique(np.concatenate(parts)))
-
-    def table(self, channels: Sequence[str], first: int, last: int) -> FloatArray:
-        """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
-        if self.lacks(channels):
-            return np.broadcast_to(np.nan, (last - first + 1, len(channels)))
-        return np.stack([self.means(channel, first, last) for channel in channels], axis=1)
-
-    def means(self, channel: str, first: int, last: int) -> FloatArray:
-        """Means of a channel on cells first … last, shape (last - first + 1,), NaN where none."""
-        size = last - first + 1
-        means = np.full(size, np.nan)
-        if channel in self.blocks:
-            cells, sums, counts = map(np.concatenate, zip(*self.blocks[channel], strict=True))
-            inside = (cells >= first) & (cells <= last)
-            at = cells[inside] - first
-            sums, counts = (np.bincount(at, part[inside], size) for part in (sums, counts))
-            np.divide(sums, counts, out=means, where=counts > 0)
+    def means(self, first: int, last: int) -> FloatArray:
+        """Means on cells first … last, shape (last - first + 1,), NaN where none."""
+        size, inside = last - first + 1, (self.cells >= first) & (self.cells <= last)
+        at = self.cells[inside] - first
+        sums, counts = (np.bincount(at, part[inside], size) for part in self[1:])
+        means: FloatArray = np.full(size, np.nan)
+        np.divide(sums, counts, out=means, where=counts > 0)
         return means
 
 
@@ -262,21 +224,34 @@ def grid_samples(
             f'The thermal period must be above 0 and at most {PERIODS_S[1]:g} s; got {period_s} s.'
         )
     period_ns = round(period_s * NANOSECONDS)
-    checks, means = SampleChecks(name, temperatures), CellMeans(period_ns)
+    checks, parts = SampleChecks(name, temperatures), defaultdict[str, list[CellSums]](list)
     for block in blocks:
         spikes = checks.tallies[block.channels].spikes
         wrong_starts = spikes.wrong_starts
         usable = checks.admit(block)
         if spikes.wrong_starts > wrong_starts:
-            means.blocks.pop(block.channels[0], None)
-        means.add(usable)
+            parts.pop(block.channels[0], None)
+        if not len(usable.values):
+            continue
+        # The mean speed of a motion to and fro says nothing.
+        values = usable.values**2 if ROTATION_CHANNEL in usable.channels else usable.values
+        cells = usable.stamps_ns // period_ns
+        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
+        sums = np.add.reduceat(values, starts, axis=0)
+        counts = np.diff(starts, append=len(cells))
+        for column, channel in enumerate(usable.channels):
+            parts[channel].append(CellSums(cells[starts], sums[:, column], counts))
+    found = {
+        channel: CellSums(*map(np.concatenate, zip(*of_channel, strict=True)))
+        for channel, of_channel in parts.items()
+    }
 
     warnings = []
     for sentence, is_too_much in checks.judge(max_bad_share):
         if is_too_much:
             raise RecordingError(sentence)
         warnings.append(sentence)
-    thermometers = [j for j in range(100) if temperature_channel(j) in means.blocks]
+    thermometers = [j for j in range(100) if temperature_channel(j) in found]
     if thermometers != list(range(len(thermometers) or 1)):
         missing = next(j for j in range(100) if j not in thermometers)
         raise RecordingError(
@@ -284,47 +259,55 @@ def grid_samples(
             'least one thermal cell; record the temperature beside the wrench. A node keeps none '
             'before all of its thermometers have reported.'
         )
-    if means.lacks(AXES):
+    if found.keys().isdisjoint(AXES):
         raise RecordingError(
             f'{name} holds no wrench. Expected at least one of {", ".join(AXES)}; got '
-            f'{", ".join(sorted(means.blocks))}.'
+            f'{", ".join(sorted(found))}.'
         )
     channels = [temperature_channel(j) for j in thermometers]
-    first = max(means.ends(channel)[0] for channel in channels)
-    last = max(means.ends(channel)[1] for channel in means.blocks)
+    first = max(int(found[channel].cells[0]) for channel in channels)
+    last = max(int(sums.cells[-1]) for sums in found.values())
     remedy = '' if temperatures else UNIT_OF_STAMPS
-    warnings += _judge_times(means, channels, name, period_s, (first, last), remedy)
+    warnings += _judge_times(found, channels, name, period_s, (first, last), remedy)
 
-    temperature_c, before_c = means.table(channels, first, last), []
+    def table(*channels: str) -> FloatArray:
+        """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
+        nothing: FloatArray = np.broadcast_to(np.nan, (last - first + 1, len(channels)))
+        if found.keys().isdisjoint(channels):
+            return nothing
+        columns = [found[c].means(first, last) if c in found else nothing[:, 0] for c in channels]
+        return np.stack(columns, axis=1)
+
+    temperature_c, before_c = table(*channels), []
     for channel in channels:
         # One cell of what lies before the first: it may be years away, by a broken stamp.
-        cells = means.cells([channel])
+        cells = found[channel].cells
         begin = int(cells[cells <= first].max())
-        before_c.append(means.means(channel, begin, begin)[0])
+        before_c.append(found[channel].means(begin, begin)[0])
     force = speed = None
-    if not means.lacks(FORCE_CHANNELS):
-        force, doubts = _doubt_gravity(means.table(FORCE_CHANNELS, first, last), name)
+    if not found.keys().isdisjoint(FORCE_CHANNELS):
+        force, doubts = _doubt_gravity(table(*FORCE_CHANNELS), name)
         warnings += doubts
-    if ROTATION_CHANNEL in means.blocks:
-        speed = np.sqrt(means.means(ROTATION_CHANNEL, first, last))
+    if ROTATION_CHANNEL in found:
+        speed = np.sqrt(found[ROTATION_CHANNEL].means(first, last))
     return Recording(
         name=name, period_ns=period_ns, first_cell=first,
         temperature_c=fill_gaps(temperature_c, np.array(before_c), period_ns),
-        measured=np.isfinite(temperature_c), wrench=means.table(AXES, first, last),
-        reference=means.table(REFERENCE_CHANNELS, first, last), warnings=tuple(warnings),
+        measured=np.isfinite(temperature_c), wrench=table(*AXES),
+        reference=table(*REFERENCE_CHANNELS), warnings=tuple(warnings),
         specific_force=force, rotation_speed=speed)  # fmt: skip
 
 
 def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs
-    means: CellMeans, thermometers: Sequence[str], name: str, period_s: float,
+    found: Mapping[str, CellSums], thermometers: Sequence[str], name: str, period_s: float,
     ends: tuple[int, int], remedy: str,
 ) -> Iterator[str]:  # fmt: skip
     """Refuse stamps that are no times of one recording; doubt a long one, and a late start."""
-    axes, (first, last) = [axis for axis in AXES if axis in means.blocks], ends
+    axes, (first, last) = [axis for axis in AXES if axis in found], ends
     for thermometer in thermometers:
         for axis in axes:
-            begins, finishes = zip(means.ends(thermometer), means.ends(axis), strict=True)
-            apart_s = (max(begins) - min(finishes)) * period_s
+            one, other = found[thermometer].cells, found[axis].cells
+            apart_s = (max(one[0], other[0]) - min(one[-1], other[-1])) * period_s
             if apart_s > SAME_CLOCK_S:
                 raise RecordingError(
                     f'Stamps of {axis} and {thermometer} of {name} are {apart_s:.0f} s apart; '
@@ -339,10 +322,10 @@ def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs
         )
     if remedy and span_s > _LONG_S:
         yield f'{name} lasts {span_s / 86_400:.1f} days. {remedy}'
-    cells = means.cells(axes)
+    cells = np.unique(np.concatenate([found[axis].cells for axis in axes]))
     lost_s = np.count_nonzero(cells < first) * period_s
     if lost_s > _LATE_S:
-        late = next(j for j, t in enumerate(thermometers) if means.ends(t)[0] == first)
+        late = next(j for j, t in enumerate(thermometers) if found[t].cells[0] == first)
         yield (
             f'Thermometer {late + 1} of {name} came after {lost_s:.0f} s of wrenches, of which no '
             'drift is known: nothing is learnt, judged or tared before it came, and compensate '

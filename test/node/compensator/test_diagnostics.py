@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.node.inputs import Counts, WrenchInput
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
 
 SECOND = 1_000_000_000
