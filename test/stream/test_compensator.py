@@ -241,6 +241,68 @@ class TestLimits:
         assert limits.too_large == ('torque_x',)
 
 
+def sparse(kind):
+    """Report 1 K in 30 s that often: stamps, s, and temperatures, °C; the last 10 min soaked."""
+    seconds = np.arange(1200.0)
+    celsius = 20.0 + np.minimum(seconds, 600.0) / 30.0
+    if kind == 'each 30 s':
+        return seconds[::30], celsius[::30]
+    step_k = {'by 0.1 K': 0.1, 'by 0.5 K': 0.5}[kind]
+    rounded = np.round(celsius / step_k) * step_k
+    changed = np.flatnonzero(np.diff(rounded, prepend=0.0))
+    return seconds[changed], rounded[changed]
+
+
+@pytest.mark.parametrize('kind', ['each 30 s', 'by 0.1 K', 'by 0.5 K'])
+def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_model, kind):
+    """Drift of 2 N in 30 s."""
+    compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
+    stamps_s, celsius = sparse(kind)
+    largest, drifts = np.diff(celsius[2:]).max() * 2.0, []
+    for second in range(1200):
+        for at in np.flatnonzero(stamps_s == second):
+            compensator.add_temperature(
+                0, second * SECOND, celsius[at], arrival_ns=second * SECOND
+            )
+        drifts.append(compensator.compensation_at(second * SECOND).zero[2])
+        true = 2.0 * min(second, 600) / 30.0
+        doubts = compensator.seldom_reports()
+        if 200 < second < 590:
+            ((spacing_s, behind),) = doubts.values()
+            assert spacing_s in {3, 6, 15, 30}
+            assert abs(true - drifts[-1]) <= behind[2] + 0.1
+            assert behind[2] <= 2.1 * largest + 0.1
+            (doubt,) = compensator.seldom_doubts()
+            assert doubt == (
+                f'thermometer 1 reports every {spacing_s:.3g} s, so that the drift of force_z may '
+                f'be {behind[2]:.2g} N behind; let it report each second'
+            )
+    moves = np.abs(np.diff(drifts))[200:]
+    assert moves.max() < 0.1, 'a step of 2 N otherwise'
+    assert not compensator.limits.too_fast
+    assert drifts[-1] == pytest.approx(40.0, abs=largest)
+
+
+def test_thermometers_that_report_each_second_are_followed_within_one(make_model):
+    """Also behind a gap of a minute, and where a report in four is missing."""
+    compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
+    for second in (*range(40), *(k for k in range(100, 200) if k % 4)):
+        compensator.add_temperature(0, second * SECOND, 20.0 + second / 1000)
+        assert compensator.seldom_reports() == {}
+        begun = compensator.compensation_at((second + 1) * SECOND).zero
+        np.testing.assert_array_equal(begun, compensator.compensation.zero)
+
+
+def test_doubts_about_the_zero_come_back_with_the_tare_and_end_with_the_next():
+    before, after = Compensator(1), Compensator(1)
+    before.set_tare(LOAD, 0)
+    before.doubt_zero('the driver went away and came back')
+    after.restore_tare(before.tare, before.external_tare, doubts=before.zero_doubts)
+    assert after.zero_doubts == ['the driver went away and came back']
+    after.set_tare(LOAD, 0)
+    assert after.zero_doubts == []
+
+
 class TestModelSwap:
     @pytest.mark.parametrize('tared', [False, True])
     @pytest.mark.parametrize(

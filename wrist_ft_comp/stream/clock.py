@@ -104,7 +104,7 @@ class SourceClocks:
             self.rejected += 1
             return []
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
-        if last_ns is None or not self._leaps(sample.stamp_ns - last_ns, clock):
+        if last_ns is None or not self._leaps(self._unproven_ns(sample, last_ns, clock), clock):
             self.strays += len(clock.kept)
             clock.kept = []
             if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
@@ -127,6 +127,15 @@ class SourceClocks:
         self.leap = self._leap(clock, last_ns)
         self.restarts += self.leap is not None and self.leap.to_ns < self.leap.from_ns
         return self._take(clock, clock.kept)
+
+    @staticmethod
+    def _unproven_ns(sample: Sample, last_ns: int, clock: _Clock) -> int:
+        """Compute the step of a stamp; of a long one, the part that arrival does not confirm."""
+        step_ns, last = sample.stamp_ns - last_ns, clock.last
+        if step_ns <= 0 or not last or sample.arrival_ns is None or last.arrival_ns is None:
+            return step_ns
+        passed_ns = sample.arrival_ns - last.arrival_ns
+        return step_ns - passed_ns if leaps(step_ns, clock.step_ns or 0) else step_ns
 
     def _leaps(self, step_ns: int, clock: _Clock) -> bool:
         return step_ns < -self._patience_ns or leaps(step_ns, clock.step_ns or 0)

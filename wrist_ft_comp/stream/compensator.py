@@ -4,19 +4,20 @@ Corrects a stream of wrenches: drift, limits and tare. No wrench changes the nex
 ``Limits`` bounds the correction, whatever a model says: how large it is, and how fast it moves.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.stream_grid import REPORTS, ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: Limits for torques are limits for forces times this lever arm, m.
@@ -128,6 +129,11 @@ class Compensator:
         self.compensation = no_drift()
         #: What is subtracted at the beginning of the ramp, and its stamp, ns.
         self._begun, self._begun_ns = self.compensation, 0
+        #: How long the present ramp lasts, ns, and where one of a seldom report is to end.
+        self._ramp_ns, self._end_ns = period_ns, 0
+        #: Of each thermometer: the drift at its last report, and how far the last ones moved it,
+        #: N and N m, (6,).
+        self._reports: dict[int, tuple[FloatArray, deque[FloatArray]]] = {}
         #: Whether a tare or a change of the model came before the drift begins: the tare takes up
         #: the drift then, so that the output stays.
         self._tare_waits = False
@@ -175,9 +181,10 @@ class Compensator:
         elif not had_drift:
             self._settle(target, None)
         self._tare_waits = False
-        period_s = self.tracker.grid.period_ns / NANOSECONDS
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        self.compensation = self.limits.rate_limit(target, self._begun, period_s)
+        self._ramp_ns = self._time_of_ramp(cells, target)
+        ramp_s = self._ramp_ns / NANOSECONDS
+        self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()
         return cells
 
@@ -249,14 +256,21 @@ class Compensator:
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(
-        self, tare: FloatArray, external: FloatArray, *, before_drift: bool = False
+        self,
+        tare: FloatArray,
+        external: FloatArray,
+        *,
+        before_drift: bool = False,
+        doubts: Iterable[str] = (),
     ) -> None:
         """
         Subtract tares, N and N m, that ``set_tare`` made with the same model before.
 
         Those that were made ``before_drift``, without a temperature, take up the drift when it
-        begins.
+        begins. ``doubts`` are the ``zero_doubts`` of that time.
         """
+        for doubt in doubts:
+            self.doubt_zero(doubt)
         self.tare, self.external_tare = tare, external
         self.tared = bool(tare.any() or external.any())
         self._tare_waits |= before_drift
@@ -271,9 +285,51 @@ class Compensator:
         self.tracker.resume(memory, by_clock_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
+    def seldom_reports(self) -> dict[int, tuple[float, FloatArray]]:
+        """
+        List the thermometers that report more seldom than each thermal cell, counted from 0.
+
+        Gives how far their reports are apart, s, and how far the drift that is subtracted may be
+        behind, N and N m, (6,): as far as one of the last reports moved it.
+        """
+        grid = self.tracker.grid
+        return {
+            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, np.max(moves, axis=0))
+            for j, (_, moves) in self._reports.items()
+            if grid.spacing(j) > 1 and moves
+        }
+
+    def seldom_doubts(self) -> list[str]:
+        """Say whose seldom reports leave more of the drift than the model does."""
+        sentences, deviation = [], {} if self.model is None else self.model.deviation
+        for j, (spacing_s, behind) in self.seldom_reports().items():
+            excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
+            worst = int(np.argmax(excess / axis_limits(1.0)))
+            if excess[worst] > 0:
+                sentences.append(
+                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
+                    f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '
+                    'let it report each second'
+                )
+        return sentences
+
+    def _time_of_ramp(self, cells: Sequence[ThermalCell], target: Drift) -> int:
+        """Compute how long the ramp lasts: a cell, or until one that reports seldom does again."""
+        grid, longest = self.tracker.grid, 0
+        for j in range(self.thermometers):
+            spacing_ns = grid.spacing(j) * grid.period_ns
+            longest = max(longest, spacing_ns)
+            if any(cell.measured[j] for cell in cells):
+                before, moves = self._reports.get(j, (target.zero, deque(maxlen=REPORTS)))
+                moves.append(np.abs(target.zero - before))
+                self._reports[j] = target.zero, moves
+                if spacing_ns > grid.period_ns:
+                    self._end_ns = self._begun_ns + spacing_ns
+        return max(grid.period_ns, min(self._end_ns - self._begun_ns, longest))
+
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
-        share = (stamp_ns - self._begun_ns) / self.tracker.grid.period_ns
+        share = (stamp_ns - self._begun_ns) / self._ramp_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
     def _reading(self, wrench: Wrench | None) -> _Reading | None:

@@ -7,6 +7,7 @@ thermometer was heard are left out: what they were like shows when the gap has e
 (``thermal_memory``). The only time is that of stamps, which ascend (``clock``).
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isnan, nan, sqrt
@@ -23,6 +24,9 @@ from wrist_ft_comp.channels import (
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.thermal_memory import outage_cells
 
+#: A thermometer reports as often as the least of the times between so many reports says: a gap, or
+#: a report that is missing, makes none seldom.
+REPORTS = 3
 #: A row waits for late wrenches for this many cells, and what comes without wrenches for a row.
 _PATIENCE_CELLS = 50
 #: Most cells with wrenches that wait for temperatures.
@@ -63,6 +67,8 @@ class ThermalGrid:
         self.rejected = 0
         self._thermometers = thermometers
         self._patience = outage_cells(period_ns, patience_s)
+        #: How many cells the last samples of each were apart.
+        self._spacings = [deque[int](maxlen=REPORTS) for _ in range(thermometers)]
         #: The mean of the last cell of each, °C, and that cell.
         self._held_c: list[float] = [nan] * thermometers
         self._held_from = [0] * thermometers
@@ -112,6 +118,8 @@ class ThermalGrid:
             if cell > max(self._newest.values()) + self._patience:
                 done = self._complete(cell)
                 self._first, self._outage = {}, True
+        if (spacing := cell - self._newest.get(thermometer, cell)) > 0:
+            self._spacings[thermometer].append(spacing)
         self._newest[thermometer] = cell
         self._first.setdefault(thermometer, cell)
         if cell not in self._open:
@@ -120,6 +128,11 @@ class ThermalGrid:
         sums[thermometer] += temperature_c
         counts[thermometer] += 1
         return done + self._complete(cell)
+
+    def spacing(self, thermometer: int) -> int:
+        """Tell how many cells the last reports of a thermometer are apart; 1 at first."""
+        spacings = self._spacings[thermometer]
+        return min(spacings) if len(spacings) == REPORTS else 1
 
     def _complete(self, newest: int) -> list[ThermalCell]:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
@@ -142,7 +155,9 @@ class ThermalGrid:
             self._outage = False
             self._hold_before(max(f for f in first if f <= min(first) + self._patience))
         done = []
-        end = max(min(self._newest.values()), overdue)
+        # Of one that reports seldom, a cell has one sample only: no other is waited for.
+        heard = (at + (self.spacing(j) > 1) for j, at in self._newest.items())
+        end = max(min(heard), overdue)
         for cell in sorted(cell for cell in self._open if cell < end):
             self._hold_before(cell + 1)
             done.append(ThermalCell(cell, np.array(self._held_c), self._silent(cell + 1)))
