@@ -10,11 +10,12 @@ from wrist_ft_comp.stream.clock import (
     Leap,
     Sample,
     SourceClocks,
-    StampWatch,
 )
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
+RAW = [0.0] * 6
 
 
 def make(sources=1):
@@ -143,27 +144,27 @@ def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_b
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():
     """A simulation that runs hundreds of times as fast as the clock does not leap."""
-    watch, at = StampWatch(), 3600 * SECOND
+    watch, at = SensorWatch(), 3600 * SECOND
     for step_ns, ran_back, leapt in (
         (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
         (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (400 * SECOND, 1, 2),
         (-1, 2, 2),
     ):  # fmt: skip
         at += step_ns
-        watch.look_at_stamp(at)
+        watch.look(at, RAW)
         assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
         assert not watch.stamps_stand_still
     for stamp_ns, unstamped in ((0, True), (at, False)):
-        watch.look_at_stamp(stamp_ns)
+        watch.look(stamp_ns, RAW)
         assert watch.unstamped == unstamped
 
 
 def test_stamps_stand_still_from_the_sixth_at_the_same_time():
-    watch = StampWatch()
+    watch = SensorWatch()
     for stamps in ([7] * 6, [8] * 6):
         seen = []
         for stamp_ns in stamps:
-            watch.look_at_stamp(stamp_ns)
+            watch.look(stamp_ns, RAW)
             seen.append(watch.stamps_stand_still)
         assert seen == [False] * 5 + [True]
 

@@ -293,16 +293,6 @@ def test_thermometers_that_report_each_second_are_followed_within_one(make_model
         np.testing.assert_array_equal(begun, compensator.compensation.zero)
 
 
-def test_doubts_about_the_zero_come_back_with_the_tare_and_end_with_the_next():
-    before, after = Compensator(1), Compensator(1)
-    before.set_tare(LOAD, 0)
-    before.doubt_zero('the driver went away and came back')
-    after.restore_tare(before.tare, before.external_tare, doubts=before.zero_doubts)
-    assert after.zero_doubts == ['the driver went away and came back']
-    after.set_tare(LOAD, 0)
-    assert after.zero_doubts == []
-
-
 class TestModelSwap:
     @pytest.mark.parametrize('tared', [False, True])
     @pytest.mark.parametrize(

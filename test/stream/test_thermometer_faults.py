@@ -233,6 +233,25 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 
 
+@pytest.mark.parametrize('pair', [(0, 1), (1, 2), (0, 2)])
+def test_two_that_are_exchanged_are_named(learn, make_day, pair):
+    model, healthy, found = learn(3).model, make_day(7), []
+    order = np.arange(3)
+    order[list(pair)] = pair[::-1]
+    temperature_c = healthy.temperature_c.copy()
+    temperature_c[BEGIN:] = temperature_c[BEGIN:, order]
+    for day in (healthy, replace(healthy, temperature_c=temperature_c)):
+        compensator, said = Compensator(3, model=model), []
+        for k in range(0, CELLS, 10):
+            stream(compensator, day, k, k + 10)
+            said.append(compensator.tracker.thermometer_doubts)
+        found.append(said)
+    assert not any(found[0])
+    sentence = f'thermometers {pair[0] + 1} and {pair[1] + 1} read what is expected of each other'
+    times = [k for k, said in enumerate(found[1]) if any(sentence in doubt for doubt in said)]
+    assert len(times) > 10
+
+
 def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):
     model, day = learn(3).model, failing(make_day(7), 'frozen')
     compensator = Compensator(3, model=model)

@@ -264,6 +264,7 @@ def grid_samples(
             f'{name} holds no wrench. Expected at least one of {", ".join(AXES)}; got '
             f'{", ".join(sorted(found))}.'
         )
+    warnings += _drop_dead_axes(found, name)
     channels = [temperature_channel(j) for j in thermometers]
     first = max(int(found[channel].cells[0]) for channel in channels)
     last = max(int(sums.cells[-1]) for sums in found.values())
@@ -296,6 +297,20 @@ def grid_samples(
         measured=np.isfinite(temperature_c), wrench=table(*AXES),
         reference=table(*REFERENCE_CHANNELS), warnings=tuple(warnings),
         specific_force=force, rotation_speed=speed)  # fmt: skip
+
+
+def _drop_dead_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
+    """Drop axes that read exactly 0 while others live, as those that a sensor has not."""
+    axes = [axis for axis in AXES if axis in found]
+    dead = [axis for axis in axes if not found[axis].sums.any()]
+    if not dead or dead == axes:
+        return
+    for axis in dead:
+        del found[axis]
+    yield (
+        f'{", ".join(dead)} of {name}: exactly 0 in every sample, which no sensor reads; counted '
+        'as absent. If the sensor has this axis, it is broken.'
+    )
 
 
 def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs

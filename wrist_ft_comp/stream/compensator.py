@@ -5,7 +5,7 @@ Corrects a stream of wrenches: drift, limits and tare. No wrench changes the nex
 """
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -256,21 +256,14 @@ class Compensator:
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(
-        self,
-        tare: FloatArray,
-        external: FloatArray,
-        *,
-        before_drift: bool = False,
-        doubts: Iterable[str] = (),
+        self, tare: FloatArray, external: FloatArray, *, before_drift: bool = False
     ) -> None:
         """
         Subtract tares, N and N m, that ``set_tare`` made with the same model before.
 
         Those that were made ``before_drift``, without a temperature, take up the drift when it
-        begins. ``doubts`` are the ``zero_doubts`` of that time.
+        begins.
         """
-        for doubt in doubts:
-            self.doubt_zero(doubt)
         self.tare, self.external_tare = tare, external
         self.tared = bool(tare.any() or external.any())
         self._tare_waits |= before_drift

@@ -96,6 +96,18 @@ class DriftTracker:
         return [int(j) for j in np.flatnonzero(self.thermometers.replaced)]
 
     @property
+    def thermometer_doubts(self) -> list[str]:
+        """Say which thermometers are replaced and why, and which are exchanged."""
+        state, model = self.thermometers, self.model
+        if state is None or model is None or model.prediction is None:
+            return []
+        return state.sentences + [
+            f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
+            'plugs or topics exchanged? The drift is wrong until that is mended'
+            for i, j in thermometer_faults.exchanged(model.prediction, state)
+        ]
+
+    @property
     def remembered_jumps_k(self) -> list[float]:
         """How far each thermometer jumped, K, while the model remembers that; else 0."""
         return [spikes.remembered_k(self.end_ns, self._slowest_s) for spikes in self.spikes]

@@ -19,6 +19,7 @@ follows a wrong reading until it is found, and ``Limits`` bounds how fast it mov
 """
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 import math
 
 import numpy as np
@@ -38,6 +39,9 @@ _REPORTED_S = 10.0
 STILL_S = 180.0
 #: A thermometer that was replaced has to agree for this time before it is believed, s.
 AGREED_S = 1800.0
+#: Two may be exchanged where both are farther from their predictions than this many times what a
+#: healthy one is.
+EXCHANGED = 2.0
 #: Predictions are compared after a relaxation with this time constant, s, against their noise.
 _SMOOTHING_S = 60.0
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -292,3 +296,21 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
         reasons[j] = ''
     return replace(state, agreed_s=agreed_s, reasons=tuple(reasons))
+
+
+def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> list[tuple[int, int]]:
+    """
+    Find pairs of thermometers, counted from 0, that read what is expected of each other.
+
+    Both are far from what the others predict of them, and near it if they are taken for each
+    other, as where plugs were exchanged.
+    """
+    off_k, pairs = np.abs(state.reading_c - state.predicted_c), list[tuple[int, int]]()
+    for pair in combinations(np.flatnonzero(off_k > EXCHANGED * prediction.agree_k).tolist(), 2):
+        order = np.arange(len(off_k))
+        order[list(pair)] = pair[::-1]
+        expected_c = prediction.predict(state.relaxed_c[:, order])
+        near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
+        if near[list(pair)].all():
+            pairs.append(pair)
+    return pairs
