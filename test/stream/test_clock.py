@@ -103,16 +103,6 @@ def test_first_samples_are_compared_with_where_another_stream_ended(gap_s):
         assert (clocks.strays, clocks.leaps) == (len(strays), 0)
 
 
-def test_thermometers_do_not_confirm_each_other():
-    clocks = make(2)
-    for second in range(5):
-        for source in range(2):
-            feed(clocks, [second * SECOND], source)
-    assert feed(clocks, [HOUR]) == []
-    assert feed(clocks, [HOUR + SECOND], 1) == []
-    assert feed(clocks, [5 * SECOND]) == [5 * SECOND]
-
-
 @pytest.mark.parametrize('set_s', [-18_000, -30, 100, 18_000])
 @pytest.mark.parametrize('silent_s', [1, 600])
 def test_arrival_shows_how_long_it_took_while_a_clock_was_set(set_s, silent_s):

@@ -70,17 +70,6 @@ def test_many_equal_layouts_and_mixed_ones_give_the_same_numbers(messages):
     assert alone[1].any()
 
 
-@pytest.mark.parametrize('little', [True, False])
-def test_doubles_are_located_where_struct_finds_them(messages, little):
-    order = '<' if little else '>'
-    wrench = messages.wrench(1, SIX, 'frame', little)
-    assert struct.unpack_from(f'{order}6d', wrench, cdr.locate(wrench, 6).offset) == SIX
-    temperature = messages.temperature(3, 21.5, 'probe', little)
-    stamps_ns, values = cdr.decode_many([temperature], 2)
-    assert stamps_ns.tolist() == [3]
-    assert values.tolist() == [[21.5, 0.25]]
-
-
 def with_length(length):
     """Make another length of frame_id stand in a message."""
     return lambda wrench: wrench[:12] + struct.pack('<I', length) + wrench[16:]

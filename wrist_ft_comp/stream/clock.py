@@ -145,11 +145,8 @@ class SourceClocks:
             return None
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
-            is_silence = not self._leaps(step_ns - passed_ns, clock)
-        else:
-            is_silence = step_ns > 0
-        if is_silence:
-            return None
+        elif step_ns > 0:
+            return None  # a silence
         self._highest_ns = first.stamp_ns
         return Leap(last_ns, first.stamp_ns, passed_ns)
 

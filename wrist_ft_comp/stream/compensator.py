@@ -337,7 +337,8 @@ class Compensator:
     def _settle(self, target: Drift, reading: _Reading | None) -> None:
         """Jump to a drift; the tares take up the jump of the reading."""
         self.compensation = self._begun = target
-        self.limits.too_fast = ()
+        self.limits.too_fast, self._end_ns = (), 0
+        self._reports.clear()
         if reading is not None:
             raw, *corrected = reading
             self.tare, self.external_tare = (

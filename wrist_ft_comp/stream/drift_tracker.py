@@ -259,12 +259,11 @@ class DriftTracker:
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """
-        Continue from the memory of another stream, as if its last temperature had been held.
+        Continue from the memory of another stream; until the first cell, what it subtracted stays.
 
         The memory has to belong to this model (``belongs_to``). The gap is ``by_clock_s`` long by
         the system's clock, 0 without one. The first completed cell shows how long it was, and how
-        the temperature changed. Where the clock shows that the memory cannot be used, the drift
-        stays what was subtracted until then.
+        the temperature changed.
         """
         if self.model is None:
             return
@@ -284,12 +283,5 @@ class DriftTracker:
             self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
         self._state, self.drift = memory.filters, memory.compensation
-        if problem := why_forgotten(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s):
-            self.origin, self.forgot = f'{problem}; {_HELD}', True
-            return
-        cells = round(by_clock_s * NANOSECONDS / memory.period_ns)
-        if cells > 0:
-            held_c = np.tile(self.temperature_c, (cells, 1))
-            _, drift = drift_model.run(self.model, self._state, held_c, last_only=True)
-            self.drift = Drift(drift.zero[0], drift.sensitivity[0])
-        self.origin = _HELD
+        problem = why_forgotten(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s)
+        self.origin, self.forgot = f'{problem}; {_HELD}' if problem else _HELD, bool(problem)
