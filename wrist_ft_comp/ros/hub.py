@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, NodeLog, Status, WARN
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
-from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
+from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, QuickLogger, return_to_node
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service
 from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT, overridable
 
@@ -186,7 +186,7 @@ class Hub(Node):
 
     def __init__(self, name: str, table: Iterable[Parameter] = (), **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
-        self.log = NodeLog(cast('Any', self).get_logger())
+        self.log = NodeLog(QuickLogger(cast('Any', self).get_logger()))
         #: Policy that does not match that of another node, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
         #: Subscriptions that no executor serves.
