@@ -92,17 +92,6 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
     assert clocks.strays == 0
 
 
-@pytest.mark.parametrize('gap_s', [10, 100, 5000, -18_000])
-def test_first_samples_are_compared_with_where_another_stream_ended(gap_s):
-    """A slow thermometer does not leap after a restart, and one stray stamp is dropped."""
-    for strays in ([], [9 * HOUR]):
-        clocks = make()
-        clocks.expect(HOUR)
-        stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
-        assert feed(clocks, [*strays, *stamps]) == stamps
-        assert (clocks.strays, clocks.leaps) == (len(strays), 0)
-
-
 @pytest.mark.parametrize('set_s', [-18_000, -30, 100, 18_000])
 @pytest.mark.parametrize('silent_s', [1, 600])
 def test_arrival_shows_how_long_it_took_while_a_clock_was_set(set_s, silent_s):

@@ -69,17 +69,6 @@ def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s
     assert blocks.dropped == spikes.dropped == 2 * wrong_s
 
 
-def test_a_slow_thermometer_may_go_far_between_its_samples():
-    assert counted([20.0, 70.0, 20.0], step_s=300.0)[0] == [20.0, 70.0, 20.0]
-
-
-def test_a_clock_that_was_set_is_no_time_in_which_metal_can_go_anywhere():
-    _, spikes = counted(LONG)
-    spikes.shift_ns = 10**6 * SECOND
-    assert not spikes.admit((10**6 + 301) * SECOND, 85.0)
-    assert spikes.admit((10**6 + 302) * SECOND, 20.0)
-
-
 @settings(deadline=None, derandomize=True)
 @given(
     steps=st.lists(st.tuples(st.integers(1, 9 * SECOND), st.floats(-50, 150)), max_size=40),
@@ -210,12 +199,6 @@ def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_
     day = make_day(7)
     rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
     assert not thermometer_doubts(learn(3).model, failing(rest, 'dead', begin=500, end=512))
-
-
-def test_one_thermometer_predicts_nothing(learn, make_day):
-    calibration, day = learn(1), make_day(7, 1)
-    assert calibration.model.prediction is None
-    assert list(thermometer_doubts(calibration.model, failing(day, 'frozen', 0))) == []
 
 
 @pytest.mark.parametrize('fault', ['dead', 'frozen'])

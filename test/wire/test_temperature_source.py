@@ -173,19 +173,6 @@ def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert may_be_temperature((name, 0)) is telling
 
 
-@pytest.mark.parametrize(
-    ('text', 'parts'),
-    [
-        ('data[3]', ('data[3]', 1.0, '')),
-        ('data[3]*0.1', ('data[3]', 0.1, '')),
-        ('temp:F', ('temp', 1.0, 'F')),
-        ('data[3]*-1e-1:K', ('data[3]', -0.1, 'K')),
-    ],
-)
-def test_a_name_is_followed_by_a_factor_and_a_unit(text, parts):
-    assert split_scale(text) == parts
-
-
 @pytest.mark.parametrize('text', ['a*', 'a*x', 'a*0', 'a*nan', 'a*inf', 'a*1e999', 'a*:K'])
 def test_a_factor_is_a_number_and_not_zero(text):
     with pytest.raises(SettingsError, match=r'A factor is a number'):
