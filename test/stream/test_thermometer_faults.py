@@ -46,12 +46,25 @@ def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped,
     assert not spikes.leaves_out
 
 
-def test_a_jump_is_told_while_a_model_remembers_it():
-    for time_constant_s, told_s in ((0.0, 23), (600.0, 1381)):
-        _, spikes = counted(LONG + [40.0] * 90)
-        end_ns = 389 * SECOND
-        assert spikes.remembered_k(end_ns + told_s * SECOND, time_constant_s) == 20.0
-        assert spikes.remembered_k(end_ns + (told_s + 2) * SECOND, time_constant_s) == 0.0
+def test_a_jump_is_told_until_it_comes_back_or_a_tare():
+    """However little the model remembers; the sentence is one of the zero's doubts."""
+    compensator, at = Compensator(1), 0
+
+    def doubts(celsius, seconds):
+        nonlocal at
+        for _ in range(seconds):
+            compensator.add_temperature(0, at * SECOND, celsius)
+            at += 1
+        return compensator.zero_doubts
+
+    assert doubts(20.0, 300) == []
+    (doubt,) = doubts(40.0, 5000)
+    assert doubt.startswith('thermometer 1 jumped by 20.0 K and stayed there; is it loose?')
+    assert compensator.tracker.remembered_jumps_k == [20.0]
+    assert doubts(20.5, 200) == []
+    assert len(doubts(30.0, 200)) == 1
+    compensator.set_tare(np.zeros(6), at * SECOND)
+    assert (doubts(30.0, 10), compensator.tracker.remembered_jumps_k) == ([], [0.0])
 
 
 @pytest.mark.parametrize('wrong_c', [0.0, 85.0])

@@ -23,6 +23,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.ros.rclpy_internals import given_parameters
 
+NODE_NAME = 'wrist_ft_comp'
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 _Type = RosParameter.Type
 #: Types in ROS of a scalar and of an array, and the scalar in words.
@@ -251,6 +252,5 @@ def warn_of_unknown(node: Node, later: Iterable[str], log: Any) -> None:
             )
 
 
-NODE_NAME = 'wrist_ft_comp'
 #: A row that is read at start-up only.
 at_start = partial(Parameter, read_only=True)

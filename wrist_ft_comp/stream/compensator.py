@@ -171,8 +171,18 @@ class Compensator:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        had_drift = self.compensating
+        had_drift, spikes = self.compensating, self.tracker.spikes[thermometer]
+        jumps = spikes.jumps
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        if spikes.jumps > jumps:
+            # It acts for as long as it lasts, whatever the model remembers.
+            jumped = f'thermometer {thermometer + 1} jumped by '
+            self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(jumped)]
+            if spikes.stayed_k:
+                self.doubt_zero(
+                    f'{jumped}{spikes.stayed_k:.1f} K and stayed there; is it loose? Mend it, or '
+                    'tare where it is to stay so'
+                )
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
@@ -239,7 +249,7 @@ class Compensator:
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
-        self.zero_doubts.clear()
+        self._forget_doubts()
         self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
@@ -249,10 +259,15 @@ class Compensator:
         if why not in self.zero_doubts:
             self.zero_doubts.append(why)
 
+    def _forget_doubts(self) -> None:
+        self.zero_doubts.clear()
+        for spikes in self.tracker.spikes:
+            spikes.jumped_k = 0.0
+
     def reset_tare(self) -> None:
         """Forget both tares."""
         self._tare_waits = False
-        self.zero_doubts.clear()
+        self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(

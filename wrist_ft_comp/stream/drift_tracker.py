@@ -11,7 +11,6 @@ from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
     longest_gap_cells,
-    slowest_time_constant_s,
     SPAN_S,
     ThermalMemory,
     why_forgotten,
@@ -53,8 +52,6 @@ class DriftTracker:
         #: What is known of the thermometers; None where the model does not predict them.
         self.thermometers: ThermometerState | None = None
         self._count, self._patience_s, self._history_s = thermometers, patience_s, history_s
-        #: Slowest time constant of the model, s, which takes milliseconds to find.
-        self._slowest_s = 0.0
         #: After the newest cell that was run.
         self._state: DriftState | None = None
         #: For how many cells each thermometer has been silent.
@@ -109,8 +106,8 @@ class DriftTracker:
 
     @property
     def remembered_jumps_k(self) -> list[float]:
-        """How far each thermometer jumped, K, while the model remembers that; else 0."""
-        return [spikes.remembered_k(self.end_ns, self._slowest_s) for spikes in self.spikes]
+        """How far each thermometer has jumped and stayed since the last tare, K; else 0."""
+        return [spikes.stayed_k for spikes in self.spikes]
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""
@@ -231,7 +228,6 @@ class DriftTracker:
             self._forget()
         before, self.thermometers = self.thermometers, None
         self.model, self._state, self._awaited = model, None, None
-        self._slowest_s = 0.0 if model is None else slowest_time_constant_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))

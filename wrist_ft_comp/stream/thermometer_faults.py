@@ -31,8 +31,6 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 _JUMP_K = 2.0
 #: ... plus this for every second between them, K/s.
 _JUMP_K_S = 0.2
-#: A jump is reported for this time at least, s, with a model that forgets fast.
-_REPORTED_S = 10.0
 
 #: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one
 #: that is read once a minute does so on healthy days.
@@ -76,9 +74,9 @@ class SpikeFilter:
         self.strange_c = self.believed_c = math.nan
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
-        #: How often a reading that had been left out was believed, and how far the last one of
-        #: these was, K, and when, ns.
-        self.jumps, self._jump_k, self._jumped_ns = 0, 0.0, 0
+        #: How often a reading that had been left out was believed, and how far the thermometer has
+        #: jumped by that since the last tare, K.
+        self.jumps, self.jumped_k = 0, 0.0
         #: By how much the clock of the stamps was set since the start.
         self.shift_ns = 0
         #: The first and the last reading that were believed, and how many.
@@ -88,6 +86,11 @@ class SpikeFilter:
         #: The first and the last one left out since then, of those that agree with each other.
         self._other_begin_ns = 0
         self._other: Reading | None = None
+
+    @property
+    def stayed_k(self) -> float:
+        """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
+        return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
 
     @property
     def leaves_out(self) -> bool:
@@ -120,9 +123,9 @@ class SpikeFilter:
             self.first = int(self._begin_ns), last[1]
             self.strange_c, self.believed_c = last[1], temperature_c
             self._begin_ns, self._count = self._other_begin_ns, 0
-        if last is not None and agrees:
+        elif agrees:
             self.jumps += 1
-            self._jump_k, self._jumped_ns = temperature_c - last[1], stamp_ns
+            self.jumped_k += temperature_c - last[1]
         self._last, self._other = sample, None
         self._count += 1
         return True
@@ -147,12 +150,6 @@ class SpikeFilter:
             if self.wrong_starts > starts:
                 counted[:k] = False
         return stamps_ns[counted], temperature_c[counted]
-
-    def remembered_k(self, now_ns: int, time_constant_s: float) -> float:
-        """Tell how far the last jump was, K, while a model remembers it; 0 afterwards."""
-        elapsed_s = abs(now_ns - self.shift_ns - self._jumped_ns) / NANOSECONDS
-        left_k = self._jump_k * math.exp(-elapsed_s / max(time_constant_s, _REPORTED_S))
-        return self._jump_k if abs(left_k) > _JUMP_K else 0.0
 
 
 @dataclass(frozen=True, eq=False)
