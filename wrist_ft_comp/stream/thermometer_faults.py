@@ -108,7 +108,7 @@ class SpikeFilter:
         sample, last, other = (stamp_ns, temperature_c), self._last, self._other
         agrees = other is not None and not _apart(other, sample)
         if last is None:
-            self._begin_ns = stamp_ns
+            self._begin_ns, is_jump = stamp_ns, False
         elif _apart(last, sample):
             self._other = sample
             if not agrees:
@@ -122,8 +122,11 @@ class SpikeFilter:
             self.dropped += self._count
             self.first = int(self._begin_ns), last[1]
             self.strange_c, self.believed_c = last[1], temperature_c
+            is_jump = last[0] - self._begin_ns > _START_S * NANOSECONDS  # which is the wrong one?
             self._begin_ns, self._count = self._other_begin_ns, 0
-        elif agrees:
+        else:
+            is_jump = agrees
+        if last is not None and is_jump:
             self.jumps += 1
             self.jumped_k += temperature_c - last[1]
         self._last, self._other = sample, None
