@@ -33,9 +33,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.gap import reporting_cells
-from wrist_ft_comp.stream.offline import simulate_drift
-from wrist_ft_comp.stream.thermometer_prediction import judge
+from wrist_ft_comp.stream.offline import judge, simulate_drift
+from wrist_ft_comp.stream.thermal_memory import reporting_cells
 
 COUNTS = (2, 3, 4)
 FAMILIES |= {f'lying_{count}': Family('failing thermometers', count, 3) for count in COUNTS}

@@ -14,7 +14,7 @@ from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.fit.thermometer_prediction import runs_of
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, require_recordings, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
-from wrist_ft_comp.stream.temperature_spikes import jumps
+from wrist_ft_comp.stream.thermometer_faults import jumps
 
 #: Two recordings are the same day where readings differ by less than this many times their noise,
 #: as they do where one of them has fewer digits; of another day a quarter of them does so.
