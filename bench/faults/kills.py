@@ -45,7 +45,7 @@ from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state
-from wrist_ft_comp.stream.cell_averager import row_channels
+from wrist_ft_comp.stream.stream_grid import row_channels
 
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2

@@ -12,8 +12,7 @@ import sys
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.fit.arx_least_squares import Orders
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, encode_job, Learning, Minute
 from wrist_ft_comp.recording import Topics

@@ -164,7 +164,8 @@ def test_a_day_on_which_a_thermometer_came_loose_or_lies_is_not_learnt_from(
     entry = past(altered(look, 2, loosen), Champion(), 1, 2)[1]
     assert entry.kind == 'thermometer'
     assert 'Thermometer 2 of day_00002.csv jumps faster than metal can: by -5.' in entry.incident
-    monkeypatch.setattr(model_choice, 'lies', lambda *_: ['thermometer 2 reads +3.0 K beside'])
+    doubts = {'thermometer 2 reads +3.0 K beside': 1.0}
+    monkeypatch.setattr(model_choice, 'thermometer_doubts', lambda *_: doubts)
     champion = Champion('a' * 12, good)
     entry = describe_day(NAMES[3], look, past(look, champion, 1, 2), champion)
     assert (entry.kind, 'thermometer 2 reads' in entry.incident) == ('thermometer', True)

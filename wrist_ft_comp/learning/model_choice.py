@@ -36,7 +36,7 @@ from wrist_ft_comp.learning.diary import (
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import lies
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
@@ -106,7 +106,8 @@ def describe_day(
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
-                drift, distrusted = simulated.zero, lies(champion.model, day.drift)
+                drift = simulated.zero
+                distrusted = list(thermometer_doubts(champion.model, day.drift))
                 by_live = left(simulated, day)
                 entry = replace(entry, left={**entry.left, champion.key: by_live})
         kind, sentence = incident(day, entry, before, drift)

@@ -32,7 +32,7 @@ from wrist_ft_comp.recordings.log_proposal import OPEN, propose
 from wrist_ft_comp.recordings.open_recording import BAG, open_recording, OpenTable, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.series import NANOSECONDS, Progress
-from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.stream.batch_grid import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source
 
 REFERENCE = 'reference'
