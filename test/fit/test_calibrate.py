@@ -123,17 +123,6 @@ def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
         calibrate(runs, STATIC)
 
 
-def test_a_time_constant_that_the_recordings_hardly_show_is_named(good, lagged):
-    settings = CalibrationSettings(identification=IdentificationSettings(method='arx_pls_oe'))
-    runs = [with_raw(run, 2 * lagged(run.temperature_c[:, 0], 1500)) for run in good]
-    for run in runs:
-        run.wrench[:, 5] = np.nan
-    (warning,) = calibrate(runs, settings).warnings
-    assert re.search(
-        r'time constant, 15\d\d s of force_x, .*\(2400 s\); record at least 1', warning
-    )
-
-
 def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
     swing = 8 * np.sin(np.arange(CELLS) / 2)
     runs = [with_raw(run, swing + 0.03 * run.temperature_c[:, 0]) for run in good]
