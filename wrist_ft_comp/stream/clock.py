@@ -151,7 +151,6 @@ class SourceClocks:
         return Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
-        """Give samples of a source, and continue from them."""
         for sample in samples:
             clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
             clock.last = sample
