@@ -312,8 +312,8 @@ def _drop_dead_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
     for axis in dead:
         del found[axis]
     yield (
-        f'{", ".join(dead)} of {name}: exactly 0 in every sample, which no sensor reads; counted '
-        'as absent. If the sensor has this axis, it is broken.'
+        f'{", ".join(dead)} of {name}: exactly 0 in every sample; counted as absent. Where such '
+        'an axis exists, it is broken.'
     )
 
 
