@@ -8,7 +8,7 @@ from typing import get_args
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.node.jobs import run_job
 from wrist_ft_comp.node.recorder import RecordService
 from wrist_ft_comp.recording import Reference

@@ -15,8 +15,7 @@ from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.live_weight import Force, LivePayload
-from wrist_ft_comp.payload.motion_collector import MotionCollector
+from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part

@@ -17,7 +17,7 @@ from wrist_ft_comp.errors import (
 )
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
-from wrist_ft_comp.learning.memory import last_change, load_memory, Memory, save_memory
+from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.node.calibrate import CalibrateService
 from wrist_ft_comp.node.jobs import JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel

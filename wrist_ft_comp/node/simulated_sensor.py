@@ -29,7 +29,7 @@ from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import opening, overridable, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,

@@ -14,7 +14,7 @@ from wrist_ft_comp.channels import (
     ROTATION_CHANNEL,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag
