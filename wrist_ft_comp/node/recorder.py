@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Hub, Part, Vector
 from wrist_ft_comp.ros.services import Reply, Service
@@ -38,8 +36,9 @@ LACKING_S = 60.0
 
 @dataclass(eq=False)
 class OwnRecording:
-    """A recording in progress."""
+    """A recording in progress, with what averages for it."""
 
+    averager: CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
     #: Called when the disk refuses; nothing more is written after that.
@@ -53,7 +52,7 @@ class OwnRecording:
 
 class Recorder(Part):
     """
-    Averages over cells for all recordings that run; while there is none, it hears no wrenches.
+    Feeds all recordings that run; while there is none, it hears no wrenches.
 
     Its cells have the length that thermal cells have without a model, and keep it, whichever model
     goes live. ``sensor`` gives the names of the sensor.
@@ -73,17 +72,6 @@ class Recorder(Part):
         self.period_ns = round(NANOSECONDS * compensator.settings.thermal_period_s)
         self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
-        self._new_averager = partial(
-            CellAverager, self.period_ns, thermometers, with_force=with_force
-        )
-        #: Averages for all recordings that run.
-        self.averager = self._new_averager()
-
-    def _flush(self) -> list[Row]:
-        """Take all rows, and begin anew: no row waits for a reference that has ended."""
-        rows = self.averager.rows(final=True)
-        self.averager = self._new_averager()
-        return rows
 
     @property
     def thermal_period_ns(self) -> int:
@@ -107,8 +95,8 @@ class Recorder(Part):
 
     def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
         """Feed a new recording from now on."""
-        self._share(self._flush())  # what was before is none of its
-        recording = OwnRecording(writer, on_failure)
+        averager = CellAverager(self.period_ns, self.thermometers, with_force=self._with_force)
+        recording = OwnRecording(averager, writer, on_failure)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
         return recording
@@ -119,22 +107,13 @@ class Recorder(Part):
 
         RecordingError when the disk refuses.
         """
-        rows = self._flush()
         self._leave(recording)
-        self._share(rows)
-        if error := self._write(recording, rows):
+        if error := self._write(recording, recording.averager.rows(final=True)):
             raise error
 
     def _leave(self, recording: OwnRecording) -> None:
         self._running.remove(recording)
         self.hub.listen(self, wanted=bool(self._running))
-
-    def _share(self, rows: Sequence[Row]) -> None:
-        """Write rows into all recordings; a full disk ends a recording, not the stream."""
-        for recording in tuple(self._running):
-            if error := self._write(recording, rows):
-                self._leave(recording)
-                recording.on_failure(error)
 
     def _write(self, recording: OwnRecording, rows: Sequence[Row]) -> RecordingError | None:
         """Write rows into a recording, and note what they lack; give why the disk refuses."""
@@ -154,14 +133,15 @@ class Recorder(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
-        self.averager.add_raw(stamp_ns, raw)
+        for recording in self._running:
+            recording.averager.add_raw(stamp_ns, raw)
 
     def on_specific_force(
         self, stamp_ns: int, specific_force: Vector, speed: float | None
     ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        if self._running:
-            self.averager.add_force(stamp_ns, specific_force, speed)
+        for recording in self._running:
+            recording.averager.add_force(stamp_ns, specific_force, speed)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
@@ -174,13 +154,16 @@ class Recorder(Part):
                 replace(cell, number=middle_ns // self.period_ns)
                 for cell, middle_ns in zip(cells, middles, strict=True)
             ]
-        self.averager.add_cells(cells)
+        for recording in self._running:
+            recording.averager.add_cells(cells)
         self.poll()
 
     def poll(self) -> None:
-        """Write the rows there are."""
-        if self._running:
-            self._share(self.averager.rows())
+        """Write the rows there are; a full disk ends a recording, not the stream."""
+        for recording in tuple(self._running):
+            if error := self._write(recording, recording.averager.rows()):
+                self._leave(recording)
+                recording.on_failure(error)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -193,7 +176,6 @@ class RecordService(Part):
 
     recorder: Recorder
     store: ModelStore
-    counts: Counts
     writer: FileWriter
     hub: Hub = field(init=False)
     #: The recording that runs, and its file, or that of the last one.
@@ -277,13 +259,11 @@ class RecordService(Part):
         try:
             stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
         except RecordingError:
-            self.counts.bad_references += 1
             return
-        if not math.hypot(*reference) < LARGEST:  # false for NaN
-            self.counts.bad_references += 1
-        elif self.current is not None:
+        # The comparison is false for NaN.
+        if self.current is not None and math.hypot(*reference) < LARGEST:
             self._heard = True
-            self.recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+            self.current.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def spans(self) -> dict[str, str]:
         """Give how long the present recording is, and which temperatures it spans."""

@@ -256,21 +256,14 @@ class TemperatureInput(Part):
             topic.look()
         self.poll()
         tracker, clocks = self._tracker, self._tracker.clocks
-        rejected = clocks.rejected + tracker.grid.rejected
-        unreadable = sum(topic.unreadable for topic in self.by_topic)
+        rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=rejected + clocks.strays
+            usable=self.usable, unusable=self.unusable, rejected=rejected
         )
         numbers = {
             'state': self.state_keeper.outcome,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
-            'rejected': str(rejected),
-            'stray_stamps': str(clocks.strays),
-            'spikes': str(sum(spikes.dropped for spikes in tracker.spikes)),
-            'stamps_leapt': str(clocks.leaps),
-            'stamps_restarted': str(clocks.restarts),
-            'unusable': str(self.unusable + unreadable),
-            'jumps': str(sum(spikes.jumps for spikes in tracker.spikes)),
+            'unusable': str(self.unusable + sum(topic.unreadable for topic in self.by_topic)),
         }
         for j, thermometer in enumerate(self.thermometers, start=1):
             numbers[f'thermometer_{j}_age_s'] = age(thermometer.heard_s)

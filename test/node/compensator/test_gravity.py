@@ -22,7 +22,7 @@ def record(node, put):
     assert answer.success, answer.message
     (path,) = (node.directory / 'recordings').glob('*.csv')
     node.ask_output(START - SECOND, [0.0] * 6)  # tells the frame, tool0
-    averager = node.node.recorder.averager
+    averager = node.node.recording.current.averager
     for cell in range(CELLS + 1):
         stamps = START + cell * SECOND + np.arange(20) * SECOND // 20
         for stamp in stamps.tolist():

@@ -79,7 +79,6 @@ def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_o
     node.send_reference(START, [math.nan] * 6)
     node.send_reference(START, [1e10, -1e10, 0, 0, 0, 0])
     node.send_reference(START + 1, [3.0] * 6)
-    assert node.node.counts.bad_references == 2
     feed(node, 2)
     node.call('record', False)
     node.wait_until(lambda: node.node.count_subscribers(topic) == 0, 'its end')
