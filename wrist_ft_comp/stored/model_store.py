@@ -228,10 +228,10 @@ class ModelStore:
         """
         base, entries = self.directory.resolve(), []
         for entry in history[-MAX_HISTORY:]:
-            path = None if entry.path is None else entry.path.resolve()
-            if path is not None and path.is_relative_to(base):
+            path = entry.path and entry.path.resolve()
+            if path and path.is_relative_to(base):
                 path = path.relative_to(base)
-            entries.append({**to_plain(entry), 'path': None if path is None else str(path)})
+            entries.append({**to_plain(entry), 'path': path and str(path)})
         _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
 
     def release(self) -> None:
@@ -282,21 +282,18 @@ def node_directory(shared: str, node_name: str = '') -> Path:
     if not shared:
         home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
         return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
-    try:
-        return Path(shared).expanduser().absolute()
-    except RuntimeError as error:
+    directory = _expanded(shared)
+    if str(directory).startswith('~'):
         raise SettingsError(
             f'data_directory is {shared}, but nobody here has a home of that name. Give an '
             'absolute path.'
-        ) from error
+        )
+    return directory.absolute()
 
 
 def _expanded(given: str) -> Path:
     """Resolve ``~`` where there is a home to resolve it to."""
-    try:
-        return Path(given).expanduser()
-    except RuntimeError:
-        return Path(given)
+    return Path(os.path.expanduser(given))  # noqa: PTH111 -- that of Path raises without a home
 
 
 def _unused(folder: Path, stem: str, suffix: str) -> Path:
