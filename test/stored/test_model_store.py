@@ -46,17 +46,11 @@ def test_nothing_is_made_before_something_is_written(store):
     assert not store.directory.exists()
 
 
-def test_history_moves_with_its_folder_but_not_with_others(store, tmp_path):
-    outside = tmp_path / 'outside.yaml'
-    store.activate(entries(outside, store.directory / 'models/a.yaml'))
+def test_history_is_bounded_and_moves_with_its_folder_but_not_with_others(store, tmp_path):
+    outside = [tmp_path / f'{k}.yaml' for k in range(MAX_HISTORY)]
+    store.activate(entries(*outside, store.directory / 'models/a.yaml'))
     moved = store.directory.rename(tmp_path / 'moved')
-    assert ModelStore(moved).history() == entries(outside, moved / 'models/a.yaml')
-
-
-def test_history_is_bounded_and_keeps_the_newest(store):
-    paths = [store.directory / f'models/{k}.yaml' for k in range(MAX_HISTORY + 5)]
-    store.activate(entries(*paths))
-    assert store.history() == entries(*paths[5:])
+    assert ModelStore(moved).history() == entries(*outside[1:], moved / 'models/a.yaml')
 
 
 @pytest.mark.parametrize(
@@ -77,22 +71,14 @@ def test_a_broken_list_is_a_sentence(store, content):
         store.history()
 
 
-def test_names_within_one_second_differ(store):
+def test_the_newest_recordings_are_listed_oldest_first_and_names_differ(store):
     paths = []
-    for _ in range(3):
+    for _ in range(MAX_RECORDINGS + 3):
         paths.append(store.new_recording_path())
         paths[-1].write_text('')
-    assert len(set(paths)) == 3
-    assert store.recordings() == sorted(paths)
-
-
-def test_the_newest_recordings_are_listed_oldest_first(store):
-    store.new_recording_path()
-    names = [f'recording_202401{day:02d}T000000Z.csv' for day in range(1, 20)]
-    for name in names:
-        (store.directory / 'recordings' / name).write_text('')
     (store.directory / 'recordings' / 'zzz.txt').write_text('')
-    assert [path.name for path in store.recordings()] == names[-MAX_RECORDINGS:]
+    assert store.recordings() == sorted(paths)[-MAX_RECORDINGS:]
+    assert len(set(paths)) == MAX_RECORDINGS + 3
 
 
 def test_links_are_followed_before_a_path_counts_as_inside(store, tmp_path):
