@@ -165,7 +165,7 @@ class CompensatorNode(Hub):
         files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
             compensator=compensator, files=files, specific_force=self.specific_force,
-            newest=self.newest, recorder=self.recorder,
+            newest=self.newest,
         )  # fmt: skip
         jobs = self.jobs = JobMaker(store, self.chosen, self._full_topics, self.recorder)
         self.identification = IdentifyService(

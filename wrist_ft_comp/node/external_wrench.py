@@ -12,7 +12,6 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Newest
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
@@ -39,7 +38,7 @@ _LEAST_NORM = 0.5 * GRAVITY
 #: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
 _LARGEST_NORM = 2.0 * GRAVITY
 #: Specific force that comes farther than this from the wrench, s, is stamped by another clock.
-_APART_S = 60.0
+_APART_S = 5.0
 #: An IMU is frozen where this many reports are the same to the last bit.
 _FROZEN_REPORTS = 6
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it.
@@ -111,7 +110,6 @@ class ExternalWrench(Part):
     files: PayloadFiles
     specific_force: SpecificForceInput
     newest: Callable[[], Newest | None]
-    recorder: Recorder
     #: Wrenches that were not published because specific force was too old.
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
@@ -323,24 +321,24 @@ class ExternalWrench(Part):
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
         newest, payload = self.specific_force.forces.newest, self.payload
-        rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
-        if not (self.wanted or self.recorder.records_force):
+        if not self.wanted:
             return
         if newest is None:
-            yield f'{self.specific_force.problem() or "no specific force has come"}; {rests}'
+            why = self.specific_force.problem() or 'no specific force has come'
+            yield f'{why}; wrench_external rests'
             return
         if grown['forces']:
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if grown['missed'] or (self.recorder.lacking_force and not self.wanted):
+        if grown['missed']:
+            why = 'specific force is older than gravity.timeout, or stays away'
             if apart_s > _APART_S and grown['forces']:
-                yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
-            else:
-                yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+                why = f'wrench and specific force are {apart_s:.0f} s apart: two clocks'
+            yield f'{why}; wrench_external rests'
         frame = ForceFrame() if payload is None else payload.frame
         norm = float(np.linalg.norm(frame.turn(np.array(newest[1]))))
-        if self.wanted and not _LEAST_NORM < norm < _LARGEST_NORM:
+        if not _LEAST_NORM < norm < _LARGEST_NORM:
             yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
         last = list(self._felt)[-_FROZEN_REPORTS:]
         is_frozen = len(last) == _FROZEN_REPORTS and len(set(last)) == 1

@@ -150,7 +150,7 @@ class CalibrateService(LongService):
             numbers |= {'recorded_cells': str(recording.rows), **self.recording.spans()}
         if self.running_s is not None:
             message = f'running for {self.running_s:.0f} s'
-        elif trouble := self.recording.failure or self.recording.doubt():
+        elif trouble := self.recording.failure or self.recording.recorder.doubt():
             level, message = WARN, trouble
         elif self.refused:
             level, message = WARN, f'the last one was refused: {self.last_outcome}'

@@ -32,6 +32,16 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
+_NO_WRENCH = (
+    'raw wrenches: they are silent, or their stamps are of another clock than those of the '
+    'temperatures. Nothing can be learnt from that; set one clock, then record again'
+)
+_NO_REFERENCE = (
+    'wrench_reference: it is silent, or its stamps are of another clock than those of the wrench'
+)
+_NO_FORCE = (
+    'specific force: it is silent, or its stamps are of another clock than those of the wrench'
+)
 
 
 @dataclass(eq=False)
@@ -78,20 +88,20 @@ class Recorder(Part):
         """Length of the live model's thermal cells, ns; without a model, that of a row's cell."""
         return self._compensator.tracker.grid.period_ns
 
-    @property
-    def records_force(self) -> bool:
-        """Whether a recording runs that is to hold specific force."""
-        return self._with_force and bool(self._running)
-
-    @property
-    def lacking_force(self) -> bool:
-        """Whether a recording has got no specific force for LACKING_S."""
-        force = FORCE_CHANNELS[0]
-        return any(self.lacking_s(recording, force) >= LACKING_S for recording in self._running)
-
-    def lacking_s(self, recording: OwnRecording, channel: str) -> float:
-        """Find for how long nothing of a channel was recorded, s."""
-        return recording.lacking[channel] * self.period_ns / NANOSECONDS
+    def doubt(self) -> str:
+        """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
+        for recording in self._running:
+            heard = REFERENCE_CHANNELS[0] in recording.spans
+            for channels, wanted, sentence in (
+                (AXES, True, _NO_WRENCH),
+                (REFERENCE_CHANNELS[:1], heard, _NO_REFERENCE),
+                (FORCE_CHANNELS[:1], self._with_force, _NO_FORCE),
+            ):
+                rows = min(recording.lacking[channel] for channel in channels)
+                lacking_s = rows * self.period_ns / NANOSECONDS
+                if wanted and lacking_s >= LACKING_S:
+                    return f'the last {lacking_s:.0f} s were recorded without {sentence}'
+        return ''
 
     def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
         """Feed a new recording from now on."""
@@ -184,8 +194,6 @@ class RecordService(Part):
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
     _reference: Any = None
-    #: Whether the one that runs has heard its reference.
-    _heard: bool = False
 
     title = 'recording'
     topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
@@ -226,7 +234,7 @@ class RecordService(Part):
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
-        self._reference, self.path, self.failure, self._heard = reference, path, '', False
+        self._reference, self.path, self.failure = reference, path, ''
         self.current = self.recorder.begin(writer, self._fail)
         return f'recording into {path}'
 
@@ -262,7 +270,6 @@ class RecordService(Part):
             return
         # The comparison is false for NaN.
         if self.current is not None and math.hypot(*reference) < LARGEST:
-            self._heard = True
             self.current.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def spans(self) -> dict[str, str]:
@@ -274,25 +281,6 @@ class RecordService(Part):
             if span := self.current.spans.get(temperature_channel(j)):
                 values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
         return values
-
-    def doubt(self) -> str:
-        """Say that no wrenches are recorded, or no reference that was heard; else empty."""
-        if self.current is None:
-            return ''
-        lacking_s = min(self.recorder.lacking_s(self.current, axis) for axis in AXES)
-        if lacking_s >= LACKING_S:
-            return (
-                f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are silent, '
-                'or their stamps are of another clock than those of the temperatures. Nothing can '
-                'be learnt from that; set one clock, then record again'
-            )
-        lacking_s = self.recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
-        if not self._heard or lacking_s < LACKING_S:
-            return ''
-        return (
-            f'the last {lacking_s:.0f} s were recorded without wrench_reference: it is silent, or '
-            'its stamps are of another clock than those of the wrench'
-        )
 
     def _fail(self, error: RecordingError) -> None:
         """Say that the disk has ended the recording."""

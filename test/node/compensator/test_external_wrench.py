@@ -56,7 +56,6 @@ class Held:
             files=PayloadFiles(folder, SimpleNamespace(stored=live), source),
             specific_force=self.force,
             newest=lambda: self.newest,
-            recorder=SimpleNamespace(records_force=False, lacking_force=False),
         )
         self.hub = self.force.hub = make_hub(self.part, **self.chosen, **chosen)
         self.force.frames = lambda: FrameIds('imu', self.hub.frame)
@@ -154,25 +153,6 @@ def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(held):
     for late_ns, times in ((-SECOND // 100, 1), (0, 1), (2_000_000, 1), (2_000_001, 2)):
         part.ask(START + late_ns, CONSTANT)
         assert len(asked) == times
-
-
-@pytest.mark.parametrize(
-    ('source', 'force', 'words'),
-    [
-        ('imu', None, 'no specific force has come; cells are recorded without it'),
-        ('imu', UP, 'is the IMU frozen?'),
-        ('tf', UP, ''),
-    ],
-)
-def test_without_a_payload_a_recording_needs_specific_force_only(held, source, force, words):
-    """Its norm is whatever the unit of the IMU makes it."""
-    part = held(source=source)
-    part.part.recorder.records_force = True
-    for _ in range(external_wrench._FROZEN_REPORTS):
-        if force is not None:
-            part.feel(START, force / 9.807)
-        found = part.status()
-    assert (found.level, words in found.message) == (WARN if words else OK, True), found.message
 
 
 #: State of the part: what it felt (seconds after the start, and what), at which wrench it was
