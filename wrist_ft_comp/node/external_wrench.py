@@ -323,19 +323,19 @@ class ExternalWrench(Part):
         newest, payload = self.specific_force.forces.newest, self.payload
         if not self.wanted:
             return
+        rests = 'wrench_external rests'
         if newest is None:
-            why = self.specific_force.problem() or 'no specific force has come'
-            yield f'{why}; wrench_external rests'
+            yield f'{self.specific_force.problem() or "no specific force has come"}; {rests}'
             return
         if grown['forces']:
             self._felt.append(newest[1])
         else:
             self._felt.clear()
         if grown['missed']:
-            why = 'specific force is older than gravity.timeout, or stays away'
             if apart_s > _APART_S and grown['forces']:
-                why = f'wrench and specific force are {apart_s:.0f} s apart: two clocks'
-            yield f'{why}; wrench_external rests'
+                yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
+            else:
+                yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         frame = ForceFrame() if payload is None else payload.frame
         norm = float(np.linalg.norm(frame.turn(np.array(newest[1]))))
         if not _LEAST_NORM < norm < _LARGEST_NORM:

@@ -330,6 +330,7 @@ class Learner(Part):
             report = str(self.offered.with_suffix('.html'))
             numbers |= {'offered': str(self.offered), 'why': memory.why, 'report': report}
         if diary is not None:
+            numbers['days'] = str(len(diary.files.ended()))
             numbers['megabytes'] = f'{diary.files.used() / 1e6:.1f}'
         disk = diary.problem if diary else ''
         # The worst first.

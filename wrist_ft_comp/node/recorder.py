@@ -32,16 +32,6 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
-_NO_WRENCH = (
-    'raw wrenches: they are silent, or their stamps are of another clock than those of the '
-    'temperatures. Nothing can be learnt from that; set one clock, then record again'
-)
-_NO_REFERENCE = (
-    'wrench_reference: it is silent, or its stamps are of another clock than those of the wrench'
-)
-_NO_FORCE = (
-    'specific force: it is silent, or its stamps are of another clock than those of the wrench'
-)
 
 
 @dataclass(eq=False)
@@ -91,16 +81,24 @@ class Recorder(Part):
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
         for recording in self._running:
-            heard = REFERENCE_CHANNELS[0] in recording.spans
-            for channels, wanted, sentence in (
-                (AXES, True, _NO_WRENCH),
-                (REFERENCE_CHANNELS[:1], heard, _NO_REFERENCE),
-                (FORCE_CHANNELS[:1], self._with_force, _NO_FORCE),
+            rows, had_reference = recording.lacking, REFERENCE_CHANNELS[0] in recording.spans
+            lacking_s = min(rows[axis] for axis in AXES) * self.period_ns / NANOSECONDS
+            if lacking_s >= LACKING_S:
+                return (
+                    f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are '
+                    'silent, or their stamps are of another clock than those of the temperatures. '
+                    'Nothing can be learnt from that; set one clock, then record again'
+                )
+            for channel, source, is_wanted in (
+                (FORCE_CHANNELS[0], 'specific force', self._with_force),
+                (REFERENCE_CHANNELS[0], 'wrench_reference', had_reference),
             ):
-                rows = min(recording.lacking[channel] for channel in channels)
-                lacking_s = rows * self.period_ns / NANOSECONDS
-                if wanted and lacking_s >= LACKING_S:
-                    return f'the last {lacking_s:.0f} s were recorded without {sentence}'
+                lacking_s = rows[channel] * self.period_ns / NANOSECONDS
+                if is_wanted and lacking_s >= LACKING_S:
+                    return (
+                        f'the last {lacking_s:.0f} s were recorded without {source}: it is '
+                        'silent, or its stamps are of another clock than those of the wrench'
+                    )
         return ''
 
     def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
