@@ -21,7 +21,7 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
+from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
@@ -83,12 +83,6 @@ class PayloadFiles:
             and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
             and not changed_frames(frame, here)
         }
-
-    def sensor(self, here: FrameIds) -> ForceFrame | None:
-        """Find the newest frame of a calibration, which is better than that of a minute."""
-        frames = self.frames(here).items()
-        calibrated = [frame for name, frame in frames if not name.startswith(f'{IDENTIFIED}-')]
-        return calibrated[-1] if calibrated else None
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:

@@ -70,7 +70,6 @@ class DiaryKeeper:
             self.end_day()
 
     def _fail(self, error: RecordingError) -> None:
-        """Record nothing for a while."""
         with suppress(RecordingError):  # what the disk took stays, the rest is lost
             self.files.close()
         self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
@@ -311,7 +310,6 @@ class Learner(Part):
         self._live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
-        """Stop the job, if one runs, and forget it."""
         if self._process is not None:
             self._process.end()
             self._process = None

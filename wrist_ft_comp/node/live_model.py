@@ -159,7 +159,6 @@ class LiveModel(Part):
         self._write_down(why, 'learnt' if judged else 'chosen', judged, then)
 
     def _make_live(self, stored: StoredModel | None) -> None:
-        """Swap a model in, say so, and let all parts follow."""
         self.swap(None if stored is None else stored.model)
         self.stored = stored
         if stored is not None:

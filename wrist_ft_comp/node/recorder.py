@@ -281,7 +281,6 @@ class RecordService(Part):
         return values
 
     def _fail(self, error: RecordingError) -> None:
-        """Say that the disk has ended the recording."""
         if (recording := self.current) is not None:
             self._forget()
             self.writer.put(str(self.path), recording.writer.close)
@@ -300,7 +299,6 @@ class RecordService(Part):
 
 
 def _ended(problem: str, rows: int) -> str:
-    """Say what has ended a recording, and what to do."""
     return (
         f'{problem} The recording has ended after {rows} thermal cells. See that its file stays '
         'and the disk has room, or choose another data_directory, then record again.'

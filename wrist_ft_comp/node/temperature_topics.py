@@ -359,5 +359,4 @@ class TemperatureInput(Part):
 
 
 def _numbers(thermometers: Sequence[int]) -> str:
-    """Write thermometers as numbers from 1."""
     return ', '.join(str(j + 1) for j in thermometers)
