@@ -363,8 +363,12 @@ def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
     assert doubt == (carried and not tared_with)
     part.hub.set(part.part, **{'payload.active': ''})
     compensator.set_tare(weight + CONSTANT, START)
-    part.hub.set(part.part, **{'payload.active': 'day-1'})
-    assert compensator.zero_doubts == [], 'nothing was carried since'
+    for name in ('day-1', '', 'day-1'):
+        part.hub.set(part.part, **{'payload.active': name})
+        assert compensator.zero_doubts == [], 'nothing was carried since that had no name'
+        if name:
+            part.part.collect(SimpleNamespace(share=1.0))
+            part.part.collect(None)
 
 
 @pytest.mark.parametrize(
