@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import free_run
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.folds import assign_folds
@@ -150,12 +149,8 @@ def test_products_are_those_of_columns_that_are_centred_by_segment(
 def columns_of(problem):
     """Cells of a problem, and the features of its temperatures behind a bank."""
     cells = bin_axis_data(problem, 1)
-    lags = [cells.relaxation(tau) for tau in GRID]
-    columns = [
-        np.concatenate([FEATURES.expand_within(free_run(lag, own_c)) for lag in lags], axis=1)
-        for own_c in cells.temperature_c
-    ]
-    return cells, columns
+    relaxed_c = cells.relaxed(np.array(GRID))
+    return cells, [FEATURES.expand_within(part).reshape(len(part), -1) for part in relaxed_c]
 
 
 def test_a_step_between_two_tares_is_no_drift(make_axis_data):

@@ -6,6 +6,7 @@ The drift of one axis: dynamic filters, features, and the outer and inner model 
     y(k)  = ARX-PLS of x          (M,)    eq. 15
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -90,6 +91,12 @@ class AxisModel:
         names = 'output_loadings', 'output_weight', 'output_mean'
         first = {name: getattr(self.dynamics, name)[:1] for name in names}
         return replace(self, dynamics=replace(self.dynamics, **first))
+
+    def anchored(self, at_rest: Sequence[float]) -> 'AxisModel':
+        """Shift the constants so that soaked at T_ref it gives these outputs, (M,)."""
+        resting = self.step(self.start(self.reference_c), self.reference_c)[1]
+        mean = self.dynamics.output_mean - resting + np.array(at_rest)
+        return replace(self, dynamics=replace(self.dynamics, output_mean=mean))
 
     @property
     def poles(self) -> FloatArray:
