@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.features import Beyond, Features
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
@@ -61,11 +61,6 @@ class AxisData:
     #: Whether a held-out fold has its own constant, because taring removes it. Plateaus of a
     #: chamber test keep the constant of the others: their difference is the drift.
     tared: bool = True
-
-    @property
-    def unit(self) -> str:
-        """N or N m."""
-        return axis_unit(self.axis)
 
     @property
     def longest_s(self) -> float:

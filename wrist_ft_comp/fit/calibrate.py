@@ -92,7 +92,7 @@ def calibrate(
         _, model, _ = _learn(work.drift, axes, folds, settings, lambda _: None)
         work = learn_at_work(recordings, (work, model))
     learnt_from = work.drift if work else recordings
-    fits, model, skipped = _learn(learnt_from, axes, folds, settings, progress)
+    fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
     sensors = {
         f'in recording {number}, {recording.name}': recording.sensor
@@ -101,7 +101,7 @@ def calibrate(
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [*dropped, *stepped, *skipped, *unknown, *silent, *thermometers]
+    warnings += [*dropped, *stepped, *said, *unknown, *silent, *thermometers]
     warnings += work.warnings if work else ()
     if reference in {'unloaded', 'constant'}:
         warnings += follows_gravity(recordings, reference)
@@ -116,14 +116,6 @@ def calibrate(
                 f'{", ".join(unexplained)}. The load was declared {reference}: did the robot '
                 'move, or did something touch it? Or does no thermometer see the heat? Record '
                 'again standing still, or with the specific force (--reference payload).'
-            )
-    for axis, fit in fits.items():
-        if fit.refusal:
-            warnings.append(f'{fit.refusal}. It is left uncompensated.')
-        if fit.harmful:
-            warnings.append(
-                f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
-                'auto.'
             )
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
@@ -140,12 +132,12 @@ def _learn(
     settings: CalibrationSettings,
     progress: Progress,
 ) -> tuple[dict[str, AxisFit], DriftModel, list[str]]:
-    """Learn some axes, and say which are left out; CalibrationRefusedError where all are."""
-    fits, skipped = dict[str, AxisFit](), list[str]()
+    """Learn some axes, and say what to doubt; CalibrationRefusedError where none can be."""
+    fits, said = dict[str, AxisFit](), list[str]()
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.recordings == 1 < len(recordings):
-            skipped.append(
+            said.append(
                 f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
             )
             # It is judged on stretches of that recording.
@@ -154,19 +146,26 @@ def _learn(
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
-            skipped.append(
+            said.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
         fit = identify_axis(data, settings.identification)
+        if fit.refusal:
+            said.append(f'{fit.refusal}. It is left uncompensated.')
+        if fit.harmful:
+            said.append(
+                f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
+                'auto.'
+            )
         if data.tared:
             limit = day_limit(data, fit.stated_rms)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))
     if not fits:
-        raise CalibrationRefusedError(skipped[0])
+        raise CalibrationRefusedError(said[0])
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
@@ -180,7 +179,7 @@ def _learn(
         },
         # A start takes means over this time: long for a thermometer's noise, short for a body.
         start_s=FITTED_BIN_S, prediction=predicted)  # fmt: skip
-    return fits, model, skipped
+    return fits, model, said
 
 
 def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:

@@ -204,7 +204,8 @@ def drop_unknown_temperatures(
                 )
             if runs:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')
-        sound.append(replace(recording, wrench=wrench))
+        changed = not np.array_equal(wrench, recording.wrench, equal_nan=True)
+        sound.append(replace(recording, wrench=wrench) if changed else recording)
     return sound, sentences
 
 

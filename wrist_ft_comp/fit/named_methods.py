@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 import scipy  # which loads its parts when they are used
 
+from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
@@ -259,11 +260,11 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         name: float(np.mean([np.sqrt(np.mean(fold.errors**2)) for fold in left]))
         for name, left in bins.items()
     }
-    factor = day_over_blocks(data, after['none'])
+    factor, unit = day_over_blocks(data, after['none']), axis_unit(data.axis)
     rms = {name: left_of_a_day(left, after['none'], factor) for name, left in after.items()}
-    reason = f'{chosen} leaves {rms[chosen]:.3g} {data.unit} RMS on held-out data'
+    reason = f'{chosen} leaves {rms[chosen]:.3g} {unit} RMS on held-out data'
     if chosen != 'none':
-        reason += f', no compensation {rms["none"]:.3g} {data.unit}'
+        reason += f', no compensation {rms["none"]:.3g} {unit}'
     best = competing[int(np.argmin([score.mean() for score in scores]))]
     if len(competing) == 1:
         reason += '; nothing else competed.'
@@ -285,7 +286,7 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         rms_before=rms['none'], rms_after=rms[chosen], reason=reason,
         time_constants_s=tuple(time_constants_s),
         time_constant_errors_s=(float('nan'),) * len(time_constants_s), notes=notes,
-        unit=data.unit, held_out=held_out)  # fmt: skip
+        unit=unit, held_out=held_out)  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
