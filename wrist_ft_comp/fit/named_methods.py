@@ -25,7 +25,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import TooShortError
-from wrist_ft_comp.fit.arx_pls import fit_arx_pls
+from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
 from wrist_ft_comp.fit.folds import (
@@ -51,10 +51,6 @@ from wrist_ft_comp.fit.ridge_bank import (
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
-#: Orders n = m up to this compete for each latent of arx_pls, the simplest first, each with a
-#: direct term and without: heat has no pure delay. Give --orders for others.
-_HIGHEST_ORDER = 2
-
 PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 #: What each latent is: its orders, or the time constant of its filter, s.
 Structure = tuple[Orders | float, ...]
@@ -66,32 +62,29 @@ def identify_paper_method(
     """
     Let held-out folds choose how many latents there are, and their structure.
 
-    All latents have the same structure, unless orders were given for each. TooShortError is raised
-    where no ARX finds enough consecutive samples.
+    Each latent of arx_pls has orders of its own; all of filtered_pls have one relaxation.
+    TooShortError is raised where no ARX finds enough consecutive samples.
     """
-    width = len(build_features(data.temperature_c, settings, data.residual).names)
+    features = build_features(data.temperature_c, settings, data.residual)
+    width, orders = len(features.names), settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
-    fixed = settings.latents or (width if settings.features == 'hats' else None)
-    options: Structure = (STATIC,)
+    fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
+    fixed = fixed or (width if features.kind == 'hats' else 0)
+    most = fixed or width
+    structures: list[Structure] = [(STATIC,) * most]
     if method == 'filtered_pls':
-        options = LONG_BANK_S
+        structures = [(tau_s,) * most for tau_s in LONG_BANK_S]
+    elif method == 'arx_pls' and orders:
+        structures = [orders if len(orders) > 1 else orders * most]
     elif method == 'arx_pls':
-        options = settings.orders or tuple(
-            Orders(n, max(n, 1), direct=direct)
-            for n in range(_HIGHEST_ORDER + 1)
-            for direct in (True, False)
-        )
-    numbers = [fixed] if fixed else range(1, width + 1)
-    structures: list[Structure] = [(option,) * r for r in numbers for option in options]
-    if method == 'arx_pls' and len(settings.orders) > 1:
-        structures = [settings.orders]
+        structures = [choose_orders(data, build_xy_block(data, features), most)]
     refits = dict[str, Refit]()
-    for structure in structures:
-        name = f'{method}, {len(structure)} latent{"s" if len(structure) > 1 else ""}'
-        if len(options) > 1:
-            alike = 'orders as given' if settings.orders else structure[0]
-            name += f', relaxation {alike} s' if method == 'filtered_pls' else f', {alike}'
-        refits[name] = partial(_fit_structure, settings, method, structure)
+    for r in range(fixed or 1, max(fixed, *map(len, structures)) + 1):
+        for structure in structures:
+            name = f'{method}, {r} latent{"s" if r > 1 else ""}'
+            if method == 'filtered_pls':
+                name += f', relaxation {structure[0]} s'
+            refits[name] = partial(_fit_structure, settings, method, structure[:r])
     return compete(data, refits)
 
 
