@@ -28,11 +28,21 @@ def outside_blocks(document):
     return re.sub(r'^```.*?^```', '', document.read_text('utf-8'), flags=re.M | re.S)
 
 
+def anchors(document):
+    """What links may name behind a #: headings of a document, as GitHub writes them."""
+    headings = re.findall(r'^#+ (.+)$', outside_blocks(document), re.M)
+    words = (re.sub(r'[^\w\- ]', '', heading.lower()) for heading in headings)
+    return {text.replace(' ', '-') for text in words}
+
+
 @every_document
 def test_links_lead_somewhere(document):
     for target in re.findall(r'\]\(([^)]+)\)', outside_blocks(document)):
-        if not target.startswith(('http:', 'https:', 'mailto:', '#')):
-            assert (document.parent / target.split('#')[0]).exists(), target
+        if not target.startswith(('http:', 'https:', 'mailto:')):
+            file, _, anchor = target.partition('#')
+            path = document.parent / file if file else document
+            assert path.exists(), target
+            assert not anchor or anchor in anchors(path), target
 
 
 @every_document
