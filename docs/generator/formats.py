@@ -50,11 +50,11 @@ MODEL_FILE = """
 ## Model file
 
 YAML, checked when it is loaded; another version is refused. `[]` stands for an element of a list,
-`*` for the name of an axis. What runs, `axes.*.model`, has entries of its own, which
-`wrist_ft_comp/stored/model.schema.json` lists.
+`*` for the name of an axis. `wrist_ft_comp/stored/model.schema.json` has all entries, also those
+of `prediction`, `candidates` and `model`.
 """
-#: Entry whose own entries are left out: features and filters, by the names of docs/algorithm.md.
-WHAT_RUNS = 'axes.*.model'
+#: Entries whose own entries are left out, because no person reads or writes them.
+INNER = ('prediction', 'axes.*.candidates', 'axes.*.model')
 
 
 def command_line() -> Iterator[str]:
@@ -163,10 +163,12 @@ def schema_rows(schema: Schema, entry: Schema, path: str) -> Iterator[list[str]]
     entry = resolved(schema, entry)
     names = {'minimum': 'at least', 'maximum': 'at most', 'minItems': 'min.', 'maxItems': 'max.'}
     limits = (f'{word} {entry[key]}' for key, word in names.items() if key in entry)
-    if path and not path.endswith('[]'):
-        what = kind(schema, entry)
+    what = kind(schema, entry)
+    if path and not path.endswith('[]') and (what != 'object' or 'description' in entry):
         yield [f'`{path}`', what, ', '.join(limits), entry.get('description', '')]
-    for name, inner in {} if path == WHAT_RUNS else entry.get('properties', {}).items():
+    if path in INNER:
+        return
+    for name, inner in entry.get('properties', {}).items():
         yield from schema_rows(schema, inner, f'{path}.{name}'.lstrip('.'))
     if isinstance(entry.get('additionalProperties'), dict):
         yield from schema_rows(schema, entry['additionalProperties'], f'{path}.*')
