@@ -161,7 +161,7 @@ class Player:
                 continue
             if words[0] == 'wrist_ft_comp' and words[1] != 'node':
                 self._terminal.end()
-            if words[-1] in {'{data: false}', 'stop'}:
+            if words[1:] == ['node', 'stop']:
                 self._wait(enough)
             self._terminal.run(words)
             if words[1] == 'evaluate':
