@@ -8,7 +8,7 @@ from pathlib import Path
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.model_store import HistoryEntry
-from wrist_ft_comp.stored.plain_values import from_plain, parse_json, to_plain
+from wrist_ft_comp.stored.own_file import from_plain, parse_json, to_plain
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.stored.own_file import Kind, to_plain
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2, keeps=True,

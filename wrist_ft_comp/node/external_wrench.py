@@ -11,18 +11,19 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.wrench_topics import Newest
 from wrist_ft_comp.payload.live_weight import Force, LivePayload
 from wrist_ft_comp.payload.motion_collector import MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
+from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
@@ -48,14 +49,6 @@ _NORM_DEVIATION = 0.03
 #: It is doubted after this many reports in a row with such a deviation to the same side: motion
 #: makes larger ones, but to both sides.
 _DEVIATION_REPORTS = 10
-#: The wrench is compared with the weight on an axis where the weight has moved by this, N: seven
-#: times the noise of common sensors, 0.3 N, so that a change is known within the share below.
-_MOVED_N = 2.0
-#: Their changes are the same, or opposite, where they differ by less than this share ...
-_CHANGE_SHARE = 0.3
-#: ... and the wrench moves against the weight after this many opposite changes and no same one.
-#: In a cycle with contact, the way through free space has same ones.
-_OPPOSITE_CHANGES = 5
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
@@ -133,10 +126,8 @@ class ExternalWrench(Part):
     #: Why the payload that parameters name is not taken off any more; empty while it is.
     refusal: str = ''
     hub: Hub = field(init=False)
-    #: Corrected force and weight, N, (2, 3), since when they have moved, by axis of the force, and
-    #: in how many changes in a row they moved against one another.
-    _moved_from: FloatArray = field(default_factory=lambda: np.full((2, 3), np.nan))
-    _opposite: IntArray = field(default_factory=lambda: np.zeros(3, np.int64))
+    #: Whether the wrench moves with the weight of the payload.
+    _check: WeightCheck = field(default_factory=WeightCheck)
     #: The frame_ids when a payload was chosen last, and the payload before the present one.
     _chosen: FrameIds | None = None
     _last: LivePayload | None = None
@@ -254,7 +245,7 @@ class ExternalWrench(Part):
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
         self.payload, self.refusal = payload, ''
-        self._moved_from, self._opposite = np.full((2, 3), np.nan), np.zeros(3, np.int64)
+        self._check = WeightCheck()
         self.collect(self.collector)
         if payload is None:
             return
@@ -412,31 +403,39 @@ class ExternalWrench(Part):
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        self._compare_with_weight(payload)
-        if axes := [AXES[i] for i in np.flatnonzero(self._opposite >= _OPPOSITE_CHANGES)]:
-            yield (
-                f'{", ".join(axes)} moves against the weight of {payload.name}: specific force is '
-                'mirrored or turned; mend the mount of the IMU, or call ~/identify_payload'
-            )
+        wrench = self.newest()
+        at_stamp = wrench and self.specific_force.forces.at(wrench[0])
+        if wrench is not None and at_stamp is not None:
+            corrected = self.compensator.correct(*wrench[:2], external=True)
+            self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
+        yield from filter(None, [self.moves_otherwise()])
         if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
             yield f'{payload.turn}; {other}'
 
-    def _compare_with_weight(self, payload: LivePayload) -> None:
-        """Count changes of the wrench that are opposite to those of the weight, by axis."""
-        newest = self.newest()
-        force = newest and self.specific_force.forces.at(newest[0])
-        if newest is None or force is None:
-            return
-        wrench = self.compensator.correct(newest[0], newest[1], external=True)
-        now = np.array((wrench[:3], payload.weight(force)[:3]))
-        change, weight_change = now - self._moved_from
-        moved = ~(np.abs(weight_change) < _MOVED_N)  # also the first time, where it is NaN
-        limit = _CHANGE_SHARE * np.abs(weight_change)
-        same = np.abs(change - weight_change) < limit
-        opposite = np.abs(change + weight_change) < limit
-        self._opposite[moved & same] = 0
-        self._opposite[moved & opposite] += 1
-        self._moved_from[:, moved] = now[:, moved]
+    def moves_otherwise(self) -> str:
+        """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""
+        found, payload = self._check.found, self.payload
+        if payload is None:
+            return ''
+        if found.mirrored or found.turn_deg:
+            return (
+                f'the force moves otherwise than the weight of {payload.name}: specific force is '
+                f'mirrored or turned, by {found.turn_deg:.0f} degrees; mend the mount of the IMU '
+                'or the frame of the wrench, or call ~/identify_payload'
+            )
+        if found.scale != 1:
+            return (
+                f'the force moves {found.scale:.3g} times as much as the weight of '
+                f'{payload.name}: its unit, payload.mass, or the payload is another one; mend '
+                'that, or call ~/identify_payload'
+            )
+        if found.shift_m:
+            return (
+                'the torque moves as if the centre of mass were '
+                f'{1e3 * found.shift_m:.0f} mm from that of {payload.name}; was the frame of the '
+                'wrench moved, such as by another TCP? Move it back, or call ~/identify_payload'
+            )
+        return ''
 
     def _off_gravity(self, force: FloatArray) -> Iterator[str]:
         """Doubt a specific force, (3,), whose norm is not that of gravity."""

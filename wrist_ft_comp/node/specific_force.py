@@ -206,20 +206,18 @@ class SpecificForceInput(Part):
         self._tf_messages += 1
         if self._tf_messages % _TIDY_MESSAGES == 0:
             self._tree.forget()
-        if self._by_tf and needed:
-            self._hand_out_by_tf()
-
-    def _hand_out_by_tf(self) -> None:
-        """Hand out specific force at the newest stamp of all transforms, if it is a new one."""
+        if not self._by_tf or not needed:
+            return
+        # At the newest stamp of all transforms, if it is a new one. Stamps that ran back are
+        # those of a simulation that was restarted.
         at_ns, last_ns = self._tree.settled_ns(), self._handed_out_ns
-        # Stamps that ran back are those of a simulation that was restarted.
         if at_ns is None or (last_ns is not None and 0 <= at_ns - last_ns < _STEP_NS):
             return
         self._handed_out_ns = at_ns
-        specific_force, speed = self._tree.read(np.array([at_ns]))
-        if math.isfinite(specific_force[0, 0]):
-            x, y, z = specific_force[0].tolist()
-            self._hand_out(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+        (specific_force,), (turning,) = self._tree.read(np.array([at_ns]))
+        if math.isfinite(specific_force[0]):
+            x, y, z = specific_force.tolist()
+            self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
 
     def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""

@@ -6,7 +6,6 @@ from datetime import datetime, timezone
 import hashlib
 import math
 from pathlib import Path
-import platform
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +19,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import HEADER, Kind
-from wrist_ft_comp.stored.plain_values import from_plain, to_plain
+from wrist_ft_comp.stored.own_file import from_plain, HEADER, Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration
@@ -237,7 +235,9 @@ def save_model(
     Gives what ``load_model`` reads. ModelFileError when the file cannot be written, or another
     file than a model is in its place.
     """
-    from importlib.metadata import version  # noqa: PLC0415 -- a node that only loads starts faster
+    # A node that only loads starts faster.
+    from importlib.metadata import version  # noqa: PLC0415
+    import platform  # noqa: PLC0415
 
     path = Path(path)
     document = {

@@ -16,6 +16,7 @@ from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.payload.weight_check import Disagreement
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
@@ -283,28 +284,38 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
+def turned_by(axis, degrees):
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
 @pytest.mark.parametrize(
-    ('mirror', 'contact_n', 'axes'),
+    ('felt_turn', 'shift_m', 'contact_n', 'words'),
     [
-        ((1, 1, 1), 0.0, ''),
-        ((-1, 1, 1), 0.0, 'force_x'),
-        ((-1, -1, 1), 0.0, 'force_x, force_y'),
-        ((1, 1, 1), -60.0, ''),
+        (np.eye(3), 0.0, 0.0, ''),
+        (np.eye(3), 0.0, -60.0, ''),
+        (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'specific force is mirrored or turned'),
+        (turned_by('z', 90.0), 0.0, 0.0, 'turned, by 90 degrees'),
+        (turned_by('x', 12.0), 0.0, 0.0, 'turned, by 12 degrees'),
+        (np.eye(3) / 4.448, 0.0, 0.0, 'moves 4.45 times as much as the weight of day-1: its unit'),
+        (np.eye(3), 0.04, 0.0, 'as if the centre of mass were 40 mm from that of day-1'),
     ],
-    ids=['right', 'mirrored', 'turned', 'presses where it points down'],
+    ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'other TCP'],
 )
-def test_a_wrench_that_moves_against_the_weight_is_a_warning(held, mirror, contact_n, axes):
+def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
+    held, felt_turn, shift_m, contact_n, words
+):
     """An arm that turns and comes back, and a noise of 0.1 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
     for k in range(100):
-        turn = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix()
-        up = turn.T @ UP
-        part.feel(START + k * SECOND, up * mirror)
+        up = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix().T @ UP
+        part.feel(START + k * SECOND, felt_turn @ up)
         contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
-        part.ask(START + k * SECOND, TOOL.weight(up) + contact + rng.normal(0, 0.1, 6))
+        noise = rng.normal(0, 0.1, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
+        part.ask(START + k * SECOND, mounted.weight(up) + contact + noise)
         found = part.status()
-    words = f'{axes} moves against the weight of day-1' if axes else 'subtracting day-1'
-    assert (found.level, words in found.message) == (WARN if axes else OK, True), found.message
+    expected = words or 'subtracting day-1'
+    assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
 
 
 @pytest.mark.usefixtures('tf_messages')
@@ -328,6 +339,7 @@ def test_a_frame_that_is_moved_on_the_robot_is_a_warning_until_the_next_tare(
 
     layouts = Layouts()
     send(0, 0.0)
+    node.node.compensator.set_tare(CONSTANT, START)
     assert node.diagnosis('output').level == OK
     send(50, 30.0)
     status = node.diagnosis('output', 'by TF the frame of the wrench turned at 5')
@@ -345,7 +357,8 @@ def tare_at_rest(node, load=None):
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
         node.ask_output(stamp, load + CONSTANT + 1e-13 * (-1) ** k)
-    return answers.get(timeout=20.0)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    return answers.get()
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
@@ -361,6 +374,14 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(again.node.compensator.tare, TOOL.weight(UP) + CONSTANT, atol=1e-12)
     assert again.call('reset_tare').success
     assert not again.node.compensator.external_tare.any()
+
+
+def test_a_tare_under_a_wrong_weight_is_refused(holding):
+    node = holding()
+    node.node.external._check.found = Disagreement(turn_deg=90.0)
+    assert 'cannot be tared: the force moves otherwise than the weight' in node.refusal('tare')
+    assert node.set('payload.active', '').successful
+    assert tare_at_rest(node).success is False, 'too short, but begun'
 
 
 def test_the_tare_of_the_empty_sensor_is_its_zero_under_every_payload(holding):

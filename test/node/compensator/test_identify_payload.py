@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.node import identify_payload as identify
+from wrist_ft_comp.node import jobs
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.simulation.work import (
     draw_accelerometer,
@@ -125,7 +125,7 @@ def refusal(node):
 def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR0913, PLR0917
     working, minute, monkeypatch, patience_s, happens, words
 ):
-    monkeypatch.setattr(identify, '_PATIENCE_S', patience_s)
+    monkeypatch.setattr(jobs, '_PATIENCE_S', patience_s)
     answers = ask(working)
     send(working, minute, range(10))
     happens(working.node)

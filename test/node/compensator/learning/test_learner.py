@@ -258,6 +258,7 @@ def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
         node.a_day()
         offered = node.node.learning.offered
         offered.with_suffix('.html').write_text('a report')
+    node.rig.wait_until(lambda: len(list(offered.parent.iterdir())) == 4, 'the removal')
     kept = {file.name for file in offered.parent.iterdir()}
     assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
     assert node.rig.call('adopt').success
