@@ -5,7 +5,7 @@ The node's callbacks get serialized messages under a simulated clock, and nothin
 What the drivers do are attributes, which the events of ``truth.py`` change.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
 import errno
@@ -33,7 +33,7 @@ from stand import message
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES, GRAVITY
-from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.payload.weight import Payload
@@ -41,7 +41,7 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.stored.model_file import save_model
-from wrist_ft_comp.stored.state_file import save_state, SavedState, StateWriter
+from wrist_ft_comp.stored.own_file import FileWriter
 from wrist_ft_comp.wire.tf_tree import Layouts
 
 LIFE_S = 12 * 3600
@@ -119,7 +119,6 @@ class Robot:
     #: When the operator will tare, because a status asked for it.
     asked_s = math.inf
     node: Any = None
-    saved: tuple[Path, SavedState] | None = None
 
     def __init__(self, seed: int, models: dict[int, Path], folder: Path, context: Any) -> None:
         self.seed, self.rng, self._context = seed, np.random.default_rng(seed), context
@@ -138,6 +137,9 @@ class Robot:
         self._out: list[bytes] = []
         self._external: list[bytes] = []
         self.statuses: dict[str, Any] = {}
+        #: Files that reach the disk when it becomes full or the node is killed: each save would
+        #: take as long as the rest.
+        self.saved: dict[str, Callable[[], None]] = {}
 
     # The node
 
@@ -182,14 +184,25 @@ class Robot:
     def _note(self, array: Any) -> None:
         self.statuses = {status.name.split(': ')[1]: status for status in array.status}
 
-    def _put(self, writer: StateWriter, state: SavedState) -> None:
-        """Save a state: it lies on the disk when the node is killed, unless that is full now."""
+    def _put(
+        self,
+        writer: FileWriter,
+        name: str,
+        write: Callable[[], None],
+        then: Callable[[str], None] | None = None,
+    ) -> None:
+        """Write a file: it lies on the disk when the node is killed, unless that is full now."""
+        problem = ''
         try:
             if self.full:
-                save_state(writer.path, state)
-            self.saved, writer.problem = (writer.path, state), ''
-        except StateFileError as error:
-            writer.problem = str(error)
+                write()
+            else:
+                self.saved[name] = write
+        except WristFtCompError as error:
+            problem = str(error)
+        writer.problems[name] = problem
+        if then:
+            writer._outcomes.append((then, problem))
 
     def _fsync(self, _handle: int) -> None:
         if self.full:
@@ -199,10 +212,16 @@ class Robot:
         """Kill the node."""
         Node.destroy_node(self.node)  # type: ignore[no-untyped-call]
         self.node.store.release()
-        self.node, full, self.full = None, self.full, False
-        if self.saved:
-            save_state(*self.saved)
-        self.full, self.saved = full, None
+        self.node = None
+        self.flush()
+
+    def flush(self) -> None:
+        """Let what was written reach the disk."""
+        full, self.full = self.full, False
+        for write in self.saved.values():
+            write()
+        self.saved.clear()
+        self.full = full
 
     def name(self, payload: Payload | None) -> None:
         """Tell the node what is held."""
@@ -312,7 +331,8 @@ class Robot:
             'fahrenheit': 1.8 * value + 32, 'nan': math.nan,
         }  # fmt: skip
         stamp_ns = self.stamp(HEAT) - (20 * NANOSECONDS if how == 'late' else 0)
-        self.node.inputs.on_temperature(j, message(stamp_ns, (changed.get(how, value), 0.0)))
+        data = message(stamp_ns, (changed.get(how, value), 0.0))
+        self.node.inputs.by_topic[j].read(data)
 
     def _send_force(self, x: float, y: float, z: float) -> None:
         """Send an Imu, of which only specific force is not 0."""
@@ -370,8 +390,8 @@ class Robot:
     def around(self) -> Iterator[None]:
         """Let the node have the clocks and the disk of this life."""
 
-        def put(writer: StateWriter, state: SavedState) -> None:
-            self._put(writer, state)
+        def put(writer: FileWriter, *what: Any) -> None:
+            self._put(writer, *what)
 
         with ExitStack() as stack:
             for name, fake in {
@@ -382,7 +402,7 @@ class Robot:
                     ORIGIN_NS + self.now_ns() + round(self.set_s * NANOSECONDS)
                 ),
                 'os.fsync': self._fsync,
-                'wrist_ft_comp.stored.state_file.StateWriter.put': put,
+                'wrist_ft_comp.stored.own_file.FileWriter.put': put,
             }.items():
                 stack.enter_context(mock.patch(name, fake))
             yield

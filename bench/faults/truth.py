@@ -188,6 +188,7 @@ def restart(
 
 def full_disk(robot: Robot) -> Iterator[float]:
     """Fill the disk, tare, kill the node, and start it again; then there is room."""
+    robot.flush()
     robot.full = True
     yield robot.between(10, 600)
     yield from robot.tare()
@@ -461,11 +462,12 @@ def main() -> int:
     print(f'{"begun":>8} findings  kind')
     for kind in sorted(counts | found):
         print(f'{counts[kind]:8} {found[kind]:8}  {kind}')
-    false = found.pop('false warning', 0)
+    false_per_100_h = 100 * found.pop('false warning', 0) / max(quiet_h, 1)
     print(
-        f'{counts.total()} events in {hours:.0f} h, {quiet_h:.0f} of them quiet, {time.process_time():.0f} s of processor '
-        f'time; {found.total()} findings; {100 * false / max(quiet_h, 1):.1f} false warnings in '
-        f'100 quiet hours; without an event at most {worst:.2f} of the limit'
+        f'{counts.total()} events in {hours:.0f} h, {quiet_h:.0f} of them quiet, '
+        f'{time.process_time():.0f} s of processor time; {found.total()} findings; '
+        f'{false_per_100_h:.1f} false warnings in 100 quiet hours; '
+        f'without an event at most {worst:.2f} of the limit'
     )
     return int(bool(found))
 
