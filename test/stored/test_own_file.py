@@ -18,10 +18,9 @@ from wrist_ft_comp.learning.diary import Diary, save_diary
 from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import (
     beginning,
-    FileWriter,
     from_plain,
     Output,
     remove_leftovers,

@@ -10,7 +10,6 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.channels import LARGEST, SensorNames
-from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.jobs import CalibrateService, IdentifyService, JobMaker
@@ -36,8 +35,7 @@ from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
 from wrist_ft_comp.ros.running import run_node
-from wrist_ft_comp.stored.model_store import ModelStore, node_directory
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.model_store import FileWriter, ModelStore, node_directory
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
@@ -147,7 +145,10 @@ class CompensatorNode(Hub):
         self.writer = writer
         writer.problems['state.json'] = store.check_writable()
         self.live = live = LiveModel(
-            store=store, sensor=self.sensor, swap=self._swap, writer=writer
+            store=store,
+            sensor=self.sensor,
+            swap=lambda model: compensator.go_live(model, self._newest and self._newest[:2]),
+            writer=writer,
         )
         self.state_keeper = StateKeeper(
             compensator=compensator, live_sha256=lambda: live.sha256, writer=writer,
@@ -237,10 +238,6 @@ class CompensatorNode(Hub):
         """Give the sensor's frame; empty before the first wrench."""
         data = self._newest and self._newest[2]
         return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
-
-    def _swap(self, model: DriftModel | None) -> None:
-        """Give a model to the stream; the old one stays when this raises."""
-        self.compensator.go_live(model, self._newest and self._newest[:2])
 
     def sensor(self) -> SensorNames:
         """Give the names of the sensor."""

@@ -363,16 +363,13 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        yield doubtful(self.title, self._doubts(age_s, grown), self._well(), numbers)
-
-    def _well(self) -> str:
-        """Say what the part does, where nothing is wrong."""
+        well = 'no payload is active'
         if self.collector is not None:
-            return f'identifying a payload: {self.collector.share:.0%} of a minute'
-        if self.payload is None:
-            return 'no payload is active'
-        other = self.disagreement(self.payload.frame)
-        return f'subtracting {self.payload.name}{other and "; "}{other}'
+            well = f'identifying a payload: {self.collector.share:.0%} of a minute'
+        elif payload is not None:
+            other = self.disagreement(payload.frame)
+            well = f'subtracting {payload.name}{other and "; "}{other}'
+        yield doubtful(self.title, self._doubts(age_s, grown), well, numbers)
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""

@@ -18,8 +18,7 @@ from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.services import Reply, Service
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, How, ModelStore
 
 #: Is told what went wrong, or '', when a change is on the disk.
 Then: TypeAlias = Callable[[str], None]

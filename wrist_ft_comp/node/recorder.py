@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
@@ -27,8 +27,8 @@ from wrist_ft_comp.ros.part import Part, Vector
 from wrist_ft_comp.ros.qos import FAST_SENSOR
 from wrist_ft_comp.ros.services import Reply, Service
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.model_store import ModelStore
-from wrist_ft_comp.stored.own_file import FileWriter, writing
+from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
+from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
@@ -38,21 +38,12 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 LACKING_S = 60.0
 
 
-class Writer(Protocol):
-    """Takes rows of a stamp, ns, and a value per channel; RecordingError when the disk refuses."""
-
-    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
-        """Write a row."""
-
-    def close(self) -> None:
-        """Write what is left."""
-
-
 @dataclass(eq=False)
 class OwnRecording:
     """A recording in progress."""
 
-    writer: Writer
+    #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
+    writer: Any
     #: Called when the disk refuses; nothing more is written after that.
     on_failure: Callable[[RecordingError], None]
     rows: int = 0
@@ -116,7 +107,7 @@ class Recorder(Part):
         """Find for how long nothing of a channel was recorded, s."""
         return recording.lacking[channel] * self.period_ns / NANOSECONDS
 
-    def begin(self, writer: Writer, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
+    def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
         """Feed a new recording from now on."""
         self._share(self._flush())  # what was before is none of its
         recording = OwnRecording(writer, on_failure)

@@ -155,7 +155,16 @@ class SimulatedSensor(Node):
         self._woken_s = now_s
         wrench_ns = self._wrenches.due(self._ran_s)
         temperature_ns = self._temperatures.due(self._ran_s)
-        wrench_nodes_c, temperature_nodes_c = self._warm_up(wrench_ns, temperature_ns)
+        # Advance the heat to the latest of these times; node temperatures at each of them.
+        step_s, first = self._sensor.settings.step_s, self._step
+        steps = [due_ns // round(step_s * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
+        self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
+        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
+        nodes_c = ft_sensor.trajectory(self._sensor, self._state, drive(self._run, begins_s))
+        self._state = nodes_c[-1]
+        wrench_nodes_c, temperature_nodes_c = (
+            nodes_c[np.maximum(step - first, 0)] for step in steps
+        )
         elapsed_s = wrench_ns / NANOSECONDS
         true = true_wrench(self._run, elapsed_s)
         if self._robot is not None:
@@ -187,18 +196,6 @@ class SimulatedSensor(Node):
                 self._robot.send(number)
             self._send_wrench(self._to_raw, self._raw, elapsed_ns, reading)
             number += 1
-
-    def _warm_up(self, *streams_ns: IntArray) -> list[FloatArray]:
-        """Advance the heat to the latest of some times; node temperatures at each of them."""
-        step_s = self._sensor.settings.step_s
-        steps = [elapsed_ns // round(step_s * NANOSECONDS) for elapsed_ns in streams_ns]
-        first = self._step
-        self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
-        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
-        passed = drive(self._run, begins_s)
-        nodes_c = ft_sensor.trajectory(self._sensor, self._state, passed)
-        self._state = nodes_c[-1]
-        return [nodes_c[np.maximum(step - first, 0)] for step in steps]
 
     def _stamp(self, message: Any, elapsed_ns: int) -> None:
         """Write the stamp of a simulated time."""

@@ -337,10 +337,10 @@ class DriftTopic(Part):
             why = 'not compensated: the model compensates no axis'
         elif stream.compensating and stream.zero_doubts:
             why = '; '.join(stream.zero_doubts)
-        elif stream.compensating and not stream.tared:
-            why = 'no tare: wrench still holds the zero of the sensor; call ~/tare'
         elif stream.compensating and (policy := hub.incompatible.get('wrench')):
             why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        elif stream.compensating and not stream.tared:
+            why = 'no tare: wrench still holds the zero of the sensor; call ~/tare'
         elif stream.compensating:
             level, why = OK, 'compensated'
         return level, why

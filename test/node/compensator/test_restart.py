@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node.state_keeper import StateKeeper
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
