@@ -41,7 +41,7 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.stored.model_file import save_model
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.wire.tf_tree import Layouts
 
 LIFE_S = 12 * 3600
@@ -402,7 +402,7 @@ class Robot:
                     ORIGIN_NS + self.now_ns() + round(self.set_s * NANOSECONDS)
                 ),
                 'os.fsync': self._fsync,
-                'wrist_ft_comp.stored.own_file.FileWriter.put': put,
+                'wrist_ft_comp.stored.model_store.FileWriter.put': put,
             }.items():
                 stack.enter_context(mock.patch(name, fake))
             yield
