@@ -76,8 +76,8 @@ def warm(
     """
     sensor, steps = ft_sensor.build_sensor(FtSensorSettings(), 4), seconds // DUTY_S + 1
     levels = rng.uniform(0, most, steps) * (rng.random(steps) > 0.35)
-    levels[:3] = most == 1
-    room_c = 22 + (1 + (most == 1)) * np.sin(np.arange(seconds) / 1500 + rng.uniform(0, 6))
+    levels[0 if most < 1 else slice(3)] = most  # it begins with a warm-up
+    room_c = 22 + (2 if most == 1 else 1) * np.sin(np.arange(seconds) / 1500 + rng.uniform(0, 6))
     drive = np.column_stack((np.repeat(levels, DUTY_S)[:seconds], room_c))
     nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, room_c[0]), drive)[:-1]
     places = interpolation(sensor.settings.cells, np.array(PLACES[:thermometers]))
@@ -124,7 +124,7 @@ class Robot:
         self.seed, self.rng, self._context = seed, np.random.default_rng(seed), context
         self.thermometers = int(self.rng.choice(list(models)))
         self.gravity = str(self.rng.choice(['none', 'imu', 'imu', 'tf']))
-        self._folder, self._model = folder / str(seed), models[self.thermometers]
+        self._model, self._folder = models[self.thermometers], folder / str(seed)
         self._celsius, self._drift = warm(LIFE_S + 7200, self.thermometers, self.rng)
         self.thermometer, self.lies = [''] * self.thermometers, list(range(self.thermometers))
         self.ahead_s, self.stopped = {WRENCH: 0.0, HEAT: 0.0, IMU: 0.0}, dict[str, int]()
@@ -208,12 +208,14 @@ class Robot:
         if self.full:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    def kill(self) -> None:
-        """Kill the node."""
+    def kill(self, *, forget: bool = False) -> None:
+        """Kill the node; perhaps its state is lost."""
         Node.destroy_node(self.node)  # type: ignore[no-untyped-call]
         self.node.store.release()
         self.node = None
         self.flush()
+        if forget:
+            (self._folder / 'state.json').unlink()
 
     def flush(self) -> None:
         """Let what was written reach the disk."""
