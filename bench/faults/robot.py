@@ -47,13 +47,14 @@ from wrist_ft_comp.wire.tf_tree import Layouts
 LIFE_S = 12 * 3600
 #: Time from one duty cycle of the motor to the next, and a thermal cell of the models, s.
 DUTY_S, CELL_S = 2400, 5
-#: For this long after a change the robot is simulated ten times a second, later each other one.
-FAST_S = 90.0
+#: For this long after a change the robot is simulated in short steps, later in long ones, s; while
+#: a sensor saturates in pulses, in the shortest, those of the node's own looks.
+FAST_S, SHORT_S, LONG_S, SHORTEST_S = 90.0, 0.25, 2.0, 0.1
 #: Standard deviation of a reading, and what the sensor reads cold and empty, N and N m.
 NOISE = np.array([0.05] * 3 + [0.002] * 3)
 ZERO = np.array([13.0, -13.0, 32.0, 0.5, -0.3, 0.2])
 #: Where the force saturates, N.
-EXTREME_N = 20.0
+EXTREME_N = 100.0
 ORIGIN_NS = 1_700_000_000 * NANOSECONDS
 #: The clocks, by what they stamp.
 WRENCH, HEAT, IMU = 'wrench', 'heat', 'imu'
@@ -285,8 +286,15 @@ class Robot:
         ahead_ns = round(self.ahead_s[source] * NANOSECONDS)
         return self.stopped.get(source, ORIGIN_NS + self.now_ns() + ahead_ns)
 
+    def advance(self) -> None:
+        """Let time pass until the next step."""
+        step_s = LONG_S - self.elapsed_s % LONG_S
+        if self.elapsed_s < self.fast_until_s:
+            step_s = SHORT_S
+        self.step(SHORTEST_S if self.wrench == 'pulses' else step_s)
+
     def step(self, step_s: float) -> None:
-        """Let time pass, and send what the drivers send then."""
+        """Let a time pass, and send what the drivers send then."""
         before_s, self.steady_s = self.steady_s, round(self.steady_s + step_s, 3)
         self.work_s += 0.0 if self.held_still else step_s
         force, is_second = self._force(), int(self.steady_s) > int(before_s)
@@ -351,9 +359,10 @@ class Robot:
         self.node.do(self.node.specific_force, self.node.specific_force.on_imu, data)
 
     def _send_tf(self) -> None:
-        """Send the orientation of 10 ms before and of now; between, the frame may be moved."""
+        """Send the orientation of now, and of 10 ms before where the frame was moved since."""
         part, tilt = self.node.specific_force, self.tilt if self.imu == 'moved' else 0.0
-        for before_ns, turn in ((10_000_000, self.tilted), (0, tilt)):
+        moved = [(10_000_000, self.tilted)] if tilt != self.tilted else []
+        for before_ns, turn in (*moved, (0, tilt)):
             roll, pitch = self._angles()
             (sr, cr), (sp, cp) = ((math.sin(a / 2), math.cos(a / 2)) for a in (roll + turn, pitch))
             seconds, nanoseconds = divmod(self.stamp(IMU) - before_ns, NANOSECONDS)

@@ -414,7 +414,7 @@ def live(
                 oracle.open[kind] = now_s
                 oracle.last = kind
                 running.append((now_s, kind, EVENTS[kind].script(robot)))
-        robot.step(0.1 if now_s < robot.fast_until_s else 2 * math.floor(now_s / 2 + 1) - now_s)
+        robot.advance()
         before_s, now_s = now_s, robot.elapsed_s
         if begun and int(now_s) > int(before_s):
             kinds_now = {kind for _, kind, _ in running if kind}
