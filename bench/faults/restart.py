@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from robot import learn, Robot, surroundings
+from robot import Robot, surroundings
 from stand import keep
 
 from wrist_ft_comp.series import FloatArray
@@ -63,10 +63,11 @@ def compare_drift(arguments: argparse.Namespace, folder: Path) -> bool:
     """Kill, compare, tell; whether every deviation is within LIMIT."""
     rng, measured = np.random.default_rng(arguments.seed), []
     with surroundings() as context:
-        models = {1: learn(folder / 'models/1.yaml', 1)}
         for number in range(arguments.kills):
             killed_s, away_s = int(rng.integers(*KILLED_S)), int(rng.integers(1, AWAY_S + 1))
-            figures = kill_once(number, killed_s, away_s, folder, models=models, context=context)
+            figures = kill_once(
+                number, killed_s, away_s, folder, models=folder / 'models', context=context
+            )
             measured.append(figures)
             print(json.dumps({k: round(v, 5) for k, v in measured[-1].items()}), flush=True)
     for what, key in (('restarted', 'deviation'), ('begun anew', 'deviation_anew')):

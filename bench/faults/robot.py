@@ -87,8 +87,11 @@ def warm(
     return celsius, ft_sensor.measured_wrench(sensor, nodes_c, np.zeros(len(AXES)))
 
 
-def learn(path: Path, thermometers: int) -> Path:
-    """Learn a model from three mornings."""
+def learn(folder: Path, thermometers: int) -> Path:
+    """Learn a model from three mornings, unless there is one."""
+    path = folder / f'{thermometers}.yaml'
+    if path.exists():
+        return path
     names = {'frame_id': ['tool0'], 'wrench_topic': ['/wrench_raw']}
     runs = []
     for morning in range(3):
@@ -121,11 +124,11 @@ class Robot:
     asked_s = math.inf
     node: Any = None
 
-    def __init__(self, seed: int, models: dict[int, Path], folder: Path, context: Any) -> None:
+    def __init__(self, seed: int, models: Path, folder: Path, context: Any) -> None:
         self.seed, self.rng, self._context = seed, np.random.default_rng(seed), context
-        self.thermometers = int(self.rng.choice(list(models)))
+        self.thermometers = int(self.rng.integers(1, len(PLACES) + 1))
         self.gravity = str(self.rng.choice(['none', 'imu', 'imu', 'tf']))
-        self._model, self._folder = models[self.thermometers], folder / str(seed)
+        self._model, self._folder = learn(models, self.thermometers), folder / str(seed)
         self._celsius, self._drift = warm(LIFE_S + 7200, self.thermometers, self.rng)
         self.thermometer, self.lies = [''] * self.thermometers, list(range(self.thermometers))
         self.ahead_s, self.stopped = {WRENCH: 0.0, HEAT: 0.0, IMU: 0.0}, dict[str, int]()

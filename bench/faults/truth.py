@@ -31,7 +31,6 @@ from robot import (
     FAST_S,
     HEAT,
     IMU,
-    learn,
     LIFE_S,
     NOISE,
     OTHER_FRAME,
@@ -278,15 +277,15 @@ def _events() -> Iterator[tuple[str, Event]]:
         yield f'clock of {source} differs', Event('clock', words, apart(source))
         yield f'clock of {source} stops', Event('clock', words, stopped(source))
     yield 'clocks leap', Event('clock', 'stamps|clock', all_leap)
-    again = 'publisher|no raw'
+    again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
     for unit in (0.2248, 4.448, 1000.0):
         script = driver_in(unit, np.eye(6), OWN_FRAME)
-        yield f'driver in units of {unit}', Event('driver', f'unit|the weight|{again}', script)
+        yield f'driver in units of {unit}', Event(weighed, f'unit|the weight|{again}', script)
     script = driver_in(1.0, TURN, OTHER_FRAME)
     yield 'driver in another frame', Event('driver', f'frame|{again}', script)
     script = driver_in(1.0, TURN, OWN_FRAME)
-    yield 'driver turned in silence', Event('driver', f'turned|the weight|{again}', script)
+    yield 'driver turned in silence', Event(weighed, f'turned|the weight|{again}', script)
     yield 'tare', Event('driver', 'tare', tare_at_once)
     yield 'tare reset', Event('driver', 'tare', tare_reset)
     for kind in ('frozen', 'zeros', 'silent'):
@@ -404,16 +403,16 @@ def live(
                 begun, ended_s = True, now_s if kind else ended_s
             except WristFtCompError as error:
                 note(kind, f'refused: {error}')
-        if now_s >= next_s and kinds:
-            next_s = now_s + float(robot.rng.exponential(options.every))
+        if now_s >= next_s:
             busy = {use for _, kind, _ in running if kind for use in EVENTS[kind].uses.split()}
-            kind = str(robot.rng.choice(kinds))
-            if busy.isdisjoint(EVENTS[kind].uses.split()):
-                counts[kind] += 1
-                note('', kind)
-                oracle.open[kind] = now_s
-                oracle.last = kind
-                running.append((now_s, kind, EVENTS[kind].script(robot)))
+            free = [kind for kind in kinds if busy.isdisjoint(EVENTS[kind].uses.split())]
+        if now_s >= next_s and free:
+            next_s = now_s + float(robot.rng.exponential(options.every))
+            kind = str(robot.rng.choice(free))
+            counts[kind] += 1
+            note('', kind)
+            oracle.open[kind], oracle.last = now_s, kind
+            running.append((now_s, kind, EVENTS[kind].script(robot)))
         robot.advance()
         before_s, now_s = now_s, robot.elapsed_s
         if begun and int(now_s) > int(before_s):
@@ -445,9 +444,8 @@ def main() -> int:
     counts, found, worst, hours = Counter[str](), Counter[str](), 0.0, 0.0
     with tempfile.TemporaryDirectory() as name, surroundings() as context:
         folder = Path(name)
-        models = {j: learn(folder / f'models/{j}.yaml', j) for j in (1, 2, 3)}
         for life in range(max(1, round(options.hours * 3600 / LIFE_S))):
-            robot = Robot(options.seed + life, models, folder, context)
+            robot = Robot(options.seed + life, folder / 'models', folder, context)
 
             def note(kind: str, text: str, robot: Robot = robot) -> None:
                 found.update([kind] if kind else [])
