@@ -57,7 +57,7 @@ ZERO = np.array([13.0, -13.0, 32.0, 0.5, -0.3, 0.2])
 EXTREME_N = 100.0
 ORIGIN_NS = 1_700_000_000 * NANOSECONDS
 #: The clocks, by what they stamp.
-WRENCH, HEAT, IMU = 'wrench', 'heat', 'imu'
+CLOCKS = WRENCH, HEAT, IMU = 'wrench', 'heat', 'imu'
 OWN_FRAME, OTHER_FRAME = b'tool0\0\0\0', b'other\0\0\0'
 PLACES = (0.35, 0.1, 0.7)
 TOOL = Payload(1.2, np.array([0.01, -0.02, 0.08]))
@@ -131,7 +131,7 @@ class Robot:
         self._model, self._folder = learn(models, self.thermometers), folder / str(seed)
         self._celsius, self._drift = warm(LIFE_S + 7200, self.thermometers, self.rng)
         self.thermometer, self.lies = [''] * self.thermometers, list(range(self.thermometers))
-        self.ahead_s, self.stopped = {WRENCH: 0.0, HEAT: 0.0, IMU: 0.0}, dict[str, int]()
+        self.ahead_s, self.stopped = dict.fromkeys(CLOCKS, 0.0), dict[str, int]()
         #: Turn of what the driver reads, and of what its frame_id announces; its bias, N and N m.
         self.turn, self.shown, self.bias = np.eye(6), np.eye(6), np.zeros(6)
         #: The true load now, and that and the contact which the last tare made zero, N and N m.

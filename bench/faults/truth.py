@@ -28,9 +28,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from robot import (
+    CLOCKS,
     FAST_S,
-    HEAT,
-    IMU,
     LIFE_S,
     NOISE,
     OTHER_FRAME,
@@ -40,7 +39,6 @@ from robot import (
     surroundings,
     TOOL,
     TURN,
-    WRENCH,
 )
 
 from wrist_ft_comp.channels import AXES
@@ -95,25 +93,20 @@ def exchanged(robot: Robot) -> Iterator[float]:
         robot.lies[:2] = 0, 1
 
 
-def apart(source: str) -> Script:
-    """Let the clock of a source differ for some time, by seconds to hours."""
+def clock(source: str, *, stands_still: bool) -> Script:
+    """Let the clock of a source stand still for some time, or differ by seconds to hours."""
 
     def script(robot: Robot) -> Iterator[float]:
         by_s = float(robot.rng.choice([-1, 1]) * 10 ** robot.between(0.5, 4.5))
-        robot.ahead_s[source] += by_s
-        yield robot.between(120, 3600)
-        robot.ahead_s[source] -= by_s
-
-    return script
-
-
-def stopped(source: str) -> Script:
-    """Let the stamps of a source stand still for some time."""
-
-    def script(robot: Robot) -> Iterator[float]:
-        robot.stopped[source] = robot.stamp(source)
-        yield robot.between(20, 900)
-        del robot.stopped[source]
+        if stands_still:
+            robot.stopped[source] = robot.stamp(source)
+        else:
+            robot.ahead_s[source] += by_s
+        yield robot.between(20, 1800)
+        if stands_still:
+            del robot.stopped[source]
+        else:
+            robot.ahead_s[source] -= by_s
 
     return script
 
@@ -272,10 +265,13 @@ def _events() -> Iterator[tuple[str, Event]]:
         script = one_thermometer(kind, least_s, most_s)
         yield f'thermometer {kind}', Event('thermometer', words, script)
     yield 'thermometers exchanged', Event('thermometer', 'thermometer', exchanged)
-    for source in (WRENCH, HEAT, IMU):
-        words = f'clock|stamp|apart{"|specific force" if source == IMU else ""}'
-        yield f'clock of {source} differs', Event('clock', words, apart(source))
-        yield f'clock of {source} stops', Event('clock', words, stopped(source))
+    words = 'clock|stamp|apart'
+    for source in CLOCKS:
+        yield (
+            f'clock of {source} differs',
+            Event('clock', words, clock(source, stands_still=False)),
+        )
+        yield f'clock of {source} stops', Event('clock', words, clock(source, stands_still=True))
     yield 'clocks leap', Event('clock', 'stamps|clock', all_leap)
     again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
