@@ -263,3 +263,7 @@ def test_a_slow_disk_delays_nobody_and_of_a_file_the_newest_is_written(tmp_path,
     assert 'a.txt cannot be written: it exists and is no sheet' in told[-2]
     assert 'by a fault of this program: ZeroDivisionError' in told[-1]
     assert told[-1] == writer.problems['a']
+    ended = FileWriter()
+    assert ended.end(0.0)
+    ended.put('a', partial(replace_file, path, 'last'), told.append)
+    assert (path.read_text(), told[-1]) == ('last', ''), 'after the end at once'

@@ -21,7 +21,6 @@ from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
 from wrist_ft_comp.node.wrench_topics import (
-    CorrectionTopic,
     Counts,
     DriftTopic,
     Newest,
@@ -40,11 +39,12 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Every feature of the node, in the order of the diagnostics. Their constructors are called in
+#: Every feature of the node, in the order of the diagnostics; at the end the files are written
+#: (StateKeeper) before the folder is left (LiveModel). Their constructors are called in
 #: ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
-    CalibrateService, DriftTopic, CorrectionTopic, TareService, SpecificForceInput,
+    WrenchInput, TemperatureInput, StateKeeper, LiveModel, Recorder, RecordService,
+    CalibrateService, DriftTopic, TareService, SpecificForceInput,
     ExternalWrench, IdentifyService, Learner,
 )  # fmt: skip
 _STREAM = StreamSettings()
@@ -184,10 +184,9 @@ class CompensatorNode(Hub):
         self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
         self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
         self.drift_topic = DriftTopic(compensator, counts, self.newest, drivers)
-        self.correction_topic = CorrectionTopic(compensator, self.newest)
         return (
-            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
-            self.recording, self.calibration, self.drift_topic, self.correction_topic, self.tare,
+            self.wrench_input, self.inputs, self.state_keeper, live, self.recorder,
+            self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
@@ -121,15 +121,11 @@ class ExternalWrench(Part):
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    #: The answer of ~/identify_payload to the last request.
-    last_identification: str = ''
-    #: Why the payload that parameters name is not taken off any more; empty while it is.
-    refusal: str = ''
     hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
     _check: WeightCheck = field(default_factory=WeightCheck)
-    #: The frame_ids when a payload was chosen last, and the payload before the present one.
-    _chosen: FrameIds | None = None
+    #: Whether the first model is live; the payload before the present one.
+    _begun: bool = False
     _last: LivePayload | None = None
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
@@ -164,8 +160,8 @@ class ExternalWrench(Part):
 
     def on_model(self) -> None:
         """Choose the payload as soon as the first model is live; a refusal ends the node."""
-        if self._chosen is None:
-            self._chosen = self.specific_force.frames()
+        if not self._begun:
+            self._begun = True
             self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
@@ -217,34 +213,19 @@ class ExternalWrench(Part):
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
-            self._settle()
+            self._hold(self._choose(self.hub.chosen()))
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""
         names = {row.name for row in self.parameters}
         return {one.name: one.value for one in parameters if one.name in names}
 
-    def poll(self) -> None:
-        """Choose a manual payload again where frame_ids have changed: another one may turn it."""
-        by_hand = self.payload is not None and self.payload.name == MANUAL
-        if (by_hand or self.refusal) and self.specific_force.frames() != self._chosen:
-            self._settle()
-
-    def _settle(self) -> None:
-        """Subtract the payload that parameters name; none where that is refused now."""
-        self._chosen = self.specific_force.frames()
-        try:
-            self._hold(self._choose(self.hub.chosen()))
-        except WristFtCompError as error:
-            self._hold(None)
-            self.refusal = str(error)
-
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
-        self.payload, self.refusal = payload, ''
+        self.payload = payload
         self._check = WeightCheck()
         self.collect(self.collector)
         if payload is None:
@@ -266,17 +247,6 @@ class ExternalWrench(Part):
             )
         self._unnamed = False
 
-    def disagreement(self, frame: ForceFrame) -> str:
-        """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
-        mounted = self.specific_force.mount()
-        apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
-        if apart_deg <= _CONTRADICTION_DEG:
-            return ''
-        source = '/tf_static' if self.files.source == 'imu' else 'TF'
-        return (
-            f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
-        )
-
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
         center_m = np.array(chosen['payload.center_of_mass'], float)
@@ -295,7 +265,23 @@ class ExternalWrench(Part):
                     f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
-            return LivePayload(name, by_hand, *self._turn())
+            # With TF no rotation is needed. That of an IMU is the newest learnt one.
+            frames = self.specific_force.frames()
+            if self.files.source == 'tf':
+                return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
+            if found := list(self.files.frames(frames).items()):
+                return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
+            if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
+                said = f'because both frame_ids are {frames.wrench_frame}'
+                frame = ForceFrame(
+                    source='imu', force_frame=frames[0], wrench_frame=frames.wrench_frame
+                )
+                return LivePayload(name, by_hand, frame, said)
+            raise SettingsError(
+                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
+                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
+                'differ. Call ~/identify_payload first; that takes a minute of motion.'
+            )
         learnt = self.files.payloads()
         if name not in learnt:
             raise SettingsError(
@@ -318,31 +304,6 @@ class ExternalWrench(Part):
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)
 
-    def _turn(self) -> tuple[ForceFrame, str]:
-        """
-        Find the rotation of specific force for a manual payload, and say who knows it.
-
-        With TF no rotation is needed. That of an IMU is the learnt one, or else that of
-        /tf_static, which people write.
-        """
-        if self.files.source == 'tf':
-            return ForceFrame(source='tf'), 'as TF gives it'
-        learnt = self.files.frames(self.specific_force.frames())
-        if learnt:
-            name, frame = list(learnt.items())[-1]
-            return frame, f'learnt with {name}'
-        if (mounted := self.specific_force.mount()) is not None:
-            names = self.specific_force.frames()
-            if names.force_frame == names.wrench_frame:
-                return mounted, f'because both frame_ids are {names.wrench_frame}'
-            return mounted, 'by /tf_static'
-        raise SettingsError(
-            f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
-            'wrench is not known: this sensor has learnt no payload yet, and /tf_static does not '
-            'link the two frames. Call ~/identify_payload, or set payload.active while the node '
-            'runs and /tf_static has that link.'
-        )
-
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
         forces, newest, payload = self.specific_force.forces, self.newest(), self.payload
@@ -359,7 +320,6 @@ class ExternalWrench(Part):
             'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
             'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
             'published': str(self.published),
-            'last_identification': self.last_identification or 'none yet',
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
@@ -367,13 +327,12 @@ class ExternalWrench(Part):
         if self.collector is not None:
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
-            other = self.disagreement(payload.frame)
-            well = f'subtracting {payload.name}{other and "; "}{other}'
+            well = f'subtracting {payload.name}'
         yield doubtful(self.title, self._doubts(age_s, grown), well, numbers)
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
-        yield from filter(None, (self.refusal, self.specific_force.doubt()))
+        yield from filter(None, [self.specific_force.doubt()])
         newest, payload = self.specific_force.forces.newest, self.payload
         rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
         if not (self.wanted or self.recorder.records_force):
@@ -406,8 +365,6 @@ class ExternalWrench(Part):
             corrected = self.compensator.correct(*wrench[:2], external=True)
             self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         yield from filter(None, [self.moves_otherwise()])
-        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
-            yield f'{payload.turn}; {other}'
 
     def moves_otherwise(self) -> str:
         """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""

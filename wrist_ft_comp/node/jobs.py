@@ -23,7 +23,6 @@ from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
 from wrist_ft_comp.ros.node_log import NodeLog
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.part import LongService, Work
-from wrist_ft_comp.ros.services import Reply
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
@@ -79,22 +78,23 @@ class JobMaker:
                 f'There is no recording in {self.store.directory / "recordings"}. Record a '
                 'warm-up with ~/record, or set calibration.recordings.'
             )
+        return self._make(recordings, chosen, skip_unusable=not named)
+
+    def learning(self, days: Sequence[Path], history: Sequence[HistoryEntry]) -> CalibrationJob:
+        """Ask for what can be learnt from days."""
+        chosen = {**self.settings(), 'calibration.reference': 'payload'}
+        kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
+        learning = Learning(tuple(history), kept_mb)
+        return self._make(tuple(days), chosen, skip_unusable=True, learning=learning)
+
+    def _make(
+        self, recordings: tuple[Path, ...], chosen: dict[str, Any], **more: Any
+    ) -> CalibrationJob:
         output = self.store.new_model_path()
         return CalibrationJob(
             recordings, output, CalibrationSettings(reference=chosen['calibration.reference']),
             self.recorder.thermal_period_ns / NANOSECONDS, self.topics(chosen),
-            skip_unusable=not named, report=output.with_suffix('.html'),
-        )  # fmt: skip
-
-    def learning(self, days: Sequence[Path], history: Sequence[HistoryEntry]) -> CalibrationJob:
-        """Ask for what can be learnt from days."""
-        chosen, output = self.settings(), self.store.new_model_path()
-        kept_mb = 0.8 * chosen['learning.max_mb']  # leaves room for the day that goes on
-        return CalibrationJob(
-            tuple(days), output, CalibrationSettings(reference='payload'),
-            self.recorder.thermal_period_ns / NANOSECONDS, self.topics(chosen),
-            skip_unusable=True, report=output.with_suffix('.html'),
-            learning=Learning(tuple(history), kept_mb),
+            report=output.with_suffix('.html'), **more,
         )  # fmt: skip
 
     def identification(self, minute: Minute) -> CalibrationJob:
@@ -155,7 +155,7 @@ class CalibrateService(LongService):
         elif trouble := self.recording.failure or self.recording.doubt():
             level, message = WARN, trouble
         elif self.refused:
-            level, message = WARN, 'the last one was refused; see "last"'
+            level, message = WARN, f'the last one was refused: {self.last_outcome}'
         yield Status(self.title, level, message, numbers)
 
     def _busy(self) -> str:
@@ -187,7 +187,7 @@ class IdentifyService(LongService):
         'learns what is mounted from a minute of motion, while the drift model runs; answers with '
         'its name'
     )
-    done = 'identified: '
+    done, not_done = 'identified: ', 'no payload was identified: '
 
     def _busy(self) -> str:
         passed_s = DURATION_S * (self.external.collector.share if self.external.collector else 0.0)
@@ -230,15 +230,8 @@ class IdentifyService(LongService):
         finally:
             external.collect(None)
         frame = ForceFrame(np.array(outcome['rotation']))
-        other = external.disagreement(frame)
         use = (
-            f'{outcome["message"]} Specific force is {frame}{other and "; "}{other}. Use it: ros2 '
+            f'{outcome["message"]} Specific force is {frame}. Use it: ros2 '
             f'param set {self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])
-
-    def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
-        """Answer; every refusal begins with the same words."""
-        answer = message if success else f'No payload was identified: {message}'
-        self.external.last_identification = answer
-        super()._answer(reply, answer, success=success)

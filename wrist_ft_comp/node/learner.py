@@ -128,8 +128,6 @@ class Learner(Part):
         self.why_not = why_not(chosen)
         #: Why a model could not be made live, or what is remembered could not be saved.
         self.problem = ''
-        #: Why an ended day is not judged yet.
-        self.waiting = ''
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._max_bytes = 1e6 * chosen['learning.max_mb']
@@ -217,7 +215,8 @@ class Learner(Part):
                 try:
                     self._process = start_job(self._jobs.learning(days, self._live.history))
                 except OSError as error:
-                    self._wait(f'Learning cannot be started: {error}.')
+                    self._wait_until = time.monotonic() + _RETRY_S
+                    self.problem = f'Learning cannot be started: {error}.'
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
             why = f'the node made {memory.offered} live: {memory.why}'
@@ -242,19 +241,9 @@ class Learner(Part):
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _wait(self, why: str) -> None:
-        self._wait_until = time.monotonic() + _RETRY_S
-        if why != self.waiting:
-            self.waiting = why
-            self._log.info(why)
-
     def _take(self, outcome: Mapping[str, Any]) -> None:
         """Remember the outcome of a job, and offer the model that it found."""
         message: str = outcome['message']
-        if outcome.get('later'):
-            self._wait(message)
-            return
-        self.waiting = ''
         judged = {'judged': self._judging, 'verdict': message}
         if not outcome['success']:
             trouble = f'{self._judging} could not be judged: {message}'
@@ -357,11 +346,11 @@ class Learner(Part):
         if trouble:
             message = trouble
         elif memory.offered:
-            message = 'a better model is offered: see "offered", and call ~/adopt to make it live'
+            message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
         elif self.running_s is not None:
             message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
         else:
-            message = self.waiting or 'the day is being recorded; no better model is offered'
+            message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
 
     def end(self) -> bool:

@@ -54,10 +54,8 @@ class LiveModel(Part):
     _given: str = ''
     #: Model of a model_file that was checked and goes live next; loading it takes tens of ms.
     _validated: StoredModel | None = None
-    #: Why the live model may be of another sensor, as it was logged.
-    _doubt: str = ''
 
-    title = 'model'
+    title, logged = 'model', True
     parameters = (
         Parameter(
             'model_file', '',
@@ -87,7 +85,6 @@ class LiveModel(Part):
                 self.stored = self.load(last.path)
         except WristFtCompError as error:
             self.problem = f'The last model cannot be used: {error}'
-            log.write(ERROR, self.problem)
             last = self.history.pop() if self.history else HistoryEntry(None)
             self.history.append(replace(last, path=None, sha256=''))
         self._given = store.given()
@@ -102,12 +99,7 @@ class LiveModel(Part):
                     'after that: the latter goes on. Call ~/rollback, or set model_file while '
                     'running, to go back.'
                 )
-        if self.stored is None:
-            log.warning(
-                'no model: wrenches are not compensated. Record a warm-up (~/record), then call '
-                '~/calibrate.'
-            )
-        else:
+        if self.stored is not None:
             self.swap(self.stored.model)
             self._announce(self.stored)
 
@@ -138,11 +130,7 @@ class LiveModel(Part):
         for j, entry in enumerate(stored.document['thermometers'], start=1):
             numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
         numbers |= {f'learnt_from_{fact}': ', '.join(n) for fact, n in stored.sensor.items()}
-        doubt, before = ''.join(check_sensor(stored, self.sensor())), self._doubt
-        self._doubt = doubt
-        if doubt and doubt != before:
-            self.hub.log.warning(doubt)
-        trouble = self.problem or unsaved or doubt
+        trouble = self.problem or unsaved or ''.join(check_sensor(stored, self.sensor()))
         if not stored.model.axes:
             trouble = trouble or (
                 'the model compensates no axis, because nothing could be learnt; record a warm-up '
@@ -207,8 +195,6 @@ class LiveModel(Part):
 
         def note(problem: str) -> None:
             self.problem = problem
-            if problem:
-                self.hub.log.error(problem)
             if then is not None:
                 then(problem)
 

@@ -44,8 +44,6 @@ class StateKeeper(Part):
     drivers: set[str] = field(default_factory=set)
     #: What happened to the saved state.
     outcome: str = 'there was no saved state'
-    #: The trouble with the file that was logged last.
-    _complained: str = ''
     #: The bytes of the tares in the file, where they are known.
     _written: tuple[bytes, bytes] = b'', b''
     #: The saved state, until the first thermal cell decides whether it is used.
@@ -120,18 +118,10 @@ class StateKeeper(Part):
                 if not tracker.awaiting_gap:
                     self._loaded = None
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
-        self._complain()
         present = self._present()
         due = time.monotonic() >= self._due and present != self._saved
         if due or present[0] != self._saved[0]:
             self.save()
-
-    def _complain(self) -> None:
-        """Log why the state cannot be saved, once."""
-        problem = self.writer.problems.get(self.path.name, '')
-        if problem not in {'', self._complained}:
-            self.hub.log.error(problem)
-        self._complained = problem
 
     def save(self, then: Then | None = None) -> None:
         """Have the present state saved; ``then`` gets why that failed, or '', when it is known."""
@@ -165,5 +155,6 @@ class StateKeeper(Part):
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
             self.hub.log.error(f'{self.path} was not saved: the disk does not answer.')
-        self._complain()
+        elif problem := self.writer.problems.get(self.path.name):
+            self.hub.log.error(problem)
         return self.writer.poll()

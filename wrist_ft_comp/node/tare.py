@@ -111,12 +111,12 @@ class TareService(LongService):
                 'never change, needs no tare: do not call it there. Where the steps of the sensor '
                 'are coarse, raise tare.duration.'
             )
-        weight, after, refused = None, self.external.payload, self.external.refusal
-        if after is not None or payload is not None or refused:
+        weight, after = None, self.external.payload
+        if after is not None or payload is not None:
             weights = [weight for weight in self._weights if weight is not None]
             if after is None or after is not payload or len(weights) < len(self._weights):
-                why = refused or 'payload.active changed meanwhile'
-                if after is payload and not refused:
+                why = 'payload.active changed meanwhile'
+                if after is payload:
                     count = len(self._weights)
                     why = f'specific force was fresh for {len(weights)} of {count} wrenches'
                 raise TareRefusedError(

@@ -1,7 +1,7 @@
 """The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 import time
 from typing import TypeAlias
@@ -10,7 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
-from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, OK, STALE, Status, WARN
+from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub
 from wrist_ft_comp.ros.messages import wrench_message
 from wrist_ft_comp.ros.part import Part
@@ -252,10 +252,19 @@ class WrenchInput(Part):
 
 
 class DriftTopic(Part):
-    """Publishes the zero drift once per thermal cell, and judges what is subtracted."""
+    """
+    Publishes the zero drift once per thermal cell, and the correction; judges what is subtracted.
+
+    The correction is the compensated minus the raw wrench of the newest wrench. A controller that
+    adds its last message to each raw wrench, such as admittance_controller by its
+    ~/wrench_reference, is compensated without the wrench going through this node.
+    """
 
     title, logged = 'output', True
-    topics = (('~/drift', 'zero drift being subtracted, once per thermal cell'),)
+    topics = (
+        ('~/drift', 'zero drift being subtracted, once per thermal cell'),
+        ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
+    )
     hub: Hub
 
     def __init__(
@@ -271,14 +280,28 @@ class DriftTopic(Part):
         self._alone_s = time.monotonic()
 
     def start(self) -> None:
-        """Offer the topic."""
+        """Offer the topics."""
         self.drift = self.hub.advertise(WrenchStamped, '~/drift')
+        self.correction = self.hub.advertise(WrenchStamped, '~/correction')
 
     def on_cells(self, _cells: Sequence[ThermalCell], stamp_ns: int) -> None:
         """Publish what is subtracted at the end of cells."""
         if self._compensator.compensating:
             zero = self._compensator.compensation.zero
             self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
+
+    def poll(self) -> None:
+        """
+        Publish the correction, unless there was no wrench yet or the drift has not been found.
+
+        Then the controller holds the last one, which a restarted node sent before it ended.
+        """
+        stream, newest = self._compensator, self._newest()
+        if newest is None or (stream.model is not None and not stream.compensating):
+            return
+        stamp_ns, raw, _ = newest
+        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
+        self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
 
     def statuses(self) -> Iterator[Status]:
         """Report what is subtracted, whether it hits a limit, and who else is in the graph."""
@@ -317,33 +340,32 @@ class DriftTopic(Part):
                 if not math.isnan(raw):
                     numbers[f'{axis}_raw'] = f'{raw:.4g} {axis_unit(axis)}'
                     numbers[f'{axis}_compensated'] = f'{compensated:.4g} {axis_unit(axis)}'
-        yield Status(self.title, *self._judge(grown['failed']), numbers)
+        status = doubtful(self.title, self._doubts(grown['failed']), 'compensated', numbers)
+        is_error = grown['failed'] or stream.limits.too_large
+        yield replace(status, level=ERROR) if is_error else status
 
-    def _judge(self, failed: int) -> tuple[bytes, str]:
-        """Choose level and message: the worst of all that is wrong with what is published."""
-        hub, stream, counts = self.hub, self._compensator, self._counts
+    def _doubts(self, failed: int) -> Iterator[str]:
+        """Say what is wrong with what is published, the worst first."""
+        hub, stream = self.hub, self._compensator
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
-        level, why = WARN, 'not compensated: no model or no temperature yet'
         if failed:
-            level, why = ERROR, f'wrenches were lost by a fault of this program: {counts.fault}'
-        elif large:
-            level, why = ERROR, f'drift of {large} is at its limit'
-        elif time.monotonic() - self._alone_s > _TWINS_S:
+            yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
+        if large:
+            yield f'drift of {large} is at its limit'
+        if time.monotonic() - self._alone_s > _TWINS_S:
             name = hub.get_fully_qualified_name()
-            why = f'two nodes are called {name}, and both publish; end one, or rename it'
-        elif fast:
-            why = f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
-        elif stream.compensating and stream.model is not None and not stream.model.axes:
-            why = 'not compensated: the model compensates no axis'
-        elif stream.compensating and stream.zero_doubts:
-            why = '; '.join(stream.zero_doubts)
-        elif stream.compensating and (policy := hub.incompatible.get('wrench')):
-            why = f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
-        elif stream.compensating and not stream.tared:
-            why = 'no tare: wrench still holds the zero of the sensor; call ~/tare'
-        elif stream.compensating:
-            level, why = OK, 'compensated'
-        return level, why
+            yield f'two nodes are called {name}, and both publish; end one, or rename it'
+        if fast:
+            yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        if not stream.compensating:
+            yield 'not compensated: no model or no temperature yet'
+        elif stream.model is not None and not stream.model.axes:
+            yield 'not compensated: the model compensates no axis'
+        if policy := hub.incompatible.get('wrench'):
+            yield f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        yield from stream.zero_doubts
+        if not stream.tared:
+            yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'
 
 
 def _axis_numbers(stream: Compensator) -> dict[str, str]:
@@ -365,37 +387,3 @@ def _axis_numbers(stream: Compensator) -> dict[str, str]:
         numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
         numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
     return numbers
-
-
-class CorrectionTopic(Part):
-    """
-    Publishes, ten times a second, the compensated minus the raw wrench of the newest wrench.
-
-    A controller that adds its last message to each raw wrench, such as admittance_controller by
-    its ~/wrench_reference, is compensated without the wrench going through this node. For at most
-    a tenth of a second, one that was just activated sees the raw wrench.
-    """
-
-    title = 'correction'
-    topics = (('~/correction', 'compensated minus raw, ten times a second: what controllers add'),)
-    hub: Hub
-
-    def __init__(self, compensator: Compensator, newest: Callable[[], Newest | None]) -> None:
-        self._compensator, self._newest = compensator, newest
-
-    def start(self) -> None:
-        """Offer the topic."""
-        self.publisher = self.hub.advertise(WrenchStamped, '~/correction')
-
-    def poll(self) -> None:
-        """
-        Publish, unless there was no wrench yet or the live model's drift has not been found.
-
-        Then the controller holds the last one, which a restarted node sent before it ended.
-        """
-        stream, newest = self._compensator, self._newest()
-        if newest is None or (stream.model is not None and not stream.compensating):
-            return
-        stamp_ns, raw, _ = newest
-        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
-        self.publisher.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))

@@ -63,21 +63,8 @@ def _parse(content: bytes) -> Any:
         raise ValueError(' '.join(str(error).split())) from error
 
 
-class _ModelKind(Kind):
-    """A model is known by its first line, and by being YAML as a whole: notes may quote one."""
-
-    def is_own(self, path: Path) -> bool:
-        """Tell by its content whether a file is a model, of whatever version."""
-        if not super().is_own(path):
-            return False
-        try:
-            return isinstance(_parse(self.read(path)), dict)
-        except (ModelFileError, ValueError):
-            return False
-
-
 # A model of six axes with hats and banks takes some tens of kilobytes.
-KIND = _ModelKind(
+KIND = Kind(
     name='model file', says='wrist_ft_comp drift model',
     begins='format: wrist_ft_comp drift model\n', version=3, max_bytes=4_000_000,
     endings='.yaml .yml', error=ModelFileError, parse=_parse,

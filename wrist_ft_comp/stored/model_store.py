@@ -115,11 +115,11 @@ class FileWriter:
             _, callers = self._waiting.pop(name, (None, []))
             self._waiting[name] = write, [*callers, then] if then else callers
             self._changed.notify()
-        if self._thread.ident is None:
-            self._thread.start()
-        elif self._ended and not self._thread.is_alive():
+        if self._ended and not self._thread.is_alive():
             self._run()
             self.poll()
+        elif self._thread.ident is None:
+            self._thread.start()
 
     def poll(self) -> bool:
         """Tell the outcomes of writes to whoever waits for them; whether there were any."""

@@ -22,7 +22,7 @@ class AdmittanceController:
     def __init__(self, node):
         self.node = node
         self.reference = np.zeros(6)  # as activation sets it
-        self.node.node.correction_topic.publisher.publish = self.on_reference
+        self.node.node.drift_topic.correction.publish = self.on_reference
 
     def on_reference(self, message):
         if message.header.frame_id in {'', 'tool0'}:
@@ -31,7 +31,7 @@ class AdmittanceController:
 
     def correct(self):
         """Let the timer of the node fire."""
-        self.node.node.correction_topic.poll()
+        self.node.node.drift_topic.poll()
 
     def run(self, seconds):
         """Warm up by 0.1 K/s under a contact; what the controller sees, ``wrench``, raw."""

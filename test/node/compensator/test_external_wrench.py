@@ -62,7 +62,6 @@ class Held:
         )
         self.hub = self.force.hub = make_hub(self.part, **self.chosen, **chosen)
         self.force.frames = lambda: FrameIds('imu', self.hub.frame)
-        self.force.mount = lambda: None
         self.force.poll = lambda: None
         self.part.start()
         self.part.on_model()
@@ -209,35 +208,30 @@ def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(held
 
 
 @pytest.mark.parametrize(
-    ('frame', 'mounted', 'turn'),
+    'frame',
     [
-        (MOUNTED, None, 'learnt with day-2'),
-        (replace(MOUNTED, wrench_frame='left'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, force_frame='x'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, source='tf'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, wrench_frame=''), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, source=''), FRAME, 'by /tf_static'),
+        replace(MOUNTED, wrench_frame='left'),
+        replace(MOUNTED, force_frame='x'),
+        replace(MOUNTED, source='tf'),
+        replace(MOUNTED, wrench_frame=''),
+        replace(MOUNTED, source=''),
     ],
 )
-def test_a_payload_by_hand_turns_as_this_sensor_learnt_or_by_tf(held, frame, mounted, turn):
-    part = held(('day', frame))
-    part.force.mount = lambda: mounted
+def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, frame):
+    part = held(('day', MOUNTED))
     part.hub.set(part.part, **BY_HAND)
     assert part.weighs(PART)
-    assert part.status().values['turn'].endswith(turn)
-
-
-def test_a_payload_by_hand_rests_where_its_turn_is_not_known_any_more(held, tmp_path):
-    part = held(('day', MOUNTED), **BY_HAND)
-    assert part.weighs(PART)
-    part.hub.frame = 'left'
-    part.part.poll()
-    assert part.ask(START, CONSTANT) is None
-    assert (part.status().level, 'is not known' in part.status().message) == (WARN, True)
-    (tmp_path / 'payloads.json').write_text('{')
-    part.hub.frame = 'tool0'
-    part.part.poll()
-    assert 'payloads.json' in part.status().message
+    assert part.status().values['turn'].endswith('learnt with day-2')
+    other = held(('other', frame), ('day', FRAME))
+    other.force.frames = lambda: FrameIds('imu', 'right')
+    with pytest.raises(SettingsError, match='their frame_ids differ'):
+        other.hub.set(other.part, **BY_HAND)
+    other.force.frames = lambda: FrameIds('right', 'right')
+    other.hub.set(other.part, **BY_HAND)
+    assert 'because both frame_ids are right' in other.status().values['turn']
+    other.force.frames = lambda: FrameIds('right', 'left')
+    other.feel(START, UP)
+    assert 'right is now left; is it another sensor?' in other.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
@@ -261,10 +255,8 @@ def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(held)
         assert turn in part.status().values['turn']
 
 
-def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_path):
-    part = held(('day', replace(MOUNTED, wrench_frame='left')))
-    mounted = ForceFrame(np.eye(3), source='imu')
-    part.force.mount = lambda: mounted
+def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
+    part = held(('day', ForceFrame(np.eye(3), source='imu', wrench_frame='tool0')))
     part.hub.set(part.part, **BY_HAND)
     compensator = part.part.compensator
     compensator.restore_tare(CONSTANT, CONSTANT)
@@ -273,13 +265,10 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
     assert 'by 180 degrees, and the tare of wrench_external is zero' in compensator.zero_doubts[0]
-    part.feel(START, UP)
-    part.ask(START, CONSTANT)
-    found = part.status()
-    assert (found.level, 'otherwise, by 180 degrees' in found.message) == (WARN, True)
     compensator.restore_tare(CONSTANT, CONSTANT)
     part.hub.set(part.part, **{'payload.active': 'node-1'})
     assert compensator.external_tare.any(), 'the same turn needs no second tare'
+    part.feel(START, UP)
     part.hub.frame = 'left'
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 

@@ -15,7 +15,6 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -63,25 +62,19 @@ def warns(log):
 @pytest.fixture
 def warm(rig, make_model):
     """Make a compensating node: 20 s at 30 °C, so force z drifts by 5 N."""
+    models = []
 
     def start(thermometers=1, kind=rig, prediction=None, **options):
         more = {'thermometers': thermometers, 'prediction': prediction}
-        model = make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more)
+        if not models:
+            models.append(make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more))
         options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
-        node = kind(model=model, thermometers=thermometers, **options)
+        node = kind(model=models[0], thermometers=thermometers, **options)
         node.warm_up(30.0, 20)
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
         return node
 
     return start
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Look less often before a reading counts as suspicious."""
-    monkeypatch.setattr(
-        'wrist_ft_comp.node.wrench_topics.SensorWatch', lambda: SensorWatch(looks=4)
-    )
 
 
 def unharmed(node, stamp=START + 30 * SECOND):
@@ -90,64 +83,51 @@ def unharmed(node, stamp=START + 30 * SECOND):
     np.testing.assert_allclose(corrected, RAW - [0, 0, 5.0, 0, 0, 0], atol=0.1)
 
 
-def look_at(node, wrenches, stamps=None):
-    """Send wrenches that the node looks at one by one."""
-    for k, wrench in enumerate(wrenches):
-        stamp = START + 20 * SECOND + k * 10**6 if stamps is None else stamps[k]
-        assert node.ask_output(stamp, wrench)[2] == pytest.approx(wrench[2] - 5.0, abs=0.1)
-        node.node.broadcast('poll')
-
-
 def noisy(count, scale=0.01):
     return RAW + np.random.default_rng(0).normal(0, scale, (count, 6))
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_looks_without_a_new_wrench_do_not_count():
-    data = serialize_message(wrench_message(START, 'tool0', RAW))
-    wrenches = WrenchInput(Counts(wrenches=1), lambda: (START, RAW.tolist(), data))
-    for _ in range(10 * LOOKS):
-        wrenches.poll()
-    assert wrenches.stamp_ns == START
-    assert not wrenches.sensor.frozen
-    assert not wrenches.sensor.stamps_stand_still
+def held(axis, value, first=10, count=30):
+    """Wrenches of which an axis stays at a value from one of them on."""
+    wrenches = noisy(count, 5.0)
+    wrenches[first:, axis] = value
+    return wrenches
 
 
-@pytest.mark.parametrize(
-    ('before', 'raw', 'passes', 'counted'),
-    [
-        (None, [1, 2, 3, N, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, 6, N, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, 6, 0, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, N, 6, N, N, N], False, (1, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, math.inf, N, N, N], False, (1, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, -1e10, N, N, N], False, (0, 1)),
-        ([1, 2, 3, 0, 0, 0], [4, 5, 6, N, N, N], False, (1, 0)),
-        (None, [N] * 6, False, (1, 0)),
-    ],
-)
-def test_only_axes_that_never_had_a_number_may_be_nan(before, raw, passes, counted):
-    counts = Counts()
-    wrenches = WrenchInput(counts, lambda: before and (START, before, b''))
-    assert wrenches.admits(raw) is passes
-    assert (counts.not_finite, counts.implausible) == counted
+STAMPS = START + SECOND * np.arange(100)
+#: Wrenches, their stamps, the frame from the tenth on, the level, and what is said.
+LOOKED_AT = {
+    'well': (noisy(80), STAMPS, 'tool0', OK, 'wrenches per second'),
+    'frozen': ([RAW] * 80, STAMPS, 'tool0', WARN, 'not changed by a bit for seconds; is the sens'),
+    'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z stays at its extreme'),
+    'dies': (held(3, 0.0, 20, 80), STAMPS, 'tool0', WARN, 'torque_x reads exactly 0 for seconds'),
+    'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but 0, and'),
+    'missing': (held(3, 0.0, 0, 80), STAMPS, 'tool0', OK, '; torque_x never read anything but 0'),
+    'unstamped': (noisy(40), 0 * STAMPS, 'tool0', WARN, 'without stamps; the time of arrival is'),
+    'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
+    'backwards': (noisy(40), STAMPS[::-1], 'tool0', WARN, 'stamps ran back; was a clock set'),
+    'ahead': (
+        noisy(40), STAMPS + (np.arange(100) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
+    ),
+    'frame': (noisy(40), STAMPS, 'tool1', WARN, "the frame changed from 'tool0' to 'tool1'; is"),
+}  # fmt: skip
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_axes_without_numbers_are_named_and_the_others_are_watched():
+@pytest.mark.parametrize('name', LOOKED_AT)
+def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # noqa: ARG001
+    wrenches, stamps, frame, level, words = LOOKED_AT[name]
     counts, newest = Counts(), []
-    wrenches = WrenchInput(counts, lambda: newest[-1])
-    for k in range(LOOKS + 1):
-        raw = [1.0, 2.0, 30.0 + k, N, N, N]
-        newest.append((START, raw, serialize_message(wrench_message(START, 'tool0', raw))))
+    part = WrenchInput(counts, lambda: newest[-1], lambda: AXES)
+    fake_hub(part)
+    part.start()
+    for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
+        message = wrench_message(stamp, frame if k >= 10 else 'tool0', wrench)
+        newest.append((stamp or START + k, list(wrench), serialize_message(message)))
         counts.wrenches += 1
-        wrenches.poll()
-    assert wrenches.absent == ['torque_x', 'torque_y', 'torque_z']
-    assert not wrenches.sensor.frozen
-    for _ in range(LOOKS + 1):
-        counts.wrenches += 1
-        wrenches.poll()
-    assert wrenches.sensor.frozen
+        for _ in range(3):  # looks without a new wrench do not count
+            part.poll()
+    (found,) = part.statuses()
+    assert (found.level, words in found.message) == (level, True), found.message
 
 
 class TestWrench:
@@ -167,84 +147,6 @@ class TestWrench:
         node.put(START, [0, 0, math.nan, 0, 0, 0])
         words = 'some wrenches are unusable and dropped; check the driver: they are not finite'
         warns(node, 'input', words)
-
-    @pytest.mark.usefixtures('quick')
-    def test_a_wrench_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, warns, log):
-        node = warm()
-        look_at(node, [RAW] * 10)
-        warns(
-            node, 'input', 'the reading has not changed by a bit for seconds; is the sensor frozen'
-        )
-        look_at(node, noisy(30), [START + 21 * SECOND + k for k in range(30)])
-        for k, wrench in enumerate(noisy(12)):
-            look_at(node, [wrench], [START + (22 + k) * SECOND])
-            assert node.diagnosis('input').level == OK
-        log(node, r'INFO.*input: \d+ wrenches per second')
-        unharmed(node)
-
-    @pytest.mark.usefixtures('quick')
-    def test_a_wrench_that_stays_at_an_extreme_is_taken_for_saturated(self, warm, warns):
-        node = warm()
-        wrenches = noisy(20, 5.0)
-        wrenches[10:, 2] = 200.0
-        wrenches[:, 5] = 0.0  # an axis the sensor does not have
-        look_at(node, wrenches)
-        warns(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
-        assert node.node.wrench_input.sensor.saturated == ('force_z',)
-        unharmed(node)
-
-    @pytest.mark.parametrize(
-        ('axis', 'before', 'words'),
-        [
-            (3, 1.0, 'torque_x reads exactly 0 for seconds; is the axis dead'),
-            (2, 0.0, 'force_z never read anything but 0, and the model knows it'),
-            (3, 0.0, ''),
-        ],
-        ids=['dies', 'modelled', 'not there'],
-    )
-    def test_a_dead_axis_is_a_warning_where_it_should_live(self, warm, warns, axis, before, words):
-        node = warm()
-        wrenches = noisy(80, 5.0)
-        wrenches[:20, axis] *= before
-        wrenches[20:, axis] = 0.0
-        look_at(node, wrenches)
-        status = warns(node, 'input', words) if words else node.diagnosis('input')
-        assert words or (status.level, 'torque_x never read anything' in status.message) == (OK, 1)
-
-    @pytest.mark.usefixtures('quick')
-    @pytest.mark.parametrize(
-        ('stamps', 'words'),
-        [
-            ([0] * 40, 'wrenches come without stamps; the time of arrival is taken'),
-            ([START + 20 * SECOND] * 40, 'stamps stand still'),
-            (range(START + 60 * SECOND, START + 20 * SECOND, -SECOND), 'stamps ran back'),
-            (
-                [START + k * SECOND + (k >= 40) * 5 * HOUR for k in range(20, 60)],
-                'stamps leapt ahead',
-            ),
-        ],
-        ids=['zero', 'repeated', 'backwards', 'hours ahead'],
-    )
-    def test_a_wrench_with_a_strange_stamp_is_corrected(self, warm, warns, stamps, words):
-        node = warm()
-        look_at(node, noisy(40), stamps)
-        warns(node, 'input', words)
-
-    def test_a_wrench_without_a_stamp_or_a_clock_is_a_warning(self, warm, warns):
-        node = warm(parameters={'use_sim_time': True})
-        look_at(node, noisy(4), [0] * 4)
-        words = 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
-        warns(node, 'input', words)
-
-    def test_a_wrench_of_another_frame_is_a_warning(self, warm, warns):
-        """A name of the same length, which no layout of bytes would tell."""
-        node = warm()
-        look_at(node, [RAW])
-        node.put(START + 21 * SECOND, RAW, frame='tool1')
-        (message,) = node.take()
-        assert message.header.frame_id == 'tool1'
-        words = "the frame changed from 'tool0' to 'tool1'; is it another sensor?"
-        assert warns(node, 'input', words).values['frame_changes'] == '1'
 
     def test_two_publishers_of_a_topic_are_a_warning(self, warm, log):
         node, stamp = warm(), START + 20 * SECOND

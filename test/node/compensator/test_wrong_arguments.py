@@ -65,7 +65,7 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         ([*IMU, '-p', 'payload.active:=nail'], r'was learnt (there is none yet); got nail'),
         (
             [*IMU, '-p', 'payload.active:=manual', '-p', 'payload.mass:=1.5'],
-            'set payload.active while the node runs and /tf_static has that link',
+            'Call ~/identify_payload first; that takes a minute of motion',
         ),
     ],
 )

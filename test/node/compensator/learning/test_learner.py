@@ -24,7 +24,6 @@ def models(make_model):
     ('chosen', 'state', 'level', 'words'),
     [
         ({}, {}, OK, 'the day is being recorded; no better model is offered'),
-        ({}, {'waiting': 'another sensor learns'}, OK, 'another sensor learns'),
         ({}, {'memory': Memory(offered='new.yaml')}, OK, 'a better model is offered'),
         ({}, {'memory': Memory(incident='it froze')}, WARN, 'it froze'),
         ({}, {'memory': Memory(incident='it froze', paused='a jump')}, WARN, 'a jump'),
@@ -219,17 +218,10 @@ def test_a_calibration_goes_first(learner, models):
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
-def test_a_job_waits_while_another_sensor_learns_and_one_that_fails_is_a_warning(
-    learner, monkeypatch
-):
+def test_a_job_that_fails_is_a_warning_until_the_next_day(learner):
     node = learner()
-    node.answer(success=False, later=True, message='another sensor is learning')
-    node.a_day()
-    assert node.node.learning.memory.judged == ''
-    node.rig.diagnosis('learning', 'another sensor is learning')
     node.answer(success=False, message='no temperature was seen')
-    monkeypatch.setattr(node.node.learning, '_wait_until', 0.0)
-    node.judged(2)
+    node.a_day()
     assert node.node.learning.memory.judged == 'day_00001.csv'
     assert node.rig.diagnosis('learning', 'no temperature was seen').level == WARN
     node.answer(success=True, message='no better model')
