@@ -30,6 +30,7 @@ import numpy as np
 from robot import (
     CLOCKS,
     FAST_S,
+    IMU,
     LIFE_S,
     NOISE,
     OTHER_FRAME,
@@ -265,8 +266,8 @@ def _events() -> Iterator[tuple[str, Event]]:
         script = one_thermometer(kind, least_s, most_s)
         yield f'thermometer {kind}', Event('thermometer', words, script)
     yield 'thermometers exchanged', Event('thermometer', 'thermometer', exchanged)
-    words = 'clock|stamp|apart'
     for source in CLOCKS:
+        words = 'clock|stamp|apart' + ('|specific force' if source == IMU else '')
         yield (
             f'clock of {source} differs',
             Event('clock', words, clock(source, stands_still=False)),
