@@ -32,10 +32,10 @@ from wrist_ft_comp.learning.diary import (
     Diary,
     diary_path,
     load_diary,
+    Memory,
     save_diary,
     survey,
 )
-from wrist_ft_comp.learning.memory import Memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore

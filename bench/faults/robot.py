@@ -39,7 +39,7 @@ from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
+from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, interpolation
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.wire.tf_tree import Layouts

@@ -6,17 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.gap import (
+from wrist_ft_comp.stream.thermal_memory import (
+    belongs_to,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
 )
-from wrist_ft_comp.stream.thermal_memory import belongs_to
-from wrist_ft_comp.stream.thermometer_prediction import start
+from wrist_ft_comp.stream.thermometer_faults import start
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -112,17 +111,6 @@ class TestGap:
         assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
         assert not again.tracker.awaiting_gap
 
-    @pytest.mark.parametrize('by_clock_s', [0.0, 0.4, 1.0, 10.0])
-    def test_a_gap_by_another_clock_is_run_at_the_last_temperature(self, model, by_clock_s):
-        killed = ran(model, 100)
-        memory = memory_of(killed)
-        held = np.tile(memory.temperature_c, (round(by_clock_s), 1))
-        expected = killed.compensation.zero[2]
-        if len(held):
-            expected = drift_model.run(model, memory.filters, held)[1].zero[-1, 2]
-        again = restarted(model, killed, by_clock_s)
-        assert again.compensation.zero[2] == pytest.approx(expected, rel=1e-12)
-
 
 def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):
     assert slowest_time_constant_s(model) == pytest.approx(600.0)
@@ -179,16 +167,3 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
     expected = never.compensation.zero[2]
     assert again.compensation.zero[2] == pytest.approx(expected, rel=0.03)
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
-
-
-def test_a_first_reading_of_nothing_after_a_restart_does_not_heat_the_gap(model):
-    """Of a thermometer that was off, too: on a line to 85 °C a minute's gap would be hot."""
-    killed = ran(model, 700)
-    again = restarted(model, killed)
-    again.add_temperature(0, START + 760 * SECOND, 85.0)
-    feed(again, 761, 764)
-    expected = restarted(model, killed)
-    feed(expected, 760, 764)
-    difference = again.compensation.zero - expected.compensation.zero
-    np.testing.assert_allclose(difference, 0.0, atol=0.05)
-    assert again.tracker.spikes[0].dropped == 1

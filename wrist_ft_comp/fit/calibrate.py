@@ -13,9 +13,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.arx_pls_oe import identify_lags
 from wrist_ft_comp.fit.auto import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
+from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data, FITTED_BIN_S, MIN_SAMPLES
 from wrist_ft_comp.fit.data_checks import (
     check_recordings,
     drop_stuck_cells,
@@ -23,17 +22,19 @@ from wrist_ft_comp.fit.data_checks import (
     idle_thermometers,
     jumping_thermometers,
     missing_wrenches,
-    small_spans,
 )
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
-from wrist_ft_comp.fit.folds import assign_folds, FITTED_BIN_S, MIN_SAMPLES
-from wrist_ft_comp.fit.named_methods import identify_hats, identify_paper_method
-from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
+from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.named_methods import (
+    identify_hats,
+    identify_lags,
+    identify_paper_method,
+)
+from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.payload.doubts import follows_gravity
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress
@@ -103,16 +104,11 @@ def calibrate(
         *skipped,
         *unknown,
         *silent,
-        *(
-            f'{jump} Its readings there count for the range and the model; record again, or leave '
-            'that part out.'
-            for jump in jumping_thermometers(recordings)
-        ),
+        *jumping_thermometers(recordings),
         *idle_thermometers(recordings),
-        *small_spans(recordings, settings.min_temperature_span_k),
         *(follows_gravity(recordings, reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
-        *_doubts(recordings, fits, settings),
+        *_doubts(fits, settings),
     ]
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c,
@@ -134,16 +130,21 @@ def _learn(
     fits, skipped = dict[str, AxisFit](), list[str]()
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
+        if data.recordings == 1 < len(recordings):
+            skipped.append(
+                f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
+            )
+            # It is judged on stretches of that recording.
+            (i,) = (i for i, values in enumerate(data.residual) if np.isfinite(values).any())
+            within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
+            (within[i],) = assign_folds([recordings[i]])
+            data = replace(data, folds=tuple(within))
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             skipped.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
-        if data.recordings == 1 < len(recordings):
-            skipped.append(
-                f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
-            )
         fit = identify_axis(data, settings.identification)
         if data.tared:
             limit = day_limit(data, fit.stated_rms)
@@ -179,30 +180,14 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     return identify_paper_method(data, settings, settings.method)
 
 
-def _doubts(
-    recordings: Sequence[Recording], fits: dict[str, AxisFit], settings: CalibrationSettings
-) -> list[str]:
+def _doubts(fits: dict[str, AxisFit], settings: CalibrationSettings) -> list[str]:
     """Say what a person should doubt in the fits, in sentences."""
-    doubts = []
-    longest_s = max(recording.duration_s for recording in recordings)
-    searched = [
-        (tau, axis)
-        for axis, fit in fits.items()
-        for tau, error in zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
-        if np.isfinite(error)
-    ]
-    slowest_s, axis = max(searched, default=(0.0, ''))
-    if slowest_s > SURE_SHARE * longest_s:
-        doubts.append(
-            f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
-            f'longest recording ({longest_s:.0f} s); record at least '
-            f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
-        )
     unexplained = [
         f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
         for axis, fit in fits.items()
         if fit.rms_after > max(fit.rms_before / 2, moving_limit(axis))
     ]
+    doubts = list[str]()
     if unexplained and not settings.moves:
         doubts.append(
             'Most of what these readings do is not explained by temperature, RMS: '

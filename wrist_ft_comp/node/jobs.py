@@ -11,18 +11,16 @@ import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.jobs.job_process import JobProcess
-from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Learning, Minute
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.node.recorder import Recorder, RecordService
-from wrist_ft_comp.payload.motion_collector import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Reference, Topics
-from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.hub import LongService, Work
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore

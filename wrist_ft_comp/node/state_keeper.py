@@ -11,7 +11,7 @@ from typing import TypeAlias
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.node.live_model import Then
 from wrist_ft_comp.ros.diagnostics import OK, WARN
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState

@@ -13,9 +13,8 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.node.wrench_topics import WrenchInput
-from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.hub import Hub, LongService, Work
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector

@@ -14,26 +14,24 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import age, arrival, Events, WrenchInput
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.qos import SLOW_SENSOR
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
-from wrist_ft_comp.ros.topic_types import (
+from wrist_ft_comp.ros.topics import (
     load_type,
     no_temperature,
     other_version,
     short,
+    SLOW_SENSOR,
     types_on,
     unpublished,
 )
 from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.message_layout import define_installed, Definitions, follow, NumberReader
-from wrist_ft_comp.wire.temperature_source import TemperatureSource
-from wrist_ft_comp.wire.units import other_unit, unit_remedy
+from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 #: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
 #: has none, and a temperature, °C.
@@ -120,7 +118,7 @@ class TemperatureTopic:
         if self._problem:
             return
         try:
-            stamp_ns, numbers = self._reader.read_one(data)
+            (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
         except RecordingError:
             self.unreadable += 1
             sentence = (
@@ -294,8 +292,8 @@ class TemperatureInput(Part):
                 f'readings of thermometer {j + 1} are dropped; they are '
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
-        if self._tracker.thermometers is not None:
-            yield from self._tracker.thermometers.sentences
+        yield from self._tracker.thermometer_doubts
+        yield from self.compensator.seldom_doubts()
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {arrival(0)}'
@@ -349,7 +347,7 @@ class TemperatureInput(Part):
         limit_s = self.compensator.settings.temperature_timeout_s
         problems = {j: why for topic in self.by_topic for j, why in topic.problems().items()}
         drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
-        silent = []
+        silent, seldom = [], self.compensator.seldom_reports()
         for j, thermometer in enumerate(self.thermometers):
             topic, heard_s = thermometer.topic, thermometer.heard_s
             policy = self.hub.incompatible.get(thermometer.source.topic, '')
@@ -365,8 +363,11 @@ class TemperatureInput(Part):
                 if not self.hub.count_publishers(topic):
                     why = unpublished(self.hub, topic, TEMPERATURE)
                 yield f'thermometer {j + 1} has not reported: {why}; {drift}'
-            elif time.monotonic() - heard_s > limit_s and j not in self._tracker.replaced:
-                silent.append(j)
+            else:
+                spacing_s = seldom[j][0] if j in seldom else 0.0
+                is_silent = time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
+                if is_silent and j not in self._tracker.replaced:
+                    silent.append(j)
         if silent:
             yield (
                 f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'

@@ -11,13 +11,11 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import unpublished, wrench_message, wrong_type
 from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES

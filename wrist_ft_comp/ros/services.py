@@ -7,8 +7,8 @@ from typing import Any
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.qos import SERVICE
 from wrist_ft_comp.ros.rclpy_internals import intercept_answers
+from wrist_ft_comp.ros.topics import SERVICE
 
 
 class Reply:
@@ -90,5 +90,4 @@ class DeferredService:
         return response
 
     def _on_header(self, response: Any, header: Any) -> None:
-        """Keep the header until the answer is there."""
         self._replies.pop(id(response)).arrive(header)
