@@ -28,7 +28,7 @@ from rosbags.typesys import get_typestore, Stores
 from warm_up import keep, make_model
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
+from wrist_ft_comp.recordings.table_form import CsvRecordingWriter
 from wrist_ft_comp.series import NANOSECONDS
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
