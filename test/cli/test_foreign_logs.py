@@ -1,7 +1,6 @@
 """Logs of other programs: from ``show`` to a judged model, and what their loggers write."""
 
 from datetime import datetime, timedelta
-import json
 import re
 import shlex
 
@@ -11,7 +10,7 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.read import read_recording, recording_from_columns
+from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt, parse_map
 
 ROWS = 3600
@@ -70,18 +69,6 @@ def proposed(shown):
     return words[words.index('--columns') + 1], time
 
 
-def test_three_commands_lead_from_a_log_to_a_judged_model(logs, done):
-    """``show``, and the two that it prints."""
-    calibrate, evaluate = commands(done('show', logs[0]))
-    assert 'learnt from 1.00 h at 22.0 to 3' in done(*calibrate)
-    words = [word.replace('another_day', 'day_2') for word in evaluate]
-    axes = json.loads(done(*words, '--json'))['axes']
-    assert all(axis['rms_after'] < 0.1 * axis['rms_before'] for axis in axes.values())
-    assert axes['force_z']['rms_before'] > 1.0  # N: the map's units were used
-    shown = json.loads(done('show', logs[0], '--json'))
-    assert [shlex.split(command)[1:] for command in shown['commands']] == [calibrate, evaluate]
-
-
 def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
     """It counts for what has its columns; what is given counts more, key by key."""
     shown = done('show', logs[0])
@@ -133,14 +120,6 @@ def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
         said = run(*words, *given).sentence
         assert re.search(sentence, said), said
         assert 'begins at 2026-11-20 08:00:00 UTC and lasts 3599 s' in said
-
-
-def test_every_temperature_may_be_cut_off(run, make, tmp_path):
-    table = make.drifting()
-    table['temperature_c'][:200] = [None] * 200
-    path = make.csv(tmp_path / 'day.csv', table)
-    said = run('calibrate', path, '-o', tmp_path / 'model.yaml', '--until', '150').sentence
-    assert 'Every temperature of day.csv, which lasts 399 s' in said
 
 
 #: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
@@ -291,25 +270,6 @@ def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
         path, topics=Topics(columns='force_z=cell', time='min'), period_s=60
     )
     assert recording.wrench[:, 2].tolist() == [4, 5, 6]
-
-
-def test_seconds_and_nanoseconds_in_two_columns_make_one_stamp(done, run, tmp_path):
-    """As ROS messages come where fields are written one by one; seconds alone repeat."""
-    t, wrench, celsius = day(1)
-    ns = (t * 0.3 * 1e9).astype(np.int64) + 1_700_000_000_123_456_789
-    names = ['stamp.sec', 'stamp.nanosec', 'wrench.force.z', 'temperature']
-    columns = [str(at // 10**9) for at in ns], [f'{at % 10**9}.0' for at in ns], wrench[:, 2]
-    header = ','.join(f'header.{name}' for name in names)
-    path = write(tmp_path / 'log.csv', header, (*columns, celsius))
-    given = proposed(done('show', path))[0]
-    recording = read_recording(path, topics=Topics(columns=given))
-    rest = {'force_z': wrench[:, 2], 'temperature_c': celsius}
-    expected = recording_from_columns({'stamp_ns': ns, **rest})
-    assert recording.first_cell == expected.first_cell == 1_700_000_000
-    np.testing.assert_allclose(recording.wrench, expected.wrench, atol=1e-6)
-    np.testing.assert_allclose(recording.temperature_c, expected.temperature_c, atol=1e-6)
-    sentence = run('show', path, '--columns', given.replace('stamp=', 'stamp_ms=')).sentence
-    assert 'nanoseconds beside stamps that are not in seconds' in sentence
 
 
 def test_rows_hours_apart_get_longer_thermal_cells(done, tmp_path):

@@ -19,10 +19,7 @@ from wrist_ft_comp.recordings.read import read_recording
 ROWS, STEP_S = 360, 10
 BEGIN = datetime(2026, 3, 5, 7, tzinfo=timezone.utc)
 _LIST = Path(__file__).parents[1] / 'fixtures/logs/forms.yaml'
-FORMS = {
-    form['name']: form
-    for form in yaml.safe_load(_LIST.read_text('utf-8'))
-}
+FORMS = {form['name']: form for form in yaml.safe_load(_LIST.read_text('utf-8'))}
 #: What "holds" may say, as channels.
 HELD = {
     'force': AXES[:3], 'torque': AXES[3:], 'T': ['temperature_c'], 'T2': ['temperature_2_c'],
@@ -141,3 +138,62 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
     words = [other if 'another_day' in word else word for word in shlex.split(evaluate)[1:]]
     axes = json.loads(done(*words, '--json'))['axes']
     assert axes['force_z']['rms_after'] < 0.2 * axes['force_z']['rms_before']
+
+
+def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
+    t, channels = hour()
+    at = [BEGIN + timedelta(seconds=s) for s in t.tolist()]
+    force = [
+        f'{a.timestamp() * 1e3:.0f};{n / 1e3:.7f}'
+        for a, n in zip(at, channels['force_z'], strict=True)
+    ]
+    heat = [
+        f'{a:%d.%m.%Y %H:%M:%S},{T:.2f}'
+        for a, T in zip(at, channels['temperature_c'], strict=True)
+    ]
+    (tmp_path / 'force.csv').write_text('\n'.join(['t;Kraft [kN]', *force, '']))
+    (tmp_path / 'heat.csv').write_text('\n'.join(['Datum,Temp', *heat, '']))
+    assert 'join both' in run('show', tmp_path / 'force.csv').out
+    joined = tmp_path / 'force.csv+heat.csv'
+    (command, _) = json.loads(done('show', joined, '--json'))['commands']
+    recording = read_recording(joined, topics=told(command))
+    np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-3)
+    np.testing.assert_allclose(
+        recording.temperature_c[::10, 0], channels['temperature_c'], atol=0.01
+    )
+    words = shlex.split(command)[1:]
+    words[words.index('model.yaml')] = str(tmp_path / 'model.yaml')
+    done(*words, '--method', 'pls')
+    options = words[words.index('--columns') :]
+    done('compensate', tmp_path / 'model.yaml', joined, '-o', tmp_path / 'copy.csv', *options)
+    stamps = np.loadtxt(tmp_path / 'copy.csv', delimiter=',', skiprows=1, usecols=0)
+    assert len(stamps) == 2 * ROWS
+    assert (np.diff(stamps) >= 0).all()
+
+
+def test_where_a_clock_begins_anew_a_new_recording_begins(done, run, tmp_path):
+    form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}
+    one, two = (write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1))
+    path = tmp_path / 'both.csv'
+    path.write_text(one + two, encoding='utf-8')
+    shown = json.loads(done('show', path, '--json'))
+    assert shlex.split(shown['commands'][0])[2:4] == [f'{path}@1', f'{path}@2']
+    topics = told(shown['commands'][0])
+    first, second = (read_recording(tmp_path / f'both.csv@{k}', topics=topics) for k in (1, 2))
+    assert len(first) == len(second) == (ROWS - 1) * STEP_S + 1
+    assert not np.allclose(first.temperature_c, second.temperature_c)
+    words = ['calibrate', path, '-o', tmp_path / 'model.yaml', '--columns', topics.columns]
+    assert f'begins anew in line {ROWS + 3}: another recording' in run(*words).sentence
+    assert 'has 2 parts, and none with the number 3' in run('show', f'{path}@3').sentence
+
+
+def test_a_force_as_a_thermometer_and_a_reference_of_nothing_are_told(done, tmp_path):
+    t, channels = hour()
+    rows = zip(t, channels['force_x'], channels['force_z'], channels['temperature_c'], strict=True)
+    lines = [f'{a:.0f},{x:.3f},{z:.3f},{T:.2f},0,0' for a, x, z, T in rows]
+    names = 'Time s,Fx / N,Fz / N,T1 / °C,reference_force_x,reference_force_z'
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([names, *lines, '']), encoding='utf-8')
+    said = done('show', path, '--columns', 'stamp=Time s,force_z=Fz / N,temperature_c=Fx / N')
+    assert 'Fx / N of log.csv is in N, a unit that is not understood' in ' '.join(said.split())
+    assert '--reference' not in done('show', path)

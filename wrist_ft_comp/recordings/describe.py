@@ -307,7 +307,48 @@ def describe_recording(
     with open_recording(Path(path), topics) as opened:
         if isinstance(opened, OpenTable):
             return _describe_table(opened, progress)
-        return _describe_bag(opened.bag, topics, progress)
+        # Take topics, counts and times from the bag's own index, and survey what may be used.
+        bag = opened.bag
+        candidates, warnings = survey_bag(bag, progress)
+        topics = suggested_topics(candidates, topics)
+
+        # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
+        force, asked = None, topics.gravity_frame
+        if topics.imu:
+            imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
+            force = next(imus, None)
+        elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
+            moments = np.zeros((4, 4))
+            try:
+                topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
+                for block in gravity_samples(bag, topics):
+                    moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
+                force = describe_force(moments)
+            except RecordingError as error:
+                topics = replace(topics, gravity_frame='')
+                warnings = *warnings, *([str(error)] if asked else [])
+
+        temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+        wrench = topics.wrench.strip('/')
+        both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
+        roles = {
+            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+            topics.reference.strip('/'): REFERENCE,
+            **dict.fromkeys(temperatures, TEMPERATURE),
+            wrench: both,
+        }
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in bag.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+        channels = tuple(
+            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+            for (topic, kind), count in sorted(counts.items())
+        )
+        compressed = f', {bag.compression} compression' if bag.compression else ''
+        return RecordingSummary(
+            bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+            (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
 
 
 def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
@@ -370,47 +411,3 @@ def _count_samples(opened: OpenTable, progress: Progress | None) -> RecordingSum
             tally.least == tally.largest == 0.0
             for channels, tally in checks.tallies.items()
             if channels[0] in REFERENCE_CHANNELS))  # fmt: skip
-
-
-def _describe_bag(bag: Bag, topics: Topics, progress: Progress | None) -> RecordingSummary:
-    """Take topics, counts and times from the bag's own index, and survey what may be used."""
-    candidates, warnings = survey_bag(bag, progress)
-    topics = suggested_topics(candidates, topics)
-
-    # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
-    force, asked = None, topics.gravity_frame
-    if topics.imu:
-        imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
-        force = next(imus, None)
-    elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
-        moments = np.zeros((4, 4))
-        try:
-            topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
-            for block in gravity_samples(bag, topics):
-                moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
-            force = describe_force(moments)
-        except RecordingError as error:
-            topics = replace(topics, gravity_frame='')
-            warnings = *warnings, *([str(error)] if asked else [])
-
-    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
-    wrench = topics.wrench.strip('/')
-    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
-    roles = {
-        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
-        topics.reference.strip('/'): REFERENCE,
-        **dict.fromkeys(temperatures, TEMPERATURE),
-        wrench: both,
-    }
-    counts: Counter[tuple[str, str]] = Counter()
-    for connection in bag.connections:
-        counts[connection.topic, connection.msgtype] += connection.msgcount
-    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
-    channels = tuple(
-        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
-        for (topic, kind), count in sorted(counts.items())
-    )
-    compressed = f', {bag.compression} compression' if bag.compression else ''
-    return RecordingSummary(
-        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
-        (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip

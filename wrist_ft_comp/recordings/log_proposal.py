@@ -7,7 +7,7 @@ word of forces. What never changes, what counts, and texts are none of them. Wha
 stays open, as in ``force_z=…``, with the columns that it could be.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
@@ -89,9 +89,16 @@ _FORCE_WORD = re.compile(
 )
 #: What has six or three numbers that are no wrench of the sensor.
 _NO_WRENCH = re.compile('joint|motor|current|target|tau')
+_NUMBERED = (
+    (AXES, re.compile('wrench|force|torque|(^|_)(ft|f)(_|$)')),
+    (AXES[:3], re.compile('force')),
+    (AXES[3:], re.compile('torque')),
+)
 _FAR = re.compile('motor|drive(?!r)|joint|cabinet|ambient|room')
 _NO_THERMOMETER_OF_METAL = re.compile('cpu|battery|batt|gpu|soc')
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
+#: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
+_NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
 #: Between which readings a day may begin in a unit, and hardly in °C.
@@ -180,8 +187,10 @@ class _Looks:
 
     def __init__(self, place: int, name: str, unit: str, cells: Sequence[str], sign: str) -> None:
         self.place, self._name, self._unit = place, name, unit
-        #: The words of its name in small letters, without a unit.
-        self.words = _words_of(name)
+        #: The words and numbers of its name in small letters, without a unit.
+        text = _NO_WORD.sub(' ', normalize('NFKC', name))
+        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\u9fff])(?=[A-Za-z])', ' ', text)
+        self.words = re.findall(r'[^\W\d_]+|\d+', text.lower())
         self.plain = '_'.join(self.words)
         self.filled = [cell for cell in cells if cell]
         numbers = []
@@ -298,15 +307,6 @@ class _Looks:
         return f'{"reference_" * (not _TRUE.isdisjoint(self.words))}{quantity}_{axis}'
 
 
-def _words_of(name: str) -> list[str]:
-    """Split a name into words and numbers, in small letters, without a unit."""
-    text = re.sub(
-        r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*', ' ', normalize('NFKC', name)
-    )
-    text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\u9fff])(?=[A-Za-z])', ' ', text)
-    return re.findall(r'[^\W\d_]+|\d+', text.lower())
-
-
 def propose(
     placed: Placed, rows: Sequence[Sequence[str]] = (), header: Header | None = None
 ) -> Proposal:
@@ -390,8 +390,18 @@ def _find_channels(
             absent.remove(channel)
 
     if set(AXES) <= set(absent):
-        for channel, looks in [*_numbered_axes(free)]:
-            take(channel, looks)
+        # Six numbered columns of a wrench, the raw one first, or three and three.
+        groups: dict[str, list[_Looks]] = {}
+        for looks in free:
+            base = '_'.join(looks.words[:-1])
+            if looks.words and looks.words[-1].isdecimal() and not _NO_WRENCH.search(base):
+                groups.setdefault(base, []).append(looks)
+        ranked = sorted(groups.items(), key=lambda item: 'raw' not in item[0])
+        for axes, pattern in _NUMBERED:
+            named = (g for name, g in ranked if len(g) == len(axes) and pattern.search(name))
+            for channel, looks in zip(axes, next(named, ()), strict=False):
+                if channel in absent:
+                    take(channel, looks)
     thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     hot = [looks for looks in free if looks.temperature_unit() is not None]
     metal = [looks for looks in hot if not _NO_THERMOMETER_OF_METAL.search(looks.plain)]
@@ -440,20 +450,3 @@ def _called(placed: Placed, looks: _Looks) -> str:
     name = placed.names[looks.place]
     by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
     return str(looks.place + 1) if by_number else name
-
-
-def _numbered_axes(free: Iterable[_Looks]) -> Iterator[tuple[str, _Looks]]:
-    """Find six columns of a wrench that are numbered, the raw one first, or three and three."""
-    groups: dict[str, list[_Looks]] = {}
-    for looks in free:
-        base = '_'.join(looks.words[:-1])
-        if looks.words and looks.words[-1].isdecimal() and not _NO_WRENCH.search(base):
-            groups.setdefault(base, []).append(looks)
-    of_wrench = re.compile('wrench|force|torque|(^|_)(ft|f)(_|$)')
-    six = [name for name, group in groups.items() if len(group) == 6 and of_wrench.search(name)]
-    if six:
-        yield from zip(AXES, groups[min(six, key=lambda name: 'raw' not in name)], strict=True)
-        return
-    for axes, word in ((AXES[:3], 'force'), (AXES[3:], 'torque')):
-        named = [group for name, group in groups.items() if word in name and len(group) == 3]
-        yield from zip(axes, named[0], strict=True) if named else ()

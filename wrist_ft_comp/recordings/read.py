@@ -167,7 +167,13 @@ class OpenTable:
         self.sources = ()
         names = [name for table in tables for name in table.names]
         if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
-            words = 'python', _CONVERTER, str(tables[0].path), '-o', 'recording.csv'
+            words = (
+                'python',
+                _CONVERTER,
+                str(tables[0].path),
+                '-o',
+                f'{tables[0].path.stem}_recording.csv',
+            )
             raise RecordingError(
                 f'{self.name} is a table of a chamber test, which has no times. Make a recording '
                 f'of it: {shlex.join(words)}'

@@ -204,11 +204,15 @@ class Table:
         begins: list[int] = []
         for rows in self._blocks(placed, progress):
             seen_ns = np.concatenate([earlier_ns, rows.stamps_ns])
+            steps, n = np.diff(seen_ns), _SURE_ROWS
             # A step back near the end of a block is seen with the next one.
             cuts = [
                 max(k - len(earlier_ns), 0)
-                for k in _find_restarts(seen_ns)
-                if k > len(earlier_ns) - _SURE_ROWS
+                for k in (np.flatnonzero(steps < 0) + 1).tolist()
+                if max(n, len(earlier_ns) - n + 1) <= k <= len(seen_ns) - n
+                and (steps[k - n : k - 1] >= 0).all()
+                and (steps[k : k + n - 1] >= 0).all()
+                and seen_ns[k + n - 1] < seen_ns[k - n]
             ]
             earlier_ns = seen_ns[-2 * _SURE_ROWS :]
             for begin, end in pairwise([0, *cuts, len(rows.stamps_ns)]):
@@ -224,7 +228,7 @@ class Table:
             named = ' '.join(f'{self.path}@{k + 1}' for k in range(len(begins) + 1))
             raise RestartError(
                 f'The clock of {self.name} begins anew in line {", ".join(map(str, begins))}: '
-                f'another recording begins there. Name its parts one by one: {named}',
+                f'another recording begins there. Name {named}, its parts, one by one.',
                 len(begins) + 1,
             )
 
@@ -436,19 +440,6 @@ class _RowReader:
             self._days = int(days[-1])
             stamps_ns = stamps_ns + days * _DAY_NS
         return stamps_ns
-
-
-def _find_restarts(stamps_ns: IntArray) -> list[int]:
-    """Find where a clock begins anew, among the stamps with enough others on both sides."""
-    steps, n = np.diff(stamps_ns), _SURE_ROWS
-    return [
-        k
-        for k in (np.flatnonzero(steps < 0) + 1).tolist()
-        if n <= k <= len(stamps_ns) - n
-        and (steps[k - n : k - 1] >= 0).all()
-        and (steps[k : k + n - 1] >= 0).all()
-        and stamps_ns[k + n - 1] < stamps_ns[k - n]
-    ]
 
 
 def _encoding_of(start: bytes) -> str:

@@ -124,7 +124,12 @@ def find_header(lines: Sequence[str]) -> Header:
             above.append(cells)
         elif cells and (above or not is_comment):
             break
-    names = next((row for row in above if not _says_units(row)), above[-1] if above else [])
+    names = above[-1] if above else []
+    for row in above:
+        told = [_has_unit([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
+        if 2 * sum(told) < len(told):
+            names = row
+            break
     units = next((row for row in above if row is not names and _has_unit(row)), [])
     for row in (cut_line(line, delimiter) for line in lines[:first]):
         if not units and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _has_unit(row[1:]):
@@ -189,12 +194,6 @@ def _is_value(cell: str) -> bool:
 
 def _has_unit(row: Sequence[str]) -> bool:
     return any(plain_unit(cell) in UNIT_WORDS for cell in row)
-
-
-def _says_units(row: Sequence[str]) -> bool:
-    """Whether most of a row above the first one are units, statistics or numbers."""
-    known = [_has_unit([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
-    return 2 * sum(known) >= len(known)
 
 
 def exact_ns(stamps: Any, form: str) -> IntArray:
