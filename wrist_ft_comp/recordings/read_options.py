@@ -90,7 +90,8 @@ _OTHER_UNITS = {
     'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft', 'ftlbf': 'lbfft',
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
-    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
+    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h', 'hr': 'h',
+    'hrs': 'h', 'stunden': 'h',
     'minutes': 'min', 'mins': 'min', 'days': 'd',
 }  # fmt: skip
 #: A word in brackets in a column's name.
@@ -154,7 +155,7 @@ def units_of(channel: str) -> Mapping[str, float]:
 
 def plain_unit(text: str) -> str:
     """Write a unit as the tables have it: Nm for N*m, lbfin for lb-in, C for °C."""
-    plain = re.sub(r'[\s*·.^°_-]', '', normalize('NFKC', text))
+    plain = re.sub(r'[\s*·.^°_()\[\]-]', '', normalize('NFKC', text))
     return plain if plain in UNIT_WORDS else _OTHER_UNITS.get(plain.lower(), plain)
 
 

@@ -446,11 +446,12 @@ def _encoding_of(start: bytes) -> str:
     """Find how a text is encoded by its first bytes."""
     if start.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         return 'utf-16'
-    for encoding in ('utf-8-sig', 'cp932'):
+    # In other texts of Windows an umlaut may look like a single sign of Japanese or Chinese.
+    for encoding, signs in (
+        ('utf-8-sig', ''), ('cp932', '[\u3040-\u9fff]{2}'), ('gb18030', '[\u4e00-\u9fff]{2}'),
+    ):  # fmt: skip
         with suppress(UnicodeDecodeError):  # the last character may be cut
-            text = getincrementaldecoder(encoding)().decode(start)
-            # In other texts of Windows an umlaut may look like a single sign of Japanese.
-            if encoding != 'cp932' or re.search('[\u3040-\u9fff]{2}', text):
+            if re.search(signs, getincrementaldecoder(encoding)().decode(start)):
                 return encoding
     return 'cp1252'
 
