@@ -11,8 +11,7 @@ from wrist_ft_comp.cli.progress import progress_bar
 from wrist_ft_comp.cli.tables import print_result, range_warnings, Result
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.external_offline import external_correction
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import (
     check_copy,

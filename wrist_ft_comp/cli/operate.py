@@ -14,8 +14,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.qos import OUTPUT, SLOW_SENSOR
 from wrist_ft_comp.ros.running import make_executor
+from wrist_ft_comp.ros.topics import OUTPUT, SLOW_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 
 #: How long a node, a service or a first answer is waited for, s.

@@ -25,10 +25,8 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import diary_problem, node_folders, survey
-from wrist_ft_comp.learning.memory import load_memory, Memory
-from wrist_ft_comp.payload.learnt_payloads import payload_line
-from wrist_ft_comp.payload.set_payload_commands import driver_lines
+from wrist_ft_comp.learning.diary import diary_problem, load_memory, Memory, node_folders, survey
+from wrist_ft_comp.payload.weight import driver_lines, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.describe import (

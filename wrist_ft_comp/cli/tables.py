@@ -13,10 +13,8 @@ from wrist_ft_comp.cli.options import print_json
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import Diary, TORQUES
-from wrist_ft_comp.learning.memory import last_change, Memory
-from wrist_ft_comp.payload.set_payload_commands import driver_calls
-from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.learning.diary import Diary, last_change, Memory, TORQUES
+from wrist_ft_comp.payload.weight import driver_calls, Payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days import (

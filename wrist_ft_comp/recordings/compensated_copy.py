@@ -135,8 +135,7 @@ def _write_table(
 
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
-    names = [name for table in source.tables for name in table.names]
-    origin = [name for name in names if name.startswith(ORIGIN)]
+    origin = [name for name in source.names if name.startswith(ORIGIN)]
     present = [axis for axis in AXES if axis in channels]
     for number, rows in enumerate(source.rows(progress)):
         # Of tables that are joined, each fills its own columns.

@@ -18,7 +18,7 @@ from wrist_ft_comp.channels import (
     ROTATION_CHANNEL,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import (
@@ -28,12 +28,12 @@ from wrist_ft_comp.recordings.bag import (
     temperatures_inside,
     uppermost_frame,
 )
-from wrist_ft_comp.recordings.log_proposal import OPEN
+from wrist_ft_comp.recordings.log_proposal import missing_sentence, OPEN
 from wrist_ft_comp.recordings.read import BAG, open_recording, OpenTable, TABLE
-from wrist_ft_comp.recordings.read_options import listed, parse_options
+from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.recordings.table import RestartError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
-from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.stream.batch_grid import SampleChecks
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader
 from wrist_ft_comp.wire.message_layout import Path as FieldPath
@@ -367,11 +367,7 @@ def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSu
     if OPEN not in columns:
         again = OpenTable(opened.tables, parse_options(topics), opened.part)
         return replace(_describe_table(again, progress), guessed=True)
-    names = listed([name for table in opened.tables for name in table.names])
-    refusal = (
-        f'Some of what a recording needs cannot be told from the columns of {opened.name}: '
-        f'{names}. {proposal.sentence()}'
-    )
+    refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
     summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
     return replace(summary, is_open=True, guessed=True, refusal=refusal)
 

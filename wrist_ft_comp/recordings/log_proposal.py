@@ -14,13 +14,11 @@ from itertools import count
 from math import isnan
 import re
 import shlex
-from typing import NoReturn
 from unicodedata import normalize
 
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.read_options import (
     CHANNELS,
     COMPENSATED,
@@ -45,8 +43,7 @@ from wrist_ft_comp.recordings.table_form import (
     number_in,
     unit_of_times,
 )
-from wrist_ft_comp.wire.temperature_source import may_be_temperature
-from wrist_ft_comp.wire.units import to_celsius
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -155,14 +152,16 @@ class Proposal:
         return sentence
 
 
-def refuse_missing(placed: Placed, missing: Sequence[str], proposal: Proposal) -> NoReturn:
-    """Refuse a table for the KINDS of columns that are missing, with a map of it."""
+def missing_sentence(
+    table: str, names: Sequence[str], missing: Sequence[str], proposal: Proposal
+) -> str:
+    """Say which KINDS of columns a table lacks, with a map of it."""
     expected = ' and '.join(_EXPECTED[kind] for kind in missing)
     form = f' --time {shlex.quote(proposal.time)}' if proposal.time not in {'', 's'} else ''
     remedy = f"Rename them, or say what they are, such as --columns '{proposal.columns}'{form}"
-    raise RecordingError(
-        f'{placed.table} has no {" and no ".join(missing)} column; expected {expected}, got '
-        f'{listed(placed.names)}. {remedy}. {proposal.sentence()}'.rstrip()
+    return (
+        f'{table} has no {" and no ".join(missing)} column; expected {expected}, got '
+        f'{listed(names)}. {remedy}. {proposal.sentence()}'.rstrip()
     )
 
 

@@ -19,10 +19,10 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.log_proposal import (
+    missing_sentence,
     OPEN,
     Proposal,
     propose,
-    refuse_missing,
     warn_of_unused,
 )
 from wrist_ft_comp.recordings.read_options import (
@@ -165,7 +165,7 @@ class OpenTable:
         if part:
             self.name += f'@{part}'
         self.sources = ()
-        names = [name for table in tables for name in table.names]
+        self.names = names = [name for table in tables for name in table.names]
         if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
             words = (
                 'python',
@@ -235,7 +235,7 @@ class OpenTable:
     def require(self, *kinds: str) -> None:
         """Refuse a table without columns of some kinds, all by default, and propose a map."""
         if lacking := self.lacks(kinds or tuple(KINDS)):
-            refuse_missing(self.columns[0], lacking, self.propose())
+            raise RecordingError(missing_sentence(self.name, self.names, lacking, self.propose()))
 
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
         """Read all rows of the columns that are used, one table after the other."""
@@ -386,7 +386,7 @@ def recording_from_columns(
         names += [column for column in placed.names if column not in stamps]
     placed = ColumnMap().place(name, names)
     if lacking := placed.lacks(list(KINDS)):
-        refuse_missing(placed, lacking, propose(placed))
+        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
     recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)
     return replace(recording, warnings=(*recording.warnings, *warn_of_unused(placed)))
 
@@ -414,7 +414,7 @@ def _read(table: Columns, name: str) -> tuple[Placed, IntArray, dict[str, FloatA
     """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
     placed = ColumnMap().place(name, list(map(str, table.keys())))
     if lacking := placed.lacks(['stamp']):
-        refuse_missing(placed, lacking, propose(placed))
+        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
     stamp = placed.columns[STAMP]
     stamps = np.asarray(table[stamp.name])
     shape = (stamps.size,)

@@ -32,7 +32,7 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.wire.units import split_scale, to_celsius
+from wrist_ft_comp.wire.temperature_source import split_scale, to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
 STAMPS = {
@@ -90,7 +90,8 @@ _OTHER_UNITS = {
     'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft', 'ftlbf': 'lbfft',
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
-    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h', 'hr': 'h',
+    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
+    'hr': 'h',
     'hrs': 'h', 'stunden': 'h',
     'minutes': 'min', 'mins': 'min', 'days': 'd',
 }  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.fit.cross_validation import bin_means
+from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray, stretches
