@@ -242,22 +242,6 @@ def test_columns_are_what_their_names_and_values_say(header, tmp_path, done, run
         assert 'is left open: put its name, or its number' in refused
 
 
-@pytest.mark.parametrize(
-    ('size', 'time'), [(1e3, 'ms'), (1e6, 'us'), (1e9, 'ns')], ids=['ms', 'us', 'ns']
-)
-def test_the_unit_of_times_since_1970_is_told_by_their_size(size, time, run, done, tmp_path):
-    t, wrench, celsius = day(1)
-    columns = [str(round(size * (1_700_000_000 + s))) for s in t.tolist()], wrench[:, 2], celsius
-    path = write(tmp_path / 'log.csv', 'clock,Fz,Temp', columns)
-    assert proposed(done('show', path))[1] == time
-    for given in ('', time):
-        topics = Topics(columns='stamp=clock,force_z=Fz,temperature_c=Temp', time=given)
-        assert read_recording(path, topics=topics).duration_s == ROWS
-    own = write(tmp_path / 'own.csv', 'stamp_s,force_z,temperature_c', columns)
-    assert 'stamp_s: expected a time (s), got' in run('show', own).sentence
-    done('show', own, '--time', time)
-
-
 def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
     table = {
         'stamp_s': [0, 1, 2],
@@ -270,14 +254,6 @@ def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
         path, topics=Topics(columns='force_z=cell', time='min'), period_s=60
     )
     assert recording.wrench[:, 2].tolist() == [4, 5, 6]
-
-
-def test_rows_hours_apart_get_longer_thermal_cells(done, tmp_path):
-    t, wrench, celsius = (values[::30] for values in day(1))
-    path = write(tmp_path / 'log.csv', 'stamp_s,force_z,temperature_c', (
-        t * 60, wrench[:, 2], celsius))  # fmt: skip
-    calibrate, _ = commands(done('show', path))
-    assert calibrate[-2:] == ['--thermal-period', '600']
 
 
 @pytest.mark.parametrize(

@@ -113,16 +113,10 @@ def lines(delimiter=',', *, above='t,Fz,T', behind='', comma=False, end='\n'):
 
 FORMS = {
     'commas': lines(),
-    'quotes': '"t", "Fz", "T"\n' + lines(above='').replace('20.25', '"20.25"').lstrip(),
-    'windows': lines(end='\r\n'),
-    'a byte order mark': '\ufeff' + lines(),
-    'UTF-16': lines('\t').encode('utf-16'),
     'latin-1': (lines() + '# 5 °C\n').encode('latin-1'),
-    'decimal commas': lines(';', comma=True),
     'tabs and decimal commas': lines('\t', comma=True),
     'spaces': lines('   '),
     'spaces and decimal commas': lines(' ', behind=' ', comma=True),
-    'trailing delimiters': lines(behind=','),
     'a trailing delimiter in the header': lines(above='t,Fz,T,'),
     'a column without cells': lines('\t', above='t,Fz,T,Comment'),
     'lines above': 'Logger 3.1\nSerial: FT12345\nRate;1\n\n' + lines(),

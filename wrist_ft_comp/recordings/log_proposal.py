@@ -70,10 +70,10 @@ _TIME_WORD = re.compile(
     'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
     'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
-_SHORT_TIME = {'t', 'x', 's', 'ms', 'us', 'x_value', 'xvalue'}
+_SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
-_TEMPERATURE_WORDS = {'t', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度'}
+_TEMPERATURE_WORDS = {'t', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度'}
 #: Words of the true wrench, of what was made of the raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
 _TREATED = {
@@ -212,7 +212,8 @@ class _Looks:
         #: What --time has to say where it is a time.
         self.form = find_form(self.filled, month_first=sign == ',')
         if self._is_number and len(self.numbers):
-            self.form = self.unit_of(STAMP) or unit_of_times(self.numbers)
+            own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
+            self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
             first, last = self.numbers[0], self.numbers[-1]
             if _DATE_WORD.search(self.plain) and _EXCEL_DAYS[0] < first <= last < _EXCEL_DAYS[1]:
                 self.form = EXCEL

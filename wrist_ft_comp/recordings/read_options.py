@@ -91,9 +91,7 @@ _OTHER_UNITS = {
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
     'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
-    'hr': 'h',
-    'hrs': 'h', 'stunden': 'h',
-    'minutes': 'min', 'mins': 'min', 'days': 'd',
+    'hr': 'h', 'hrs': 'h', 'stunden': 'h', 'minutes': 'min', 'mins': 'min', 'days': 'd',
 }  # fmt: skip
 #: A word in brackets in a column's name.
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')

@@ -186,7 +186,9 @@ def _affixes(cells: Iterable[str]) -> tuple[str, str]:
 
 def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
-    if cell.lower() in MISSING or NUMBER.fullmatch(cell) or any(_affixes([cell])):
+    if not cell.strip('-=:') or cell.lower() in MISSING or NUMBER.fullmatch(cell):
+        return True
+    if any(_affixes([cell])):
         return True
     match = _TIME.fullmatch(cell)
     return bool(match and (match['date'] or match['time']))
