@@ -215,8 +215,8 @@ class Table:
                 and seen_ns[k + n - 1] < seen_ns[k - n]
             ]
             earlier_ns = seen_ns[-2 * _SURE_ROWS :]
-            for begin, end in pairwise([0, *cuts, len(rows.stamps_ns)]):
-                if begin in cuts:
+            for piece, (begin, end) in enumerate(pairwise([0, *cuts, len(rows.stamps_ns)])):
+                if piece:
                     begins.append(int(rows.lines[begin]))
                 if end > begin and len(begins) + 1 == (part or 1):
                     yield rows if end - begin == len(rows.lines) else rows.part(begin, end)
