@@ -20,7 +20,7 @@ from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.read import BAG, files_of, kind_of, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.stored.own_file import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.

@@ -9,6 +9,7 @@ a column that has no name is called by its number, from 1 on. A date beside a ti
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
@@ -32,7 +33,7 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.wire.temperature_source import split_scale, to_celsius
+from wrist_ft_comp.wire.temperature_source import to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
 STAMPS = {
@@ -312,7 +313,10 @@ def _parse_entry(entry: str) -> Column:
         allowed = ', '.join(units_of(ours.channel))
         raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
     if match['factor']:
-        _, factor, _ = split_scale(f'*{match["factor"]}')
+        with suppress(ValueError):
+            factor = float(match['factor'])
+        if factor is None or not math.isfinite(factor):
+            raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
     # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
     said = '' if ours.unit == 'C' else ours.unit
     return Column(match['theirs'].strip(), ours.channel, unit or said, factor)
