@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
     from wrist_ft_comp.recording import Recording, Topics
-    from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
-    from wrist_ft_comp.recordings.read import read_recording
+    from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
     from wrist_ft_comp.report.evaluation import evaluate
     from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
     from wrist_ft_comp.report.summary import summarise
@@ -38,7 +37,7 @@ _HOMES = {
     'thermal_sensitivity_drift': 'report.performance_index',
     'calibrate': 'fit.calibrate', 'summarise': 'report.summary',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
-    'compensate': 'recordings.in_memory', 'recording_from_columns': 'recordings.in_memory',
+    'compensate': 'recordings.read', 'recording_from_columns': 'recordings.read',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
     'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
     'load_model': 'stored.model_file', 'save_model': 'stored.model_file',

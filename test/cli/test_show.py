@@ -286,12 +286,12 @@ def test_a_damaged_memory_is_told(done, folder):
     assert document['warnings'][0].startswith(sentence)
 
 
-def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, drift_csv):
+def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, model):
     empty = folder / 'empty'
     empty.mkdir()
     (empty / 'state.json').write_text('{}')
     assert 'holds no days' in run('show', empty).sentence
-    assert '--picture draws the days' in run('show', drift_csv, '--picture', 'a.png').sentence
+    assert '--picture draws a recording' in run('show', model, '--picture', 'a.png').sentence
 
 
 def test_every_name_of_what_happens_is_explained():

@@ -17,7 +17,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, Wri
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
+from wrist_ft_comp.recordings.read import BAG, files_of, kind_of, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.own_file import to_plain
@@ -29,7 +29,10 @@ _OF_BAGS = (
     'output_topic',
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
-RECORDING_HELP = 'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
+RECORDING_HELP = (
+    'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV; two tables with one clock '
+    'are force.csv+temperature.csv (docs/files.md)'
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -196,7 +199,7 @@ def check_recordings(paths: Sequence[Path], topics: Topics | None = None) -> Non
     named = topics or Topics()
     resolved = [path.resolve() for path in paths]
     for path in paths:
-        if not path.exists():
+        if not all(file.exists() for file in files_of(path)[0]):
             imu = [named.imu] if named.imu else ['/tf', '/tf_static'] * bool(named.gravity_frame)
             thermometers = [source.topic for source in parse_sources(named.temperatures)]
             made = ['ros2', 'bag', 'record', '-s', 'mcap', '-o', 'warm_up', named.wrench]

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from importlib import import_module
 import json
 from pathlib import Path
 import shlex
@@ -27,9 +28,15 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import diary_problem, load_memory, Memory, node_folders, survey
 from wrist_ft_comp.payload.weight import driver_lines, payload_line
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
+from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recordings.describe import (
+    Candidate,
+    describe_recording,
+    RAW_WRENCH,
+    RecordingSummary,
+    REFERENCE,
+    TEMPERATURE,
+)
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.days import PICTURE
@@ -67,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--picture',
         type=Path,
         metavar='PICTURE.png',
-        help="draw a node's days: what drifted, what was left, what happened",
+        help="draw a recording, or a node's days: what drifted, what was left, what happened",
     )
     options.add_topics(parser)
     options.add_json(parser)
@@ -77,12 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path, folders = arguments.file, node_folders(arguments.file)
     if arguments.picture:
-        if not folders:
+        if path.is_file() and (MODEL.is_own(path) or REPORT.is_own(path) or path.name == PAYLOADS):
             raise SettingsError(
-                f'--picture draws the days of a node that learns, and {path} holds none. Name its '
-                'data_directory.'
+                f'--picture draws a recording, or the days of a node that learns; {path} is none.'
             )
-        PICTURE.check_target(arguments.picture)
+        PICTURE.check_target(arguments.picture, [path])
     recordings = []
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
@@ -104,17 +110,27 @@ def run(arguments: argparse.Namespace) -> int:
             topics = options.topics_from(arguments)
             options.check_recordings(recordings, topics)
             summary = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, found = _read(summary, path, part_of(progress, 1, 2))
+            refusal, recording = _read(summary, path, part_of(progress, 1, 2))
+            found = []
+            if recording:
+                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
+                found += [*recording.warnings, *silent]
             doubts = dict.fromkeys((*summary.warnings, *found))
             said = tuple(doubt for doubt in doubts if doubt not in refusal)
             summary = replace(summary, warnings=said)
         document = {
             **vars(summary),
             'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
-            'commands': [] if refusal else _commands(summary, path),
+            'commands': [] if refusal and not summary.is_open else _commands(summary, path),
             'refusal': refusal,
         }
         lines = [*_recording_lines(summary, path, refusal)]
+        if arguments.picture and recording:
+            # matplotlib is slow to load
+            pictures = import_module('wrist_ft_comp.report.pictures')
+            PICTURE.write(arguments.picture, pictures.recording_png(recording))
+        elif arguments.picture:
+            raise RecordingError(f'There is nothing to draw. {refusal}')
     options.warn_of_idle(arguments, recordings)
     print_result(Result('\n'.join(lines), document), as_json=arguments.json)
     return 0
@@ -234,25 +250,25 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
 
 def _read(
     summary: RecordingSummary, path: Path, progress: Progress
-) -> tuple[str, tuple[str, ...]]:
-    """Read a recording as others do: say why nothing can be learnt from it, and what to doubt."""
+) -> tuple[str, Recording | None]:
+    """Read a recording as others do, or say why nothing can be learnt from it."""
     if summary.is_open:
-        return summary.refusal, ()
+        return summary.refusal, None
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
-        return f'It holds no {what}{named}, so nothing can be learnt from it.', ()
+        return f'It holds no {what}{named}, so nothing can be learnt from it.', None
     if summary.refusal and not summary.candidates:
-        return f'Nothing can be learnt from it. {summary.refusal}', ()
+        return f'Nothing can be learnt from it. {summary.refusal}', None
     try:
         recording = read_recording(
-            path, period_s=summary.period_s, topics=summary.topics, progress=progress
-        )
+            Path(summary.paths(path)[0]), period_s=summary.period_s, topics=summary.topics,
+            progress=progress)  # fmt: skip
     except RecordingError as error:
         with_topics = ' with these topics' if summary.candidates else ''
-        return f'Nothing can be learnt from it{with_topics}. {error}', ()
+        return f'Nothing can be learnt from it{with_topics}. {error}', None
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
@@ -260,9 +276,8 @@ def _read(
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
             'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
         )
-        return sentence, ()
-    silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
-    return '', (*recording.warnings, *silent)
+        return sentence, None
+    return '', recording
 
 
 def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
@@ -303,10 +318,11 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
     topics = summary.topics or Topics()
     reference = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    reference &= not summary.is_unloaded
     force = summary.specific_force
     at_work = force is not None and force.seen > 0 and not reference
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
+    calibrate = ['wrist_ft_comp', 'calibrate', *summary.paths(path), '-o', 'model.yaml']
     if not summary.candidates:
         if topics.columns:
             words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
