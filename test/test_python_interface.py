@@ -65,7 +65,7 @@ SETTINGS = {
 }
 #: Neither of these is for a loop on a robot.
 HEAVY = (
-    'scipy|pandas|matplotlib|rosbags|jinja2|tqdm|'
+    'scipy|pandas|matplotlib|rosbags|jinja2|rich|'
     r'wrist_ft_comp[.](cli|report|ros|fit[.](auto|calibrate))'
 )
 

@@ -44,7 +44,7 @@ from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.model_choice import Champion, take
 from wrist_ft_comp.learning.old_days import worthiest
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.days_picture import days_png
+from wrist_ft_comp.report.pictures import days_png
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry
 from wrist_ft_comp.stream.offline import simulate_drift

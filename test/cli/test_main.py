@@ -193,9 +193,10 @@ def test_a_terminal_sees_how_far_long_work_is(command, process, drift_csv, model
     os.close(ours)
     assert child.returncode == 0
     assert out
-    assert '%|' not in out
-    assert '%|' in seen.decode()
-    assert not seen.decode().rsplit('\r', 1)[-1].strip(), 'the bar is wiped away in the end'
+    assert '100%' not in out
+    bar, wiped, _ = seen.decode().rpartition('\x1b[2K')
+    assert '100%' in bar
+    assert wiped, 'the bar is wiped away in the end'
 
 
 #: Says so and waits when everything is written and nothing has taken its place yet.

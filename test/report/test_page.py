@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning.diary import DayEntry, Diary
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.page import headline, number, page
+from wrist_ft_comp.report.page import headline, page
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
 KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus', 'work')
-MAX_BYTES = 2_000_000
+MAX_BYTES = 1_000_000
 every_kind = pytest.mark.parametrize('kind', KINDS)
 
 
@@ -64,9 +65,7 @@ def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind,
     assert text(kind).startswith('<!doctype html>')
     assert len(text(kind).encode()) < MAX_BYTES
     assert len(outline.ids) == len(set(outline.ids))
-    responses = sum(axis.responses is not None for axis in view(kind).axes)
-    pictures = 2 + 2 * len(view(kind).axes) + responses
-    assert outline.seen.count('svg') == pictures
+    assert outline.seen.count('svg') == 2 + 2 * len(view(kind).axes)
     levels = [int(tag[1]) for tag in outline.seen if re.fullmatch(r'h\d', tag)]
     assert levels[0] == 1
     assert levels.count(1) == 1
@@ -74,9 +73,10 @@ def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind,
 
 
 @every_kind
-def test_the_page_loads_nothing_and_runs_nothing(kind, text):
+def test_the_page_loads_nothing_and_runs_one_script_of_its_own(kind, text):
     outline = Outline(text(kind))
-    assert not {'script', 'link', 'img', 'iframe', 'object'} & set(outline.seen)
+    assert not {'link', 'img', 'iframe', 'object'} & set(outline.seen)
+    assert outline.seen.count('script') == 1
     assert all(target.startswith('#') for target in outline.loads)
     assert {target[1:] for target in outline.loads} <= set(outline.ids)
     links = set(re.findall(r'https?://[^"\s<]*', text(kind)))
@@ -97,11 +97,11 @@ def test_names_are_text_and_never_tags(text, make):
 def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
     whole = Outline(text(kind)).whole
     for axis in view(kind).axes:
-        assert whole.count(axis.verdict.sentence) == 2  # at the top, and at the axis
+        assert whole.count(axis.verdict.sentence) == 1
         for value in astuple(axis.errors):
-            assert number(value) in whole
+            assert rounded(value) in whole
         for candidate in axis.entry['candidates']:
-            assert number(candidate['rms']) in whole
+            assert rounded(candidate['rms']) in whole
 
 
 def test_a_sensor_gets_the_verdict_it_deserves(view):
@@ -132,10 +132,9 @@ def test_the_page_of_a_model_that_days_gave_shows_the_days(view):
 
 
 def test_the_headline_counts(view):
-    assert headline(view('good')).startswith('3 axes: 3 good. Seen: 2.')
-    assert headline(view('none')).startswith('3 axes: 3 not calibrated.')
+    assert headline(view('good')) == '3 axes: 3 good.'
     mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
-    assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
+    assert headline(mixed) == '3 axes: 2 good, 1 not calibrated.'
 
 
 def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
@@ -219,10 +218,8 @@ def test_loads_are_shown_where_there_is_a_reference(make, tmp_path):
     whole = Outline(brief(calibration_content(calibration, recordings, stored, 'recorded'))).whole
     assert 'Loads by the reference' in whole
     assert 'zero and gain' in whole
-    assert 'Loads are not known' not in whole
     unloaded = replace(recordings[0], reference=np.zeros_like(load))
     whole = Outline(brief(calibration_content(calibration, [unloaded], stored, 'recorded'))).whole
-    assert 'Nothing loaded the sensor: the reference is zero.' in whole
     assert 'Loads by the reference' not in whole
 
 
@@ -243,7 +240,7 @@ def test_the_page_names_its_sources(text, view):
     whole = Outline(text('good')).whole
     assert 'a' * 64 in whole
     assert view('good').provenance['SHA-256'] in whole
-    for word in ('numpy', 'scipy', 'reference unloaded', 'method auto'):
+    for word in ('numpy', 'scipy', 'reference: unloaded', 'method: auto'):
         assert word in whole
 
 

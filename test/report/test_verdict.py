@@ -1,17 +1,19 @@
-"""The table of verdicts, at both sides of every threshold."""
+"""The table of verdicts, at both sides of every threshold, and a calibration in a few lines."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO
 from wrist_ft_comp.report.verdict import (
     Evidence,
     GOOD_REMAINDER,
     judge,
     NOISE_MARGIN,
     SMALLEST_CHANGE_K,
+    summarise,
 )
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
@@ -102,3 +104,24 @@ def test_a_verdict_from_few_recordings_names_their_number(after, recordings, wor
     assert words in judge(replace(FINE, after=after, recordings=recordings)).sentence
     for enough in (0, 3):
         assert words not in judge(replace(FINE, after=after, recordings=enough)).sentence
+
+
+@pytest.mark.parametrize(
+    ('outputs', 'after', 'unit', 'line'),
+    [
+        (1, 0.0123456, 'N', '12.3 -> 0.0123 N RMS held out (zero; pls)'),
+        (2, 11.0, 'N m', '12.3 -> 11 N m RMS held out (zero and sensitivity; pls)'),
+        (0, 12.3456, 'N', 'no compensation; drift held out 12.3 N RMS'),
+        (2, 14.0, 'N', '12.3 -> 14 N RMS held out (zero and sensitivity; pls): WORSE THAN NONE'),
+    ],
+)
+def test_an_axis_is_a_line_and_warnings_follow(outputs, after, unit, line):
+    model = SimpleNamespace(outputs=outputs) if outputs else None
+    fits = {'force_z': AxisFit(model, 'pls', (), 12.3456, after, unit=unit)}
+    ranges_c = np.array([[20, 35.5], [-5, 30]])
+    assert summarise(Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))).splitlines() == [
+        f'force_z: {line}',
+        'learnt from 1.50 h at 20.0 to 35.5, -5.0 to 30.0 °C',
+        'warning: One.',
+        'warning: Two.',
+    ]

@@ -6,14 +6,8 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import (
-    advice_lines,
-    payloads_json,
-    print_result,
-    Result,
-    verdict_lines,
-)
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.arx_least_squares import Orders
@@ -124,7 +118,14 @@ def run(arguments: argparse.Namespace) -> int:
     content = outcome.view(job)
     if job.report:
         REPORT.write(job.report, page(content))
-    print_result(_result(outcome, content, job.report), as_json=arguments.json)
+    words = [
+        *content_words(content, verbose=arguments.verbose),
+        '',
+        f'saved as {outcome.stored.path}',
+        *([f'report: {job.report}'] if job.report else ()),
+    ]
+    result = Result(words, _document(outcome, content), content.warnings)
+    print_result(result, as_json=arguments.json)
     return 0
 
 
@@ -145,25 +146,15 @@ def _job(arguments: argparse.Namespace) -> CalibrationJob:
         options.topics_from(arguments), report=arguments.report)  # fmt: skip
 
 
-def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) -> Result:
-    """Say what was learnt and saved, and where; ``content`` is that of its report."""
-    calibration, path = outcome.calibration, outcome.stored.path
-    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
-    lines = [
-        *verdict_lines(content),
-        *(calibration.payloads.lines() if calibration.payloads else ()),
-        f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C',
-        *advice_lines(content),
-        '',
-        f'saved as {path}',
-        *([f'report: {report}'] if report else ()),
-    ]
+def _document(outcome: JobOutcome, content: ReportContent) -> dict[str, object]:
+    """Say for scripts what was learnt and saved; ``content`` is that of its report."""
+    calibration = outcome.calibration
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
     )  # fmt: skip
-    document = {
-        'model': str(path),
+    return {
+        'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
         'axes': {
             axis.axis: {
@@ -179,4 +170,3 @@ def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) ->
         'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    return Result('\n'.join(lines), document, content.warnings)

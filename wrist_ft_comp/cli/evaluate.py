@@ -4,19 +4,20 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-import textwrap
 
 import numpy as np
 
-from wrist_ft_comp.cli import options, tables
-from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
+from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.doubts import follows_gravity
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.learnt_payloads import same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Reference, Topics
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.evaluation import (
     AxisEvaluation,
@@ -34,6 +35,7 @@ from wrist_ft_comp.report.report_content import (
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -77,30 +79,10 @@ class Evaluation:
         """Figures by axis, of all recordings together."""
         return {axis.axis: axis.errors for axis in self.content.axes}
 
-    def result(self, report: Path | None) -> tables.Result:
+    def result(self, report: Path | None, *, verbose: bool) -> Result:
         """Put it into words and numbers, with the report that was written."""
-        table = tables.table_text(
-            ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
-            [
-                [axis.axis, axis.unit, *(rounded(figure, 4) for figure in vars(left).values()),
-                 f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
-                for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
-            ],
-        )  # fmt: skip
-        references = dict.fromkeys(judged.reference for judged in self.judged)
-        basis = (
-            f'Reference: {", ".join(references)}. Errors are means over '
-            f'{averaged_s(self.stored.model):g} s, as those of calibrate.'
-        )
-        lines = [
-            table,
-            '',
-            *tables.verdict_lines(self.content),
-            '',
-            textwrap.fill(basis, tables.WIDTH),
-            *tables.advice_lines(self.content),
-            *(['', f'report: {report}'] if report else ()),
-        ]
+        words = content_words(self.content, verbose=verbose)
+        words += ['', f'report: {report}'] if report else []
         document = {
             'model': str(self.stored.path),
             'sha256': self.stored.sha256,
@@ -126,7 +108,7 @@ class Evaluation:
             'advice': self.content.advice,
             'warnings': self.content.warnings,
         }
-        return tables.Result('\n'.join(lines), document, self.content.warnings)
+        return Result(words, document, self.content.warnings)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -143,7 +125,8 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.reference, arguments.tare, progress)  # fmt: skip
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(evaluation.content))
-    tables.print_result(evaluation.result(arguments.report), as_json=arguments.json)
+    result = evaluation.result(arguments.report, verbose=arguments.verbose)
+    print_result(result, as_json=arguments.json)
     return 0
 
 
@@ -161,7 +144,8 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         _judge(stored, path, topics or Topics(), reference, tare_s, part_of(progress, i, count))
         for i, path in enumerate(paths)
     ]
-    return Evaluation(stored, paths, judged, tare_s, evaluation_content(stored, judged, tare_s))
+    content = evaluation_content(stored, judged, tare_s, paths)
+    return Evaluation(stored, paths, judged, tare_s, content)
 
 
 def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
@@ -205,5 +189,30 @@ def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
         warnings += (*work.warnings, *unknown)
     warnings += tuple(without_steps(compared, true)[1])
     errors = tared_errors(stored.model, compared, true, tare_s)
-    warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
+    warnings += range_warnings(stored, recording)  # of a recording that fits the model
     return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
+
+
+def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
+    """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
+    sentences = []
+    pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
+    for number, (column, thermometer) in enumerate(pairs):
+        low, high = thermometer['range_c']
+        share = float(np.mean((column < low) | (column > high)))
+        if share > 0:
+            sentences.append(
+                f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
+                f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
+                f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
+            )
+    heard = recording.measured
+    if stored.model.prediction is not None:  # one that is silent is predicted by the others
+        heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
+    silent = [replace(recording, measured=heard)]
+    sentences += silent_stretches(silent, CalibrationSettings().max_gap_s)
+    sentences += [
+        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+        for doubt, share in thermometer_doubts(stored.model, recording).items()
+    ]
+    return tuple(sentences)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib.util import find_spec
-import json
 import math
 from pathlib import Path
 import re
@@ -20,7 +19,6 @@ from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
-from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.
@@ -235,14 +233,12 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
     """Add the forms of output."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
+    parser.add_argument(
+        '--verbose', action='store_true', help='say of each axis why, and all that could be done'
+    )
     add_json(parser)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the form of output that scripts read."""
     parser.add_argument('--json', action='store_true', help='print JSON for scripts')
-
-
-def print_json(value: object) -> None:
-    """Print JSON for scripts; numbers that are not finite become null."""
-    print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))

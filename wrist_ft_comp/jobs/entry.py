@@ -19,7 +19,6 @@ from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.set_payload_commands import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
 #: Nice value of a job for which somebody waits.
@@ -41,14 +40,15 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
 def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     """Calibrate; a model is not given up because its report could not be written."""
     outcome = run_job(job)
+    content = outcome.view(job)
     lines = [
-        summarise(outcome.calibration),
+        *content.lines(),
         *(f'warning: {sentence}' for sentence in outcome.left_out),
         f'saved as {outcome.stored.path}',
     ]
     if job.report is not None:
         try:
-            REPORT.write(job.report, page(outcome.view(job)))
+            REPORT.write(job.report, page(content))
             lines.append(f'report: {job.report}')
         except WristFtCompError as error:
             lines.append(f'warning: {error}')

@@ -4,17 +4,17 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from itertools import repeat
-import math
 import re
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.days import event_line, events, summary
 from wrist_ft_comp.report.report_content import (
     AxisView,
     model_sources,
-    one_after_the_other,
+    MOST_ADVICE,
     ReportContent,
 )
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
@@ -32,43 +32,32 @@ _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
 def page(view: ReportContent) -> str:
-    """Write the page: HTML that loads nothing and runs nothing."""
+    """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
 
 
 def headline(view: ReportContent) -> str:
-    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``, and say what was seen."""
+    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``."""
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
     parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]
-    low, high = view.coverage.range_c[view.coverage.leading]
-    hours = sum(recording.duration_s for recording in view.recordings) / 3600
-    axes = f'{total} {"axis" if total == 1 else "axes"}'
-    return f'{axes}: {", ".join(parts)}. Seen: {hours:.1f} h at {low:.0f} to {high:.0f} °C.'
-
-
-def number(value: float) -> str:
-    """Write a number with four digits that count, as the command line does."""
-    if math.isnan(value):
-        return '–'
-    return f'{value:.0f}' if abs(value) >= 1000 else f'{value:.4g}'
+    return f'{total} {"axis" if total == 1 else "axes"}: {", ".join(parts)}.'
 
 
 @cache
 def _environment() -> Environment:
     """Prepare the templates, which lie beside this module."""
-    from wrist_ft_comp.report import days_picture, pictures  # noqa: PLC0415 -- matplotlib
+    from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
-    environment.filters.update(number=number, svg=pictures.svg_text)
+    environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        centers=_centers, days_figure=days_picture.days_figure, event_line=event_line,
-        events=events, generator=GENERATOR, learnt=_learnt,
-        levels=LEVEL_NAMES, model_sources=model_sources, number=number,
-        one_after_the_other=one_after_the_other, pictures=pictures, summary=summary)  # fmt: skip
+        centers=_centers, event_line=event_line, events=events, generator=GENERATOR,
+        learnt=_learnt, levels=LEVEL_NAMES, model_sources=model_sources,
+        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, summary=summary)  # fmt: skip
     return environment
 
 

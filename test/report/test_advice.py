@@ -1,16 +1,14 @@
 """What was seen, what was not, and what a person should record next."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.report.coverage import (
-    cover,
-    unseen_temperatures,
-    what_to_record_next,
-    what_was_not_learnt,
-    WORKING_RANGE_C,
-)
+from wrist_ft_comp.report import advice as module
+from wrist_ft_comp.report.advice import advise, Case, cover, unseen_temperatures, WORKING_RANGE_C
 
 HOUR = 360  # cells of 10 s
 
@@ -33,12 +31,10 @@ def seen(make_recording):
     return make
 
 
-def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), slowest_s=0.0, **more):
-    every = dict.fromkeys(AXES, 'good')
-    durations = [3600 * h for h in hours]
-    return '\n'.join(
-        what_to_record_next(coverage, levels or every, reference, durations, slowest_s, **more)
-    )
+def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
+    recordings = [SimpleNamespace(duration_s=3600 * h) for h in hours]
+    levels = dict.fromkeys(AXES, 'good') if levels is None else levels
+    return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
 
 
 def test_every_second_is_counted_once(seen):
@@ -96,12 +92,8 @@ def test_loads_are_those_of_the_reference(make_recording):
 
 
 def test_unseen_temperatures_are_named_in_one_sentence(seen):
-    text = advice(seen(ramp(15, 35)))
-    assert 'You have not seen 35 to 50 °C' in text
-    assert 'You have not seen 15' not in text
-    text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 50)))
-    assert text.count('you have not seen') == 1
-    assert '20 to 25, 30 to 35 °C' in text
+    text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 45)))
+    assert text.count('You have not seen 20 to 25, 30 to 35 and 45 to 50 °C: ') == 1
 
 
 NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
@@ -109,13 +101,17 @@ PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
 BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
-    (ramp(20, 35) + NOISE, {}, 'let it cool down', ''),
-    (ramp(20, 35), {}, 'let it cool down', ''),
-    (ramp(35, 20), {}, 'let it warm up', ''),
-    (BOTH_WAYS, {}, '', 'let it'),
-    (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'two: put another one', ''),
-    (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'two: put another one'),
-    (PAIR, {'levels': {'force_x': 'weak'}}, '', 'two: put another one'),
+    (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
+    (ramp(20, 35), {}, 'Let it cool down', ''),
+    (ramp(35, 20), {}, 'Let it warm up', ''),
+    (BOTH_WAYS, {}, '', 'Let it'),
+    (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
+    (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),
+    (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),
+    (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
+    (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
+    (ramp(20, 35), {}, 'ended hot: the sensor went 13.8 K', 'ended cold'),
+    (ramp(35, 20), {}, 'ended cold', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
@@ -139,14 +135,40 @@ def test_axes_and_loads_that_are_missing_are_named(seen, make_recording):
     assert 'drift of the gain' not in advice(loaded, reference='recorded')
 
 
-def test_an_evaluation_beyond_the_model_says_so(seen):
-    coverage = seen(ramp(20, 35))
+def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
+    coverage, model = seen(ramp(20, 35)), {'model': Path('my model.yaml')}
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
-        assert 'thermometer 1 left' in what_was_not_learnt(coverage, [learnt_c], {})
-    said = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good'})
-    assert said.startswith('The model was learnt at all the temperatures of these recordings. ')
+        assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
+    said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
+    assert said.startswith('The model holds on these recordings. Run it: ros2 run wrist_ft_comp')
+    assert "-p model_file:='my model.yaml'\n" in said
     assert 'nothing at 15 to 20 and 35 to 50 °C' in said
-    whole = what_was_not_learnt(seen(ramp(15, 50)), [(15.0, 50.0)], {'force_x': 'good'})
-    assert whole.endswith('of these recordings; they ask for no other one.')
-    poor = what_was_not_learnt(coverage, [(20.0, 35.0)], {'force_x': 'good', 'force_z': 'weak'})
-    assert 'and yet much is left of force_z: heat comes from where no thermometer is' in poor
+    whole = advice(seen(ramp(15, 50)), learnt_c=[(15.0, 50.0)], **model)
+    assert whole.count('\n') == 0, 'nothing else is asked for'
+    weak = {'force_x': 'good', 'force_z': 'weak'}
+    poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
+    assert poor.startswith('One thermometer does not explain force_z well: heat comes from')
+
+
+def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
+    def describe(path, topics):
+        assert (path, topics.temperatures) == (Path('day.mcap'), ('/inside',))
+        entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
+        candidates = [
+            SimpleNamespace(role='temperature', entry=entry, moves=moves)
+            for entry, moves in entries.items()
+        ]
+        return SimpleNamespace(candidates=candidates)
+
+    monkeypatch.setattr(module, 'describe_recording', describe)
+    case = Case(
+        [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)), 'unloaded',
+        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
+        [Path('day.mcap')], ['/inside'])  # fmt: skip
+    first, second, third, *_ = advise(case)
+    assert first.startswith('The load moved, although it was declared unloaded.')
+    assert second.endswith(
+        'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with '
+        "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
+    )
+    assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')
