@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
     from wrist_ft_comp.recordings.read import read_recording
     from wrist_ft_comp.report.evaluation import accuracy, evaluate, thermal_sensitivity_drift
+    from wrist_ft_comp.report.page import write_report
     from wrist_ft_comp.report.verdict import summarise
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -35,7 +36,7 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 _HOMES = {
     'accuracy': 'report.evaluation',
     'thermal_sensitivity_drift': 'report.evaluation',
-    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict',
+    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict', 'write_report': 'report.page',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.in_memory', 'recording_from_columns': 'recordings.in_memory',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
@@ -48,7 +49,7 @@ __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',
     'TareCollector', 'Topics', 'WristFtCompError', 'accuracy', 'calibrate', 'compensate',
     'evaluate', 'load_model', 'read_recording', 'recording_from_columns', 'save_model',
-    'summarise', 'thermal_sensitivity_drift',
+    'summarise', 'thermal_sensitivity_drift', 'write_report',
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # or every mistyped name would pass

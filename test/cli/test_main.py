@@ -29,6 +29,7 @@ def test_help_has_examples_and_fits_the_screen(command, run, monkeypatch):
     outcome = run(*command, '--help')
     assert (outcome.code, outcome.err) == (0, '')
     assert 'examples:\n  wrist_ft_comp' in outcome.out
+    assert 'exit code: 0 done, 1 refused' in outcome.out
     assert max(map(len, outcome.out.splitlines())) <= 80
     assert command or all(f'    {name}' in outcome.out for name in COMMANDS)
 

@@ -74,7 +74,7 @@ examples:
   wrist_ft_comp demo --json
 """
 _NEXT = """\
-Open {report} in a browser: it shows both days and what to do next.
+Open {report} in a browser: it shows day 2 before and after.
 The node's model, its recordings and its log are in {folder}.
 The same with your own recording, which prints the commands that learn from it:
   wrist_ft_comp show RECORDING"""
@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     payloads = load_payloads(model.with_name(PAYLOADS)) if arguments.at_work else {}
     masses_kg = {name: payload.mass_kg for name, (payload, _) in payloads.items()}
     reached, sentence = _judge(evaluation, masses_kg, at_work=arguments.at_work)
-    judged = evaluation.result(report, verbose=False)
+    judged = evaluation.result(None, verbose=False)
     words = [
         'Day 2, which the model does not know:', '', *judged.words, '',
         *_NEXT.format(report=report, folder=folder).splitlines(), '', *sentence.splitlines(),

@@ -23,6 +23,10 @@ examples:
 
 Run "wrist_ft_comp COMMAND --help" for the options of a command.
 """
+_EXIT_CODES = """\
+exit code: 0 done, 1 refused or failed, in one sentence on standard error,
+2 wrong usage, 130 interrupted.
+"""
 
 
 def build_parser() -> Parser:
@@ -30,12 +34,15 @@ def build_parser() -> Parser:
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog=EXAMPLES,
+        epilog=f'{EXAMPLES}\n{_EXIT_CODES}',
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
-        texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
+        texts = {
+            'description': command.DESCRIPTION,
+            'epilog': f'{command.EXAMPLES}\n{_EXIT_CODES}',
+        }
         name = command.__name__.rpartition('.')[2]
         subparser = commands.add_parser(name, help=command.HELP, **texts)
         subparser.set_defaults(run=command.run, command=subparser)

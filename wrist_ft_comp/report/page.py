@@ -1,18 +1,23 @@
 """The page: one self-contained HTML text that says how good a model is, and shows why."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import repeat
+from pathlib import Path
 import re
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days import event_line, events, summary
 from wrist_ft_comp.report.report_content import (
     AxisView,
+    calibration_content,
     model_sources,
     MOST_ADVICE,
     ReportContent,
@@ -35,6 +40,22 @@ def page(view: ReportContent) -> str:
     """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
+
+
+def write_report(
+    path: Path | str,
+    stored: StoredModel,
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+) -> None:
+    """
+    Write the report of a calibration that ``save_model`` has saved, with its recordings.
+
+    It replaces a report of this package only; OutputError where another file is there.
+    """
+    reference = calibration.settings.reference if calibration.settings else 'unloaded'
+    content = calibration_content(calibration, recordings, stored, reference)
+    REPORT.write(Path(path), page(content))
 
 
 def headline(view: ReportContent) -> str:

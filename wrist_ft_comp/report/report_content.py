@@ -410,9 +410,9 @@ def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -
     hardest = int(np.argmax(share))
     axis = max(after, key=lambda name: after[name][hardest] / max(fits[name].rms_before, 1e-300))
     return (
-        f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
-        f'{fits[axis].unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} '
-        f'{fits[axis].unit}. Another day like it would help most.'
+        f'The others predict {recordings[hardest].name} worst: {after[axis][hardest]:.3g} '
+        f'{fits[axis].unit} of {axis} are left there, and {after[axis].mean():.3g} '
+        f'{fits[axis].unit} on a mean day. Another day like it would help most.'
     )
 
 
