@@ -76,7 +76,7 @@ setup(
         'console_scripts': [
             'compensator = wrist_ft_comp.node.executables:compensator',
             'simulated_sensor = wrist_ft_comp.node.executables:simulated_sensor',
-            'wrist_ft_comp = wrist_ft_comp.cli.entry:main',
+            'wrist_ft_comp = wrist_ft_comp.__main__:main',
         ],
     },
 )

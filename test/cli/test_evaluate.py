@@ -189,33 +189,6 @@ def test_long_silence_is_named_by_every_command_that_reads(  # noqa: PLR0913, PL
     assert words in json.loads(run('show', path, '--json').out)['warnings'][0]
 
 
-def test_silence_of_the_thermometer_is_left_out_by_the_option_that_is_named(
-    run, make, slow_model, tmp_path
-):
-    columns = make.drifting(3600, seed=3)
-    columns['temperature_c'][1500:2400] = [None] * 900
-    path = make.csv(tmp_path / 'day.csv', columns)
-    said = run('evaluate', slow_model, path).err
-    option, stretch = re.search(r'(--exclude) (\S+)\.\n', said).groups()
-    again = run('evaluate', slow_model, path, option, stretch)
-    assert 'silent' not in again.err
-    assert re.search('force_z +N +good', again.out)
-
-
-def test_a_silent_thermometer_that_the_others_predict_is_no_straight_line(
-    run, make, pair_model, tmp_path
-):
-    columns = lagged_pair(7)
-    columns['temperature_2_c'][400:] = [None] * 680
-    one = run('evaluate', pair_model, make.csv(tmp_path / 'one.csv', columns)).err
-    assert 'thermometer 2 is silent; what the others predict of it is used' in one
-    assert 'held' not in one
-    columns['temperature_c'][800:] = [None] * 280
-    both = run('evaluate', pair_model, make.csv(tmp_path / 'both.csv', columns)).err
-    for thermometer in (1, 2):
-        assert f'Thermometer {thermometer} of both.csv is silent for 2800 s, from 2:13:20' in both
-
-
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
     """The driver tared in the middle of the day, and the axis is still called good."""
     columns, limits = make.drifting(3600, seed=3), load_model(slow_model).model.day_limits

@@ -49,14 +49,6 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     assert 'is not a model file' in run(command, tmp_path / 'empty', drift_csv, *more).sentence
 
 
-@pytest.mark.parametrize('target', ['/proc/nowhere/m.yaml', '/dev/null/m.yaml', 'file/m.yaml'])
-def test_an_unwritable_folder_is_refused(target, run, drift_csv, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'file').touch()
-    sentence = run('calibrate', drift_csv, '-o', target, '--method', 'pls').sentence
-    assert target.removesuffix('/m.yaml') in sentence
-
-
 @pytest.fixture
 def day(drift_csv, tmp_path):
     """A recording of the user's own, which may be harmed."""

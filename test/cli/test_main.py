@@ -259,7 +259,7 @@ class Loader:
             except KeyboardInterrupt:
                 raise ImportError(name)
 sys.meta_path.insert(0, Loader())
-from wrist_ft_comp.cli.entry import main
+from wrist_ft_comp.__main__ import main
 sys.exit(main())
 """
     words = [sys.executable, '-c', code]

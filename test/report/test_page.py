@@ -11,7 +11,7 @@ import pytest
 from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.page import headline, page
+from wrist_ft_comp.report.page import headline, page, write_report
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
@@ -154,6 +154,18 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     assert axis.entry['reason'] == ''
 
 
+def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(make, tmp_path):
+    recordings = [make.recording('monday.csv')]
+    calibration, stored = make.learn(recordings, tmp_path, method='pls')
+    write_report(tmp_path / 'r.html', stored, calibration, recordings)
+    whole = Outline((tmp_path / 'r.html').read_text()).whole
+    lines = calibration_content(calibration, recordings, stored, 'unloaded').lines()
+    assert lines[0].startswith('force_x: good. ')
+    advice = [line.removeprefix('next: ') for line in lines if line.startswith('next: ')]
+    assert len(advice) == 3
+    assert all(sentence in whole for sentence in advice)
+
+
 def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 2 recordings was held out' in text('good')
     assert 'cut into 3 blocks' in text('weak')
@@ -232,7 +244,7 @@ def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
     first = view('good').axes[0]
     first = replace(first, entry={**first.entry, **entry})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
-    assert '60 ± 3 s, 2.0 h' in whole
+    assert '60 ± 3 s, 7200 s' in whole
     assert 'It was the simplest.' in whole
 
 

@@ -85,16 +85,6 @@ def test_an_axis_without_a_model_has_its_reason():
     assert quiet.startswith('There is nothing to remove')
 
 
-def test_a_harmful_axis_says_of_how_many_recordings():
-    def said(count):
-        blocks = FoldErrors(np.ones(count), np.ones(count))
-        return judge(replace(FINE, after=20.0, blocks=blocks, block_name='recording')).sentence
-
-    assert said(1).endswith('would: 10 → 20 N RMS, in 1 recording.')
-    assert said(3).endswith('would: 10 → 20 N RMS, in 3 recordings.')
-    assert judge(replace(FINE, after=20.0)).sentence.endswith('10 → 20 N RMS.')
-
-
 @pytest.mark.parametrize('after', [1.0, 4.0, 11.0])
 @pytest.mark.parametrize(
     ('recordings', 'words'),

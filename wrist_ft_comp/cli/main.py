@@ -39,12 +39,10 @@ def build_parser() -> Parser:
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
-        texts = {
-            'description': command.DESCRIPTION,
-            'epilog': f'{command.EXAMPLES}\n{_EXIT_CODES}',
-        }
-        name = command.__name__.rpartition('.')[2]
-        subparser = commands.add_parser(name, help=command.HELP, **texts)
+        subparser = commands.add_parser(
+            command.__name__.rpartition('.')[2], help=command.HELP,
+            description=command.DESCRIPTION,
+            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}')  # fmt: skip
         subparser.set_defaults(run=command.run, command=subparser)
         command.add_arguments(subparser)
     parser.commands = dict(commands.choices)
@@ -57,7 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = takewhile(lambda word: word != '--', words)
     refuse = partial(_refuse, as_json=any(re.fullmatch('--js(o(n)?)?', word) for word in options))
     try:
-        _prepare_streams()
+        # Write any character, such as "°", in a narrow locale, too, and to closed streams nothing.
+        for name in ('stdout', 'stderr'):
+            stream = getattr(sys, name)
+            if stream is None:  # closed by whoever started us
+                setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
+            elif isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors='backslashreplace')
         return _run(words)
     except WristFtCompError as error:
         return refuse(error.kind(), str(error), 2 if isinstance(error, UsageError) else 1)
@@ -101,16 +105,6 @@ def _refuse(kind: str, sentence: str, code: int, *, as_json: bool) -> int:
     except OSError:
         _abandon_output()
     return code
-
-
-def _prepare_streams() -> None:
-    """Write any character, such as "°", in a narrow locale, too, and to closed streams nothing."""
-    for name in ('stdout', 'stderr'):
-        stream = getattr(sys, name)
-        if stream is None:  # closed by whoever started us
-            setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors='backslashreplace')
 
 
 def _abandon_output() -> None:

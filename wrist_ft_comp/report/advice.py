@@ -147,7 +147,14 @@ def advise(case: Case) -> tuple[str, ...]:
             'still while recording, or record its specific force and use --reference payload.'
         )
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
-    outside = _outside(case)
+    # Thermometers that left the temperatures which the model was learnt at.
+    outside = [
+        f'thermometer {number}'
+        for number, (seen, learnt) in enumerate(
+            zip(case.coverage.range_c, case.learnt_c, strict=False), start=1
+        )
+        if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
+    ]
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
@@ -237,16 +244,6 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
             f'These recordings hold nothing at {_enumerate(unseen)} °C. If the robot gets there, '
             'evaluate a recording of that, too.'
         )
-
-
-def _outside(case: Case) -> list[str]:
-    """Name the thermometers that left the temperatures which a model was learnt at."""
-    pairs = zip(case.coverage.range_c, case.learnt_c, strict=False)
-    return [
-        f'thermometer {number}'
-        for number, (seen, learnt) in enumerate(pairs, start=1)
-        if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
-    ]
 
 
 def _enumerate(words: Sequence[str]) -> str:

@@ -103,14 +103,11 @@ def _learnt(axis: AxisView) -> Iterator[tuple[str, str]]:
     if entry['reason']:
         yield 'because', entry['reason']
     if times_s := entry['time_constants_s']:
-        pairs = zip(times_s, entry['time_constant_errors_s'] or repeat(None), strict=False)
-        yield 'time constants', ', '.join(_duration(tau, error) for tau, error in pairs)
-
-
-def _duration(seconds: float, error: float | None) -> str:
-    """Write a time for people, and its standard error in the same unit, where that is known."""
-    unit, size, digits = 's', 1, 0
-    if seconds >= 120:
-        unit, size, digits = ('min', 60, 1) if seconds < 7200 else ('h', 3600, 1)
-    spread = '' if error is None else f' ± {error / size:.{digits}f}'
-    return f'{seconds / size:.{digits}f}{spread} {unit}'
+        errors_s = entry['time_constant_errors_s'] or repeat(None)
+        yield (
+            'time constants',
+            ', '.join(
+                f'{tau:.0f} s' if error is None else f'{tau:.0f} ± {error:.0f} s'
+                for tau, error in zip(times_s, errors_s, strict=False)
+            ),
+        )

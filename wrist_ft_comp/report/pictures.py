@@ -117,9 +117,13 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     pairs = zip(starts_h(recordings), recordings, strict=True)
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
-    _thermometer_lines(
-        panel, hours, np.concatenate([one.temperature_c for one in recordings]), part
-    )
+    columns = np.concatenate([one.temperature_c for one in recordings]).T
+    styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
+    many = len(columns) > 2
+    for j, (values, (colour, style)) in enumerate(zip(columns, styles, strict=False), start=1):
+        label = f'{j}' if many and j > 1 else f'thermometer {j}'  # the first has the word
+        _line(panel, hours, values, part, color=colour, ls=style, lw=1.4, label=label)
+    _legend(panel, columns=4 if many else 2)
     return figure
 
 
@@ -211,16 +215,6 @@ def _panel(x_label: str, y_label: str, size: tuple[float, float] = _SIZE) -> tup
     panel.spines[['top', 'right']].set_visible(False)
     panel.spines[['bottom', 'left']].set_color(FRAME)
     return figure, panel
-
-
-def _thermometer_lines(panel: Axes, x: FloatArray, columns: FloatArray, part: IntArray) -> None:
-    """Draw a line per thermometer, (n, J); a legend of many begins with the word only."""
-    styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
-    many = columns.shape[1] > 2
-    for j, (values, (colour, style)) in enumerate(zip(columns.T, styles, strict=False), start=1):
-        label = f'{j}' if many and j > 1 else f'thermometer {j}'
-        _line(panel, x, values, part, color=colour, ls=style, lw=1.4, label=label)
-    _legend(panel, columns=4 if many else 2)
 
 
 def _legend(panel: Axes, columns: int = 2) -> None:

@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
+from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
@@ -103,9 +103,27 @@ def judge(evidence: Evidence) -> Verdict:
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
     noise = NOISE_MARGIN * evidence.noise
     is_noise = after <= noise * evidence.widening
-    doubts = _doubts(evidence)
+    # What speaks against trusting the figures.
+    doubts = []
     if not is_noise and after > GOOD_REMAINDER * before:
-        doubts.insert(0, f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
+        doubts.append(f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
+    if evidence.blocks is not None:
+        block_before, block_after = evidence.blocks
+        # In a block that hardly drifts, more of it may be left and still be little.
+        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
+        worse = (block_after > HARMFUL_RATIO * block_before) & (block_after > little)
+        if worse.any():
+            doubts.append(
+                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
+                'more than no compensation'
+            )
+    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
+        doubts.append(
+            f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
+            f'{evidence.longest_s:.0f} s of recording'
+        )
+    if not evidence.promised:
+        doubts.append('the limit for another day is not known, so record one more day')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
     if after <= noise:
@@ -143,62 +161,29 @@ def _why_uncalibrated(evidence: Evidence) -> str:
     )
 
 
-def _doubts(evidence: Evidence) -> list[str]:
-    """List what speaks against trusting the figures."""
-    doubts = []
-    if evidence.blocks is not None:
-        before, after = evidence.blocks
-        # In a block that hardly drifts, more of it may be left and still be little.
-        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
-        worse = (after > HARMFUL_RATIO * before) & (after > little)
-        if worse.any():
-            doubts.append(
-                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
-                'more than no compensation'
-            )
-    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
-        doubts.append(
-            f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
-            f'{evidence.longest_s:.0f} s of recording'
-        )
-    if not evidence.promised:
-        doubts.append('the limit for another day is not known, so record one more day')
-    return doubts
-
-
 def summarise(calibration: Calibration) -> str:
     """Say what was learnt: a line per axis and payload, one on the recordings, the warnings."""
     lines = []
     for axis, fit in calibration.fits.items():
-        line = f'{axis}: no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
-        if fit.model is not None:
+        if fit.model is None:
+            line = f'no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
+        else:
             drifts = 'zero and sensitivity' if fit.model.outputs == 2 else 'zero'
             line = (
-                f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
+                f'{fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
                 f'({drifts}; {fit.chosen})'
             )
             # A method that a person named is kept although it may do harm, but not silently.
             line += ': WORSE THAN NONE' if fit.harmful else ''
-        limit = another_day(fit)
-        lines.append(f'{line}. {limit}' if limit else line)
+        if np.isfinite(fit.day_limit):
+            line += f', limit {fit.day_limit:.2g} {fit.unit}'
+        lines.append(f'{axis}: {line}')
     lines += calibration.payloads.lines() if calibration.payloads else []
     ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
     lines += filter(None, [conditions_of_another_day(calibration)])
     lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')
     lines += [f'warning: {warning}' for warning in calibration.warnings]
     return '\n'.join(lines)
-
-
-def another_day(fit: AxisFit) -> str:
-    """Say what another day of an axis is accepted by; nothing of a chamber test."""
-    if np.isnan(fit.largest_drift):
-        return ''
-    drift = f'{fit.largest_drift:.2g} {fit.unit}'
-    if fit.model is None:
-        return f'Another day: not compensated, {drift}.'
-    if np.isnan(fit.day_limit):
-        return f'Another day: limit not known (uncompensated {drift}); record one more day.'
-    return f'Another day: below {fit.day_limit:.2g} {fit.unit} (uncompensated {drift}).'
 
 
 def conditions_of_another_day(calibration: Calibration) -> str:
