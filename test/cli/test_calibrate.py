@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-import yaml
 
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.stored.model_file import load_model
@@ -25,21 +24,6 @@ def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, 
     assert float(peaks[1]) > after
     assert f'({before:.3g} → {after:.3g} N RMS)' in fit['why']
     assert f'{before:.4g}  ' in done('show', tmp_path / 'm.yaml')
-
-
-def test_orders_are_given_once_for_all_latents_or_once_per_latent(done, run, make, tmp_path):
-    path = make.csv(tmp_path / 'day.csv', make.drifting(900, both=True))
-    argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'arx_pls', '--json']
-    for given, words in (
-        ('--orders 2,2,1 --orders 1,1,0,direct', ('n 2, m 2, d 1', 'n 1, m 1, d 0, direct')),
-        ('--orders 1,2,0 --latents 2', ('n 1, m 2, d 0', 'n 1, m 2, d 0')),
-    ):
-        fit = json.loads(done(*argv, *given.split()))['axes']['force_z']
-        assert fit['chosen'] == 'arx_pls, 2 latents'
-        for r, (note, orders) in enumerate(zip(fit['notes'], words, strict=False), 1):
-            assert note.startswith(f'latent {r}: {orders}; J_{r} = ')
-    both = '--latents', 3, *['--orders', '1,1,0', '--orders', '1,1,0']
-    assert 'Orders of 2 latents do not fit 3 latents' in run(*argv, *both).err
 
 
 def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
@@ -68,17 +52,6 @@ def test_json_is_all_of_standard_output_even_with_warnings(run, make, tmp_path):
     assert (low, high) == pytest.approx((min(finite), max(finite)))
 
 
-def test_knots_below_zero_mean_hats(done, drift_csv, tmp_path):
-    model = tmp_path / 'm.yaml'
-    done(
-        'calibrate', drift_csv, '-o', model, '--method', 'pls',
-        '--hat-temperatures', '-40,20,30,40',
-    )  # fmt: skip
-    features = yaml.safe_load(model.read_text())['axes']['force_z']['model']['features']
-    assert features['kind'] == 'hats'
-    assert features['knots_c'] == [[-40.0, 20.0, 30.0, 40.0]]
-
-
 def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
     target = tmp_path / 'm.yaml'
     target.write_bytes(model.read_bytes())
@@ -93,9 +66,6 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
 @pytest.mark.parametrize(
     ('options', 'expected'),
     [
-        (['--degree', '0'], 'between 1 and 4'),
-        (['--features', 'powers', '--hat-temperatures', '10,20'], 'hats'),
-        (['--min-temperature-span', '50'], '50.0 K are needed'),
         (['--reference', 'recorded'], 'no reference wrench'),
         (['--temperature-topic', '/a:b:Kelvin'], "unit 'Kelvin'; expected C, K or F"),
         (['--thermal-period', '600'], 'spans 0.0 K'),

@@ -217,12 +217,6 @@ def fill_in(make, model, tmp_path):
     [
         ('calibrate {csv} -o {out} --method pls --wrench-topic /w --temperature-topic /t',
          ['--temperature-topic', '--wrench-topic']),
-        ('calibrate {csv} -o {out} --latents 2', ['--latents']),
-        ('calibrate {csv} -o {out} --orders 1,1,0 --method pls', ['--orders']),
-        ('calibrate {csv} -o {out} --latents 2 --method pls', []),
-        ('calibrate {csv} -o {out} --method arx_pls_oe --latents 2', ['--latents']),
-        ('calibrate {csv} -o {out} --features hats --degree 2 --hat-temperatures 20,26,32',
-         ['--degree']),
         ('evaluate {model} {csv} --imu-topic i', ['--imu-topic']),
         ('evaluate {model} {csv} --tare 3', []),
         ('compensate {model} {csv} -o {out} --tare 9 --output-topic /o', ['--output-topic']),

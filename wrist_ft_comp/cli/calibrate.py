@@ -2,15 +2,12 @@
 
 import argparse
 from pathlib import Path
-import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
 from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
 from wrist_ft_comp.jobs.request import CalibrationJob
@@ -38,63 +35,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
-    defaults = CalibrationSettings()
     parser.add_argument(
         '--method', choices=METHODS, metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
-        help='powers of temperature, or hat functions at given temperatures (default: powers, or '
-        'hats where --hat-temperatures are given)')  # fmt: skip
-    parser.add_argument(
-        '--degree', type=int,
-        help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)')  # fmt: skip
-    parser.add_argument(
-        '--hat-temperatures', type=_temperatures, default=(), metavar='T1,T2,…',
-        help='of hat functions, °C (default: the plateaus that were recorded)')  # fmt: skip
-    parser.add_argument(
-        '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
-    )
-    parser.add_argument(
-        '--orders', action='append', type=_orders, default=[], metavar='N,M,D[,direct]',
-        help='of arx_pls, once for all latents or once per latent: past outputs, inputs, and '
-        'delay in cells, as in eq. 20 of the paper; direct: the newest input comes a cell sooner '
-        '(default: chosen on held-out blocks)')  # fmt: skip
+        help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
+        '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
         '--thermal-period', type=options.number(*PERIODS_S), default=1.0, metavar='SECONDS',
         help='length of a thermal cell (default: %(default)s)')  # fmt: skip
-    parser.add_argument(
-        '--min-temperature-span', type=options.number(0.0),
-        default=defaults.min_temperature_span_k, metavar='KELVIN',
-        help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
     options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
 
 
-def _temperatures(text: str) -> tuple[float, ...]:
-    """Parse temperatures that are separated by commas: increasing, without repetitions, °C."""
-    parse = options.number(-273.15)
-    temperatures = tuple(sorted({parse(part) for part in text.split(',')}))
-    if len(temperatures) < 2:
-        raise argparse.ArgumentTypeError(f'expected at least two temperatures, got {text!r}')
-    return temperatures
-
-
-def _orders(text: str) -> Orders:
-    """Parse the orders of a latent's ARX."""
-    found = re.fullmatch(r'(\d+),(\d+),(\d+)(,direct)?', text)
-    if not found:
-        raise argparse.ArgumentTypeError(f'expected such as 2,2,1 or 1,1,0,direct, got {text!r}')
-    try:
-        return Orders(int(found[1]), int(found[2]), int(found[3]), direct=bool(found[4]))
-    except SettingsError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_recordings(arguments.recordings, options.topics_from(arguments))
+    topics = options.topics_from(arguments)
+    options.check_recordings(arguments.recordings, topics)
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
@@ -103,16 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
     MODEL.check_target(arguments.output, others)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
-    job = _job(arguments)
+    identification = IdentificationSettings(arguments.method, features=arguments.features)
+    job = CalibrationJob(
+        tuple(arguments.recordings), arguments.output,
+        CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
+        arguments.thermal_period, topics, report=arguments.report)  # fmt: skip
     options.warn_of_idle(arguments, arguments.recordings)
-    # Choices that the method does not leave.
-    method, hats = arguments.method, job.settings.identification.features == 'hats'
-    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
-        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
-    if method != 'arx_pls':
-        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
-    if hats:
-        options.warn_of(arguments, ['degree'], 'hats have no degree')
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
@@ -127,23 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
     result = Result(words, _document(outcome, content), content.warnings)
     print_result(result, as_json=arguments.json)
     return 0
-
-
-def _job(arguments: argparse.Namespace) -> CalibrationJob:
-    """Build the job; given temperatures of hats mean hats."""
-    if arguments.hat_temperatures and arguments.features == 'powers':
-        raise SettingsError('--hat-temperatures belongs to --features hats; leave one out.')
-    default: FeatureKind = 'hats' if arguments.hat_temperatures else 'powers'
-    settings = CalibrationSettings(
-        reference=arguments.reference or 'unloaded',
-        min_temperature_span_k=arguments.min_temperature_span,
-        identification=IdentificationSettings(
-            method=arguments.method, features=arguments.features or default,
-            degree=arguments.degree, hat_temperatures_c=arguments.hat_temperatures,
-            latents=arguments.latents, orders=tuple(arguments.orders)))  # fmt: skip
-    return CalibrationJob(
-        tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
-        options.topics_from(arguments), report=arguments.report)  # fmt: skip
 
 
 def _document(outcome: JobOutcome, content: ReportContent) -> dict[str, object]:

@@ -37,7 +37,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         #: Parsers of the commands, by name.
         self.commands: dict[str, Parser] = {}
-        # Let "--hat-temperatures -40,0,20" be an option and its value.
+        # Let "-o -1" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
 
     def error(self, message: str) -> NoReturn:
@@ -164,18 +164,13 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
     """Warn of options that have no effect for recordings of these kinds."""
     kinds = {kind_of(path) for path in recordings}
-    if BAG not in kinds:
-        warn_of(arguments, _OF_BAGS, 'nothing that was named is a bag')
-    if TABLE not in kinds:
-        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a table')
-
-
-def warn_of(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
-    """Warn of those options that were given, that they do nothing, and why."""
-    for name in sorted(names):
-        if name in arguments and getattr(arguments, name) != arguments.command.get_default(name):
-            option = f'--{name.replace("_", "-")}'
-            print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
+    for kind, names in ((BAG, _OF_BAGS), (TABLE, ('columns', 'time'))):
+        for name in () if kind in kinds else names:
+            default = arguments.command.get_default(name)
+            if getattr(arguments, name, default) != default:
+                option = f'--{name.replace("_", "-")}'
+                what = f'nothing that was named is a {kind}'
+                print(f'warning: {option} does nothing here: {what}.', file=sys.stderr)
 
 
 def check_model(path: Path) -> None:

@@ -110,8 +110,7 @@ def content_words(content: ReportContent, *, verbose: bool) -> list[str | Table]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
     words: list[str | Table] = [Table([*content.titles, 'left over time'], rows)]
     words.append(filled(f'before, left: root mean square. {content.conditions}'))
-    if content.work and content.work.learnt:
-        words += map(filled, content.work.learnt.lines())
+    words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         sentences = (f'{axis.axis}: {axis.verdict.sentence}' for axis in content.axes)
         words += ['', *map(filled, sentences), filled(content.explanation)]

@@ -50,13 +50,6 @@ class Coverage:
     #: How far the leading thermometer went up, and down.
     risen_k: float
     fallen_k: float
-    #: Smallest, largest and standard deviation, N or N m, by axis where a reference was recorded.
-    loads: dict[str, tuple[float, float, float]]
-
-    @property
-    def loaded(self) -> bool:
-        """Whether a recorded reference was ever another one than zero."""
-        return any(low < 0 or high > 0 for low, high, _ in self.loads.values())
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -85,16 +78,10 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
                           max(round(_TREND_S / recording.period_s), 1)))
         for recording, at in pairs if len(at)
     ])  # fmt: skip
-    reference = np.concatenate([recording.reference for recording in recordings])
-    loads = {
-        axis: (float(loaded.min()), float(loaded.max()), float(loaded.std()))
-        for axis, column in zip(AXES, reference.T, strict=True)
-        if len(loaded := column[np.isfinite(column)])
-    }
     return Coverage(
         edges_c=edges, seconds=np.array(seconds), range_c=range_c, leading=leading,
         risen_k=float(np.abs(moves[moves > 0]).sum()),
-        fallen_k=float(np.abs(moves[moves < 0]).sum()), loads=loads)  # fmt: skip
+        fallen_k=float(np.abs(moves[moves < 0]).sum()))  # fmt: skip
 
 
 def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
@@ -131,8 +118,6 @@ class Case:
     thermometers: Sequence[str] = ()
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
-    #: A sentence on the recording that the others predict worst; empty where none stands out.
-    hardest: str = ''
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
@@ -206,8 +191,6 @@ def _recorded(case: Case) -> Iterator[str]:
             f'{other} by {min(up, down):.1f} K only. Let it {action} while recording: a lag shows '
             'where both ways differ.'
         )
-    if case.hardest:
-        yield case.hardest
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
@@ -218,7 +201,7 @@ def _recorded(case: Case) -> Iterator[str]:
         )
     if missing := [axis for axis in AXES if axis not in case.levels]:
         yield f'No recording holds {_enumerate(missing)}; what is not recorded is passed through.'
-    if case.reference not in {'recorded', 'payload'} or not coverage.loads:
+    if case.reference not in {'recorded', 'payload'}:
         yield (
             'The drift of the gain is not known. If the sensor works under large loads, record '
             'changing loads with a reference beside them (reference "recorded").'

@@ -111,11 +111,7 @@ def summary(diary: Diary) -> tuple[str, str]:
     sentence = f'{head}: on a usual day a force drifted by {rounded(force.without, 2)} N'
     if np.isnan(force.left):
         return f'{sentence}; no model was live.', f'{counted}.'
-    (without, left), most = judged.mean(axis=0), judged[:, 1].max()
-    counted += (
-        f' with a model; mean {rounded(without, 2)} and {rounded(left, 2)} N; most left '
-        f'{rounded(most, 2)} N.'
-    )
+    counted += f' with a model; most left {rounded(judged[:, 1].max(), 2)} N.'
     if np.isfinite(torque.left):
         counted += (
             f' A torque drifted by {rounded(torque.without, 2)} N m; the model left '

@@ -25,7 +25,6 @@ from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.advice import Coverage, WORKING_RANGE_C
 from wrist_ft_comp.report.days import (
     drift_left,
     Event,
@@ -124,22 +123,6 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
         label = f'{j}' if many and j > 1 else f'thermometer {j}'  # the first has the word
         _line(panel, hours, values, part, color=colour, ls=style, lw=1.4, label=label)
     _legend(panel, columns=4 if many else 2)
-    return figure
-
-
-def time_over_temperature(coverage: Coverage) -> Figure:
-    """Draw how long the leading thermometer was at every temperature, and where it never was."""
-    figure, panel = _panel('temperature, °C', 'minutes per kelvin')
-    edges, minutes = coverage.edges_c, coverage.seconds[coverage.leading] / 60
-    panel.bar(edges[:-1], minutes, np.diff(edges), align='edge', color=WITH, label='seen')
-    low, high = WORKING_RANGE_C
-    empty = (minutes == 0) & (edges[:-1] >= low) & (edges[1:] <= high)
-    panel.bar(
-        edges[:-1][empty], np.full(int(empty.sum()), max(minutes.max(), 1e-9)),
-        np.diff(edges)[empty], align='edge', color='none', edgecolor=FRAME, hatch='////', lw=0,
-        label='not seen',
-    )  # fmt: skip
-    _legend(panel)
     return figure
 
 

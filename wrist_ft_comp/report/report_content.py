@@ -39,8 +39,6 @@ MOST_ADVICE = 3
 _RESOLVED = 1e-6
 #: Letters that draw what is left over time, the lowest first, and how many means they show.
 _BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 16
-#: A recording is named where a model of the others leaves this many times the median of it.
-_HARD_RATIO = 1.5
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
     'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
@@ -98,18 +96,6 @@ class AxisView:
 
 
 @dataclass(frozen=True, eq=False)
-class AtWork:
-    """What was learnt at work."""
-
-    #: None where no payload could be identified.
-    learnt: LearntPayloads | None
-    #: How much of the time counted, and what was seen, in a sentence.
-    used: str
-    #: Tares of the driver that were taken out.
-    steps: int
-
-
-@dataclass(frozen=True, eq=False)
 class EvaluatedRecording:
     """A recording on the model's grid, what it was compared with, and what came out."""
 
@@ -136,8 +122,9 @@ class ReportContent:
     advice: tuple[str, ...]
     #: What a person should know.
     warnings: tuple[str, ...]
-    #: What was learnt at work, if it was.
-    work: AtWork | None = None
+    #: What was learnt at work: payloads, where some could be identified, and what counted.
+    payloads: LearntPayloads | None = None
+    at_work: str = ''
     #: Under which conditions the limits of another day hold; empty where none is stated.
     conditions: str = ''
     #: The days of the node that learnt the model by itself, if one did.
@@ -191,11 +178,10 @@ class ReportContent:
 
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
-        payloads = self.work.learnt.lines() if self.work and self.work.learnt else []
         return [
             *(f'{axis.axis}: {LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
               for axis in self.axes),
-            *payloads,
+            *(self.payloads.lines() if self.payloads else ()),
             *(f'next: {sentence}' for sentence in self.advice[:MOST_ADVICE]),
             *(f'warning: {sentence}' for sentence in self.warnings),
         ]  # fmt: skip
@@ -240,8 +226,7 @@ def calibration_content(
         calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
-        slowest_s=max(map(_slowest_s, fits.values()), default=0.0),
-        hardest=_hardest_day(fits, recordings))  # fmt: skip
+        slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -250,7 +235,8 @@ def calibration_content(
         explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
         advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        work=None if work is None else _at_work(calibration.payloads, work))  # fmt: skip
+        payloads=calibration.payloads,
+        at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
 def evaluation_content(
@@ -398,61 +384,38 @@ def _slowest_s(fit: AxisFit) -> float:
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -> str:
-    """Name the recording that the others predict worst: what is like it was seen too little."""
-    after = {axis: rms_by_fold(_held_out(fit)).after for axis, fit in fits.items() if fit.model}
-    shares = [
-        left / max(left.mean(), 1e-300) for left in after.values() if len(left) == len(recordings)
-    ]
-    share = np.mean(shares or [[0.0]], axis=0)
-    if len(recordings) < 3 or share.max() < _HARD_RATIO * np.median(share):
-        return ''
-    hardest = int(np.argmax(share))
-    axis = max(after, key=lambda name: after[name][hardest] / max(fits[name].rms_before, 1e-300))
-    return (
-        f'The others predict {recordings[hardest].name} worst: {after[axis][hardest]:.3g} '
-        f'{fits[axis].unit} of {axis} are left there, and {after[axis].mean():.3g} '
-        f'{fits[axis].unit} on a mean day. Another day like it would help most.'
-    )
-
-
 def _explanation(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""
-    fits = calibration.fits.values()
-    first = _held_out(next(iter(fits)))
-    count, zero, widened = len(np.unique(first.fold)), 'after a tare in its first minute', ''
-    if len(recordings) > 1:
-        blocks = f'Each of the {count} recordings'
-    elif first.tared:
+    first = _held_out(next(iter(calibration.fits.values())))
+    count, zero = len(np.unique(first.fold)), 'after a tare in its first minute'
+    blocks = f'Each of the {count} recordings'
+    if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
-        more = [100 * (_widening(fit) - 1) for fit in fits]
-        widened = (
-            f' {min(more):.0f} to {max(more):.0f} % are added to what was left, because a whole '
-            'day drifts further than a block.'
-        )
-    else:
+        zero += ' and widened to a whole day, which drifts further than a block'
+    elif len(recordings) == 1:
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
         f'temperatures alone. Errors are means over {first.bin_s:g} s, counted {zero}, with '
-        f'compensation and without.{widened} Reference: {reference}.'
+        f'compensation and without. Reference: {reference}.'
     )
 
 
-def _at_work(learnt: LearntPayloads | None, separation: Separation) -> AtWork:
-    """Collect payloads and what counted."""
+def _at_work(separation: Separation) -> str:
+    """Say how much of the time counted, and what was seen."""
     counts, usable = separation.fit.weights > COUNTS, separation.cells.usable
     cells = sum(len(recording) for recording in separation.recordings)
     counted = np.concatenate(separation.cells.join(counts))
     gravity = describe_force(moments_of(np.concatenate(separation.accelerometer.forces)[counted]))
     seen = ('none', 'one', 'two', 'all')[0 if gravity is None else gravity.seen]
     share, pushed = counts.sum() / cells, (usable & ~counts).sum() / cells
-    used = (
+    tares = sum(map(len, separation.steps))
+    return (
         f'Learnt from {share:.0%} of the time; {pushed:.0%} were taken for contact, the rest '
         f'turned fast or held no specific force. Gravity moved along {seen} of three directions; '
-        'a payload needs two, its centre of mass all.'
+        'a payload needs two, its centre of mass all. Steps that no payload explains, such as '
+        f'tares of the driver: {tares}.'
     )
-    return AtWork(learnt, used, sum(map(len, separation.steps)))
