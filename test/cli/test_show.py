@@ -141,7 +141,6 @@ def test_the_table_of_days_has_a_row_for_every_day(done, folder):
         'day_00005.csv: not judged yet',
         '2026-02-02 person chose model: model_x.yaml was adopted',
         'last change: 2026-05-02',
-        'known temperatures: thermometer 1: 18.0 to 29.0, 35.0 to 40.0 °C',
         'offered: m.yaml',
         'paused: zero of force_z jumped',
     ):

@@ -63,17 +63,6 @@ def test_time_without_a_wrench_is_not_counted(make_recording):
     np.testing.assert_allclose(unseen, [(15, 20), (35, 50)], atol=0.1)
 
 
-def test_time_between_wrenches_that_come_seldom_is_counted_but_no_gap(make_recording):
-    raw = np.where(np.arange(HOUR) % 20 == 0, 0.0, np.nan)
-    raw[100:200] = np.nan
-    coverage = cover([make_recording(ramp(20, 30), {'force_z': raw}, period_s=1.0)])
-    assert coverage.seconds.sum() == pytest.approx(341)
-    raw = np.where((np.arange(HOUR) >= 100) & (np.arange(HOUR) < 200), np.nan, 0.0)
-    coverage = cover([make_recording(ramp(20, 56), {'force_z': raw})])
-    assert coverage.seconds.sum() == pytest.approx(260 * 10)
-    assert (30.0, 40.0) in unseen_temperatures(coverage)
-
-
 def test_the_thermometer_that_spans_most_leads(seen):
     flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
     coverage = seen(np.stack((flat, hot), axis=1))

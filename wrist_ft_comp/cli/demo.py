@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise RecordingError(f'The node did not keep its model; see its log in {folder}.')
     with progress_bar('judging day 2') as progress:
         evaluation = evaluate.evaluate_recordings(
-            model, [day_2], reference='recorded', progress=progress
+            model, [day_2], wanted='recorded', progress=progress
         )
     REPORT.write(report, page(evaluation.content))
     payloads = load_payloads(model.with_name(PAYLOADS)) if arguments.at_work else {}

@@ -134,63 +134,48 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     model: Path,
     paths: Sequence[Path],
     topics: Topics | None = None,
-    reference: Reference | None = None,
+    wanted: Reference | None = None,
     tare_s: float = 60.0,
     progress: Progress = lambda _: None,
 ) -> Evaluation:
     """Judge a model file on recordings; the reference is that of the model by default."""
-    stored, count = load_model(model), len(paths)
-    judged = [
-        _judge(stored, path, topics or Topics(), reference, tare_s, part_of(progress, i, count))
-        for i, path in enumerate(paths)
-    ]
+    stored, judged = load_model(model), list[EvaluatedRecording]()
+    period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
+    for number, path in enumerate(paths):
+        recording = read_recording(
+            path, period_s=period_s, topics=topics or Topics(),
+            progress=part_of(progress, number, len(paths)))  # fmt: skip
+        # What the model was learnt with, where the recording holds it, too.
+        reference: Reference = wanted or 'unloaded'
+        if wanted is None and stored.reference == 'payload':
+            reference = 'unloaded' if recording.specific_force is None else 'payload'
+        elif wanted is None and stored.reference == 'recorded':
+            reference = 'recorded' if np.isfinite(recording.reference).any() else 'unloaded'
+        warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
+        if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
+            warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
+        warnings += recording.warnings
+        if reference in {'unloaded', 'constant'}:
+            warnings += tuple(follows_gravity([recording], reference))
+        compared, true = recording, reference
+        if reference == 'payload':
+            work = learn_at_work([recording])
+            compared, true = work.drift[0], 'recorded'
+            others = [payload for payload, _ in load_payloads(known).values()]
+            warnings += work.warnings
+            warnings += tuple(
+                f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
+                f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
+                for payload in (work.payloads.payloads.values() if work.payloads else ())
+                if not any(same_payload(payload, other) for other in others)
+            )
+        warnings += tuple(without_steps(compared, true)[1])
+        errors = tared_errors(stored.model, compared, true, tare_s)
+        warnings += range_warnings(stored, recording)  # of a recording that fits the model
+        recording = replace(recording, warnings=warnings)
+        judged.append(EvaluatedRecording(recording, reference, errors))
     content = evaluation_content(stored, judged, tare_s, paths)
     return Evaluation(stored, paths, judged, tare_s, content)
-
-
-def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
-    stored: StoredModel,
-    path: Path,
-    topics: Topics,
-    wanted: Reference | None,
-    tare_s: float,
-    progress: Progress,
-) -> EvaluatedRecording:
-    """Read a recording and compare it, raw and compensated, with its reference."""
-    period_s = stored.model.period_ns / NANOSECONDS
-    recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
-    reference: Reference = wanted or 'unloaded'
-    # What the model was learnt with, where the recording holds it, too.
-    if wanted is None and stored.reference == 'payload' and recording.specific_force is not None:
-        reference = 'payload'
-    if (
-        wanted is None
-        and stored.reference == 'recorded'
-        and np.isfinite(recording.reference).any()
-    ):
-        reference = 'recorded'
-    warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
-    if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
-        warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
-    warnings += recording.warnings
-    if reference in {'unloaded', 'constant'}:
-        warnings += tuple(follows_gravity([recording], reference))
-    compared, true = recording, reference
-    if reference == 'payload':
-        work = learn_at_work([recording])
-        compared, true = work.drift[0], 'recorded'
-        known = load_payloads(stored.path.with_name(PAYLOADS)).values()
-        unknown = tuple(
-            f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
-            f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
-            for payload in (work.payloads.payloads.values() if work.payloads else ())
-            if not any(same_payload(payload, other) for other, _ in known)
-        )
-        warnings += (*work.warnings, *unknown)
-    warnings += tuple(without_steps(compared, true)[1])
-    errors = tared_errors(stored.model, compared, true, tare_s)
-    warnings += range_warnings(stored, recording)  # of a recording that fits the model
-    return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:

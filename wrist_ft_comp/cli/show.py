@@ -34,7 +34,6 @@ from wrist_ft_comp.report.days import (
     event_line,
     events,
     judged_drifts,
-    known_temperatures,
     PICTURE,
     summary,
     usual_drift,
@@ -371,17 +370,12 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
             ]
         )
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
-    seen = (
-        f'thermometer {j}: {", ".join(f"{low:.1f} to {high:.1f}" for low, high in ranges)} °C'
-        for j, ranges in enumerate(known_temperatures(diary), start=1)
-    )
     newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
     lines = [
         f'What happened{newest}:' if happened else '',
         *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
         *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
         f'last change: {last_change(diary.history) or "none yet"}',
-        f'known temperatures: {"; ".join(seen) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]

@@ -15,7 +15,7 @@ from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_survey import TEMPERATURE
 from wrist_ft_comp.recordings.describe import describe_recording
 from wrist_ft_comp.report.verdict import Level
-from wrist_ft_comp.series import FloatArray, stretches
+from wrist_ft_comp.series import FloatArray
 
 #: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)
@@ -54,16 +54,10 @@ class Coverage:
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
     """Count what recordings have seen together; at least one of them must hold a wrench."""
-    # The cells at and between wrenches, but for gaps.
-    cells = []
-    for recording in recordings:
-        present = np.any(np.isfinite(recording.wrench), axis=1)
-        at, numbers = np.flatnonzero(present), stretches(present, recording.period_s)
-        parts = [at[numbers[at] == number] for number in np.unique(numbers[at])]
-        cells.append(
-            np.concatenate([np.arange(0), *(np.arange(part[0], part[-1] + 1) for part in parts)])
-        )
-    pairs = list(zip(recordings, cells, strict=True))
+    pairs = [
+        (recording, np.flatnonzero(np.isfinite(recording.wrench).any(axis=1)))
+        for recording in recordings
+    ]
     temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
     period_s = np.concatenate([np.full(len(at), recording.period_s) for recording, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)

@@ -189,17 +189,3 @@ def date_of(entry: DayEntry) -> str:
         return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
     except (OverflowError, ValueError):
         return '-'
-
-
-def known_temperatures(diary: Diary) -> list[list[tuple[float, float]]]:
-    """Merge what the days saw, °C: by thermometer, intervals that do not touch."""
-    known: list[list[tuple[float, float]]] = []
-    for j in range(max((len(day.temperature_c) for day in diary.days), default=0)):
-        known.append([])
-        intervals = (day.temperature_c[j] for day in diary.days if len(day.temperature_c) > j)
-        for low, high in sorted(intervals):
-            if known[j] and low <= known[j][-1][1]:
-                known[j][-1] = known[j][-1][0], max(high, known[j][-1][1])
-            else:
-                known[j].append((low, high))
-    return known

@@ -162,28 +162,17 @@ def _why_uncalibrated(evidence: Evidence) -> str:
 
 
 def summarise(calibration: Calibration) -> str:
-    """Say what was learnt: a line per axis and payload, one on the recordings, the warnings."""
+    """Say what was learnt: a line per axis and payload, one on the limits, the warnings."""
     lines = []
     for axis, fit in calibration.fits.items():
-        if fit.model is None:
-            line = f'no compensation; drift held out {fit.rms_before:.3g} {fit.unit} RMS'
-        else:
-            drifts = 'zero and sensitivity' if fit.model.outputs == 2 else 'zero'
-            line = (
-                f'{fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out '
-                f'({drifts}; {fit.chosen})'
-            )
-            # A method that a person named is kept although it may do harm, but not silently.
-            line += ': WORSE THAN NONE' if fit.harmful else ''
-        if np.isfinite(fit.day_limit):
-            line += f', limit {fit.day_limit:.2g} {fit.unit}'
-        lines.append(f'{axis}: {line}')
+        line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out'
+        # A method that a person named is kept although it may do harm, but not silently.
+        line += f' ({fit.chosen}){": WORSE THAN NONE" if fit.harmful else ""}'
+        limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
+        lines.append(line + limit)
     lines += calibration.payloads.lines() if calibration.payloads else []
-    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
     lines += filter(None, [conditions_of_another_day(calibration)])
-    lines.append(f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C')
-    lines += [f'warning: {warning}' for warning in calibration.warnings]
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *(f'warning: {warning}' for warning in calibration.warnings)])
 
 
 def conditions_of_another_day(calibration: Calibration) -> str:
