@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning import diary, memory
+from wrist_ft_comp.learning import diary
 from wrist_ft_comp.stored import model_file, payload_file, state_file
 
 #: By the name of a file: its kind, what reads it, what replaces it, and what is said.
@@ -16,8 +16,8 @@ FILES = {
     ),
     'state.json': (state_file.KIND, state_file.load_state, None, 'it is not used.'),
     'learning.json': (
-        memory.KIND, lambda path: memory.load_memory(path.parent),
-        lambda path: memory.save_memory(path.parent, memory.Memory()), 'it is not used.',
+        diary.MEMORY, lambda path: diary.load_memory(path.parent),
+        lambda path: diary.save_memory(path.parent, diary.Memory()), 'it is not used.',
     ),
     'days/diary.json': (
         diary.KIND, lambda path: diary.KIND.load(diary.Diary, path),

@@ -18,6 +18,8 @@ BoolArray = NDArray[np.bool_]
 #: Reports progress: takes the share of the work that is done, 0 to 1.
 Progress = Callable[[float], None]
 NANOSECONDS = 1_000_000_000
+#: Share of a sum, or of a sum of squares, that is rounding.
+ROUNDING = 1e-12
 #: Means of equal readings differ by less than this share, because sums are rounded.
 _ROUNDING = 1e-9
 #: Stamps of two drivers that lie farther apart come from two clocks, s.

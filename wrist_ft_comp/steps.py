@@ -23,7 +23,7 @@ _APART_S = 60.0
 #: Smallest step, in standard deviations of a reading, over all axes.
 _SMALLEST_SIGMA = 15.0
 #: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s ...
-_HEAT_S = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0)
+_HEAT_S = np.geomspace(5.0, 160.0, 11)
 #: ... of which those below this many cells are left out: means over cells do not show them.
 _LEAST_HEAT_CELLS = 2.0
 #: A step and sudden heat may begin this far from where the reading seems to step, s. The level
@@ -32,12 +32,15 @@ _SEARCHED_S = 20.0
 #: A step is named where it is more likely than heat by the exponential of this: with n readings,
 #: n times the logarithm of the ratio of squares that heat and step leave.
 _LEAST_EVIDENCE = 18.0
-#: Where a long contact hides what happened, heat and step explain it alike. A jump of this size,
-#: in standard deviations over all axes, is taken for a step then, but not named. With cells of
-#: 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that were none.
-_HIDDEN_SIGMA = 100.0
-#: Heat is likelier than a step below this evidence.
-_HIDDEN_EVIDENCE = -1.0
+#: Where a contact of at least this time hides what happened, s, heat and step explain it alike. A
+#: jump is taken for a step then, but not called certain, ...
+_HIDING_S = 20.0
+#: ... from this size on, in standard deviations over all axes. With cells of 10 s, tares of a
+#: driver were above 300; at 40, five of six worlds got steps that were none; at 100, jumps of 2 N
+#: were missed ...
+_HIDDEN_SIGMA = 60.0
+#: ... and where the best of 33 heats is likelier by no more than it may be by chance, ln 33.
+_HIDDEN_EVIDENCE = -3.5
 #: A robust weight's width while a step is placed, in standard deviations of an axis.
 _WIDTH = 4.0
 
@@ -172,8 +175,9 @@ def _explain(
     )
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
     jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
-    size, smallest = np.linalg.norm(jump), _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA
-    if evidence < _HIDDEN_EVIDENCE or size < smallest:
+    hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE
+    smallest = _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA if hidden else np.inf
+    if np.linalg.norm(jump) < smallest:
         return None
     after = int(firsts[first])
     before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _SEARCHED_S)

@@ -10,10 +10,7 @@ an empty flange and without a tare. Both use ``auto``. For every scenario: drift
 by the yardstick's, masses and centres of mass against what was drawn, how many of them are within
 their stated standard errors, and steps that were found for the driver's tares.
 
-docs/accuracy.md has the figures of twelve worlds that nobody had looked at. Not reached in that
-draw: a ratio of medians of 1.15, but for [imu] (1.25 to 1.40); in the twelve worlds before, by the
-same rules, [tool] and [part] came to 1.07 and 1.10. By TF it was missed in both (2.30): its base
-is not level, which no recording tells.
+docs/accuracy.md has the figures of worlds that nobody had looked at.
 """
 
 from concurrent.futures import ProcessPoolExecutor
@@ -36,29 +33,19 @@ MEDIAN = STATISTICS['median']
 
 
 class Judged(NamedTuple):
-    """
-    One world.
+    """One world."""
 
-    Attributes
-    ----------
-    left, empty : ndarrays, shape (6,)
-        Share of the drift that is left, learnt at work and with an empty flange.
-    mass, center : ndarrays, shape (P, 2) and (P, 3, 2)
-        Errors and stated standard errors of each payload, relative and in m; NaN where none was
-        reported.
-    payloads, tares : tuple
-        Found and there.
-    seconds : float
-        Time it took to learn at work.
-
-    """
-
+    #: Share of the drift that is left, learnt at work and with an empty flange, (6,).
     left: FloatArray
     empty: FloatArray
+    #: Errors and stated standard errors of each payload, relative and in m, (P, 2), (P, 3, 2); NaN
+    #: where none was reported.
     mass: FloatArray
     center: FloatArray
+    #: Found and there.
     payloads: tuple[int, int]
     tares: tuple[int, int]
+    #: Time it took to learn at work.
     seconds: float
 
 

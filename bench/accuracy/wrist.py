@@ -7,7 +7,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings
 from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings, true_wrench
 
 #: The duty cycle of the wrist changes this often, s.

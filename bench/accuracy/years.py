@@ -11,16 +11,13 @@ every quarter, added to those before, and one learns by itself (``auto``: a bett
 the next day). On every day, the last is compared with the best of the models that were live in the
 week before.
 
-Seen on 20 years that nobody had tuned on, with a learner that changed its model only when it was
-sure: from day 4 on no year was worse than one warm-up. The present one, which takes the model of
-all days unless that leaves clearly more, has lived through eight whole years (docs/accuracy.md).
 A year takes 5 to 11 min on two processors: days to come are drawn and looked at ahead.
+docs/accuracy.md has the figures.
 
 ``--incidents`` looks at the days only on which another tool is mounted, the zero jumps, a
 thermometer stops, or something pushes on the sensor nearly all day, and the two days before each,
 as a node does whose live model leaves a share of the drift; which of them is named within two
-days, and what falsely. A year takes 20 s then. Seen twice on 12 years that nobody had tuned on: 47
-and 48 of 48 named, and no false alarm on 96 ordinary days.
+days, and what falsely. A year takes 20 s then.
 """
 
 from collections import Counter
@@ -29,7 +26,6 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 
 from judging import bench_parser, first_seed, tared_rms
 import numpy as np
@@ -38,15 +34,12 @@ from years_drawn import CELL_S, day_name, Events, Year, YearDay
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.learning.day import Day, describe, look_at
-from wrist_ft_comp.learning.diary import DayEntry, Diary
+from wrist_ft_comp.learning.diary import DayEntry, worthiest
 from wrist_ft_comp.learning.incidents import incident
 from wrist_ft_comp.learning.model_choice import Champion, take
-from wrist_ft_comp.learning.old_days import worthiest
+from wrist_ft_comp.learning.separated_day import Day, describe, look_at
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.pictures import days_png
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
 NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
@@ -58,8 +51,6 @@ NAMED_DAYS = 2
 WORSE = 0.2
 #: Axes that drift less than this by their largest noise do not count.
 _STILL = 1e-9
-#: The picture of a year begins on 2026-01-05, a Monday: drawn weeks begin with five days at work.
-FIRST_MONDAY_NS = 20_458 * 86_400 * NANOSECONDS
 #: Days that a robot keeps.
 _KEPT = 30
 #: Days of a week.
@@ -230,15 +221,15 @@ def print_year(year: Lived) -> None:
 
 def print_all(years: Sequence[Lived]) -> None:
     """Sum all years up."""
-    named, false = zip(*(year.alarms() for year in years), strict=True)
-    missed = sum(n < 0 for delays in named for n in delays.values())
+    alarms = [year.alarms() for year in years]
+    missed = sum(n < 0 for named, _ in alarms for n in named.values())
     worse = np.concatenate([year.worse() for year in years])
     means = means_of(np.stack([year.left.mean(axis=0) for year in years]))
     print(f'\n{len(years)} years: drift left {means}')
     print(
-        f'  {missed} incidents were not named in two days; {sum(false)} false alarms; '
-        f'{(worse > WORSE).sum()} of {len(worse)} days are worse by more than {WORSE:g} of a '
-        f'usual day, the worst by {worse.max():.2f}'
+        f'  {missed} incidents were not named in two days; {sum(false for _, false in alarms)} '
+        f'false alarms; {(worse > WORSE).sum()} of {len(worse)} days are worse by more than '
+        f'{WORSE:g} of a usual day, the worst by {worse.max():.2f}'
     )
 
 
@@ -280,23 +271,11 @@ def print_incidents(seeds: range, pool: Executor) -> None:
     print(f'{alarms} false alarms on {ordinary} ordinary days')
 
 
-def draw(year: Lived, target: Path) -> None:
-    """Draw a year as ``wrist_ft_comp show --picture`` does."""
-    days = [replace(day, first_ns=day.first_ns + FIRST_MONDAY_NS) for day in year.entries]
-    adopted = {day_name(number) for number in year.adopted}
-    changes = (
-        HistoryEntry(None, why=day.verdict, how='learnt', day=day.name)
-        for day in days if day.name in adopted
-    )  # fmt: skip
-    target.write_bytes(days_png(Diary(tuple(days), tuple(changes))))
-
-
 def main() -> None:
     """Live through all years."""
     parser = bench_parser(__doc__, 'years', 2)
     parser.add_argument('--first', type=int, help='seed of the first year')
     parser.add_argument('--length', type=int, default=365, help='days of a year, at least 130')
-    parser.add_argument('--picture', type=Path, help='of the first year')
     parser.add_argument('--incidents', action='store_true', help='look at incidents only')
     options = parser.parse_args()
     first = options.first or first_seed(options, 'learning')
@@ -309,8 +288,6 @@ def main() -> None:
             years.append(live(seed, options.length, pool))
             print_year(years[-1])
     print_all(years)
-    if options.picture:
-        draw(years[0], options.picture)
 
 
 if __name__ == '__main__':

@@ -13,18 +13,9 @@ from dataclasses import dataclass, replace
 
 from judging import block_means, recording_of
 import numpy as np
-from scipy.spatial.transform import Rotation
 from thermal_networks import between, Body, draw_day, draw_others, draw_sources, network, SUN
-from working_days import (
-    Accelerometer,
-    draw_payloads,
-    measure,
-    SCENARIOS,
-    SECONDS,
-    unit,
-    work,
-)
-from worlds_drawn import draw_gauges, draw_thermometers, read, UNITS
+from working_days import draw_imu, measure, SCENARIOS, SECONDS, work
+from worlds_drawn import draw_gauges, draw_thermometers, FACTORY_C, read, UNITS
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Recording
@@ -79,12 +70,7 @@ class Year:
         self._neighbour = _moved(rng, self._body)
         self._thermometers = draw_thermometers(rng, self._body, 2, 'network')
         self._gauges = draw_gauges(rng, self._body, 'network')
-        self._payloads = [draw_payloads(rng, part=True) for _ in range(2)]
-        rotation = Rotation.random(random_state=seed)
-        crooked = Rotation.from_rotvec(np.deg2rad(2.0) * unit(rng.normal(size=3)))
-        scale = 1 + 0.005 * rng.choice([-1, 1], 3)
-        bias, warmed = rng.normal(0, 0.1, 3), rng.normal(0, 0.003, 3)
-        self._imu = Accelerometer(rotation * crooked, bias, scale, warmed)
+        self._imu = draw_imu(rng, SCENARIOS['part'])
         #: Days on which the robot works.
         self.worked = [number for number in range(length) if number % 7 < 5]
         self._swing_k, self._phase = between(rng, 3.0, 9.0), rng.uniform(0, 365)
@@ -117,11 +103,14 @@ class Year:
         events = self.events
         felt_c, seen_c = self._warmed(number)
         rng = np.random.default_rng([self._seed, 33, number])
-        scenario = replace(SCENARIOS['part'], contacts=0.15)
-        if number == events.pressed:
-            scenario = replace(scenario, contacts=PRESSED)
-        true, felt = work(rng, scenario, self._payloads[number >= events.tool])
+        warm_k = felt_c[:, self._thermometers.nodes[0]] - FACTORY_C
+        tools = 2 * self._seed + (number >= events.tool)
+        true = work(rng, SCENARIOS['part'], tools, self._imu, warm_k)
         wrench = true.wrench if burden is None else burden(true.wrench)
+        if number == events.pressed:
+            pushes = rng.normal(0, 20, (SECONDS // 10, 6)) * [1, 1, 1, 0.1, 0.1, 0.1]
+            pushes *= rng.random((len(pushes), 1)) < PRESSED
+            wrench = wrench + np.repeat(pushes, 10, axis=0)
         again = [np.random.default_rng([self._seed, 34, number]) for _ in range(2)]
         raw, _ = measure(again[0], self._gauges, felt_c, wrench, 0.25)
         quiet = replace(self._gauges, noise=0 * self._gauges.noise)
@@ -133,14 +122,13 @@ class Year:
             at = int(rng.integers(600, SECONDS // 2)) if number == events.stopped else 0
             seen_c[at:, 1] = seen_c[at, 1] if at else 24.0
             measured[at:, 1] = not self._silent
-        force = self._imu.read(rng, felt, felt_c[:, self._thermometers.nodes[0]])
-        spin = np.sqrt(block_means(true.spin[:, None] ** 2, CELL_S)[:, 0])
+        speed = np.sqrt(block_means(true.speed[:, None] ** 2, CELL_S)[:, 0])
         recording = replace(
             _recorded(number, seen_c, raw),
             first_cell=number * 86_400 // CELL_S,
             measured=measured[::CELL_S],
-            specific_force=block_means(force, CELL_S),
-            rotation_speed=spin,
+            specific_force=block_means(true.force, CELL_S),
+            rotation_speed=speed,
         )
         return YearDay(number, recording, block_means(drift, CELL_S))
 

@@ -36,7 +36,7 @@ from warm_up import keep, make_model, write_warm_up
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
 from kills import write_days
 
-from wrist_ft_comp.learning.memory import load_memory
+from wrist_ft_comp.learning.diary import load_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS

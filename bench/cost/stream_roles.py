@@ -26,7 +26,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState, Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.ros import qos
+from wrist_ft_comp.ros import topics as qos
 from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.series import NANOSECONDS
 

@@ -33,10 +33,12 @@ from wrist_ft_comp.learning.diary import (
     Diary,
     diary_path,
     load_diary,
+    load_memory,
+    Memory,
     save_diary,
+    save_memory,
     survey,
 )
-from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore

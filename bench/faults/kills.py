@@ -38,15 +38,14 @@ from std_srvs.srv import SetBool
 from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import Diary, KIND
-from wrist_ft_comp.learning.memory import load_memory
+from wrist_ft_comp.learning.diary import Diary, KIND, load_memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state
-from wrist_ft_comp.stream.cell_averager import row_channels
+from wrist_ft_comp.stream.stream_grid import row_channels
 
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2

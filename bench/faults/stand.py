@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.series import FloatArray, NANOSECONDS

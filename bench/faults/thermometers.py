@@ -23,7 +23,7 @@ from worlds import Answer, left_of
 from worlds_drawn import FAMILIES, Family, family, World
 
 from wrist_ft_comp.drift.arx import static_gain
-from wrist_ft_comp.drift.arx_pls import from_gains
+from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
@@ -33,9 +33,8 @@ from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.gap import reporting_cells
-from wrist_ft_comp.stream.offline import simulate_drift
-from wrist_ft_comp.stream.thermometer_prediction import judge
+from wrist_ft_comp.stream.offline import judge, simulate_drift
+from wrist_ft_comp.stream.thermal_memory import reporting_cells
 
 COUNTS = (2, 3, 4)
 FAMILIES |= {f'lying_{count}': Family('failing thermometers', count, 3) for count in COUNTS}
@@ -133,8 +132,8 @@ def plain_model(days: Sequence[Recording]) -> DriftModel:
     ends = values_c.min(axis=0), values_c.max(axis=0)
     features = Features('powers', values_c.mean(axis=0), *ends, 1, beyond='tangents')
     ones = np.ones(count)
-    dynamics = from_gains([static_gain()], np.ones((1, count, 1)), 0 * ones, ones, np.ones(1))
-    assert dynamics is not None  # noqa: S101 -- it has gains
+    one = np.ones((1, 1))
+    dynamics = ArxPls(0 * ones, ones, ones[:, None], (static_gain(),), one, one[0], 0 * one[0])
     prediction = predict_each_other(days, assign_folds(days))
     axes = {'force_z': AxisModel(features, dynamics)}
     return DriftModel(days[0].period_ns, count, axes, prediction=prediction)

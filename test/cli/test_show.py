@@ -13,8 +13,15 @@ import pytest
 import yaml
 
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, save_diary
-from wrist_ft_comp.learning.memory import Memory, memory_path, save_memory
+from wrist_ft_comp.learning.diary import (
+    DayEntry,
+    Diary,
+    diary_path,
+    Memory,
+    memory_path,
+    save_diary,
+    save_memory,
+)
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.pictures import days_figure

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from wrist_ft_comp.drift.arx import Arx, free_run
-from wrist_ft_comp.fit.arx_least_squares import Orders, regressors
-from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
-from wrist_ft_comp.fit.xy_block import XyBlock
+from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.fit.arx_pls import fit_arx_pls, regressors
+from wrist_ft_comp.fit.pls import XyBlock
+from wrist_ft_comp.fit.settings import Orders
 
 CELLS = 960
 #: Of two latents: different delays and orders, and a direct term, as the paper's H(z) have them.
@@ -129,16 +129,3 @@ def test_a_known_system_is_recovered_within_its_standard_errors():
     spread = np.sqrt(np.mean(np.square(scores), axis=0))
     assert spread.min() > 0.6, spread
     assert spread.max() < 1.5, spread
-
-
-def test_delays_orders_and_the_direct_term_are_chosen_latent_by_latent(make_axis_data):
-    """On cells of 10 s, where a delay of 10 s is d = 1; days begin at rest, as a free run does."""
-    inputs, outputs = [], []
-    for seed in range(3):
-        t = two_latents(seed=seed)[0]
-        t = np.concatenate((np.tile(t[0], (50, 1)), t))
-        u = np.column_stack([free_run(arx, t[:, r]) for r, arx in enumerate(H)])
-        inputs.append(t @ TURN)
-        outputs.append(u @ TURN)
-    data = make_axis_data(inputs, [y[:, 0] for y in outputs])
-    assert choose_orders(data, XyBlock(tuple(inputs), tuple(outputs)), 2) == ORDERS

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.arx_pls_oe import fit_lags
+from wrist_ft_comp.fit.axis_data import build_features
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.cross_validation import unexplained
-from wrist_ft_comp.fit.model_building import build_features
+from wrist_ft_comp.fit.folds import unexplained
+from wrist_ft_comp.fit.named_methods import fit_lags
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
@@ -46,16 +46,16 @@ def test_every_candidate_is_the_least_squares_fit_behind_its_relaxations(
     problem = pose_lags({250.0: 0.5}, loaded=loaded, thermometers=thermometers)
     knots = (20.0, 27.0, 35.0, 45.0) if kind == 'hats' else ()
     settings = IdentificationSettings('arx_pls_oe', kind, hat_temperatures_c=knots)
-    fits = fit_lags(problem, build_features(problem.temperature_c, settings))
-    assert len(fits) == (3 if kind == 'hats' else 6)
-    for name, (time_constants_s, model) in fits.items():
-        degree = int(name[-1]) if kind == 'powers' else 1
+    for count, degree in ((0, 1), (1, 2 if kind == 'powers' else 1), (2, 1)):
         features = build_features(problem.temperature_c, replace(settings, degree=degree))
+        model, _ = fit_lags(features, count, problem)
+        time_constants_s = -10.0 / np.log([-lag.a[0] for lag in model.filters])
+        assert len(model.filters) == count
         columns = []
         for i, temperature_c in enumerate(problem.temperature_c):
             behind = [
                 np.stack([lagged(t, tau) if tau else t for t in temperature_c.T], axis=1)
-                for tau in time_constants_s.tolist()
+                for tau in time_constants_s.tolist() or [0.0]
             ]
             x = np.concatenate([features.expand(t) for t in behind], axis=1)
             x = (
@@ -102,11 +102,3 @@ def test_a_drift_that_lasts_longer_than_the_recordings_is_refused_with_numbers(p
     assert fit.refusal.endswith('Record at least 1.7 h from cold, or choose the method pls')
     assert fit.reason == f'{fit.refusal}.'
     assert fit.rms_after == fit.rms_before
-
-
-def test_the_longest_time_constant_that_is_searched_is_named(pose_lags):
-    """In a recording that lasts longer still."""
-    fit = identify_axis(pose_lags({1e5: 20.0}, cells=800), IdentificationSettings('arx_pls_oe'))
-    note = 'its slowest time constant is the longest that is searched, 5600 s'
-    assert note in fit.notes
-    assert fit.rms_after < 0.1 * fit.rms_before

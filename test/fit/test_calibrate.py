@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.axis_data import MIN_SAMPLES
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import MIN_SAMPLES
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 
 STATIC = CalibrationSettings(identification=IdentificationSettings(method='pls'))

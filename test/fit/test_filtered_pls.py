@@ -5,10 +5,7 @@ import pytest
 from scipy import linalg, signal
 
 from wrist_ft_comp.drift.arx import relaxation
-from wrist_ft_comp.fit.arx_least_squares import Orders
-from wrist_ft_comp.fit.filtered_pls import choose_filters, fit_filtered_pls
-from wrist_ft_comp.fit.pls import fit_pls
-from wrist_ft_comp.fit.xy_block import XyBlock
+from wrist_ft_comp.fit.pls import fit_filtered_pls, fit_pls, XyBlock
 
 CELLS, PERIOD_S = 400, 10.0
 
@@ -95,18 +92,3 @@ def test_an_exhausted_block_ends_the_latents():
     assert len(model.latents) == len(notes) == 2
     silent = XyBlock(block.inputs, tuple(0 * y for y in block.outputs))
     assert fit_filtered_pls(silent, (0.0,), PERIOD_S) == (None, ())
-
-
-@pytest.mark.parametrize('truth', [0.0, 300.0, Orders(2, 2, direct=True)], ids=str)
-def test_the_filter_that_leaves_least_held_out_is_chosen(make_axis_data, truth):
-    rng = np.random.default_rng(6)
-    x = [np.cumsum(rng.standard_normal((CELLS, 1)), axis=0) for _ in range(3)]
-    y = [
-        signal.lfilter([0.1], [1.0, -1.6, 0.7], part - part[:1], axis=0)  # it swings
-        if isinstance(truth, Orders)
-        else relax(part, truth)
-        for part in x
-    ]
-    noisy = tuple(part + 0.01 * rng.standard_normal(part.shape) for part in y)
-    data = make_axis_data(x, [part[:, 0] for part in noisy])
-    assert choose_filters(data, XyBlock(tuple(x), noisy), 1) == (truth,)

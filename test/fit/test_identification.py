@@ -8,8 +8,8 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.fit.axis_data import build_features
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.model_building import build_features
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
@@ -126,20 +126,16 @@ class TestEveryMethod:
         calibration = calibrate([record(i) for i in range(3)], chosen)
         fit = calibration.fits['force_z']
         assert fit.model.features.kind == features
-        assert fit.model.outputs == 1 + loaded
+        hats_by_auto = method == 'auto' and features == 'hats'  # which leave the gain alone
+        assert fit.model.outputs == 1 + (loaded and not hats_by_auto)
         assert fit.candidates[0].name == 'none'
         names = [candidate.name for candidate in fit.candidates]
         assert fit.chosen in (names if method != 'auto' or features == 'hats' else ['combination'])
         assert fit.rms_after < fit.rms_before
         assert list(fit.time_constants_s) == sorted(fit.time_constants_s)
         judged = evaluate(calibration, record(9, 0.8), chosen.reference)
-        dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto')
+        dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
-
-    def test_a_constant_axis_gets_no_drift(self, simulate, method):
-        runs = [simulate(i, {}, noise=1e-6) for i in range(2)]
-        zero, _ = drift_of(calibrate(runs, settings(method)), runs[0])
-        np.testing.assert_allclose(zero, 0, atol=1e-6)
 
     def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
         self, make_recording, warm_up, method

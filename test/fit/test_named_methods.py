@@ -9,9 +9,10 @@ from wrist_ft_comp.drift.arx import relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit import named_methods
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.cross_validation import FoldBins, simplest_good
-from wrist_ft_comp.fit.named_methods import anchor, finish
+from wrist_ft_comp.fit.folds import FoldBins, simplest_good
+from wrist_ft_comp.fit.named_methods import anchor, compete
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
@@ -67,16 +68,21 @@ def test_the_simplest_wins_within_15_percent_or_one_standard_error_of_the_best(e
     [
         ((4.0, 1.0, 0.25), 'lag', ['none', 'line', 'lag'], 'of 3 candidates it is the best'),
         ((9.0, 1.0, 0.9), 'line', ['none', 'line', 'lag'], 'the best of 3, lag, is better by no'),
-        ((1.0, 4.0, 9.0), 'line', ['line'], 'nothing else competed'),
+        ((1.0, 4.0), 'line', ['line'], 'nothing else competed'),
     ],
 )
-def test_the_winner_says_what_it_leaves_and_why(make_problem, errors, chosen, competing, why):
+def test_the_winner_says_what_it_leaves_and_why(  # noqa: PLR0913, PLR0917 -- a table's columns
+    make_problem, monkeypatch, errors, chosen, competing, why
+):
     bins = {}
-    for name, square in zip(('none', 'line', 'lag'), errors, strict=True):
+    for name, square in zip(('none', 'line', 'lag'), errors, strict=False):
         left = np.full(4, np.sqrt(square))
         bins[name] = [FoldBins(i, i, np.arange(4), left, left) for i in range(2)]
     problem = replace(make_problem(), axis='torque_z')
-    fit = finish(problem, (lag(), ('mended',)), chosen, bins, competing)
+    refits = {name: lambda _: (lag(), ('mended',)) for name in competing if name != 'none'}
+    scores = iter(bins.values())
+    monkeypatch.setattr(named_methods, 'refit_bins', lambda *_: next(scores))
+    fit = compete(problem, refits, may_be_none='none' in competing)
     rms = {candidate.name: candidate.rms for candidate in fit.candidates}
     assert rms == pytest.approx(dict(zip(bins, np.sqrt(errors), strict=True)))
     assert (fit.chosen, fit.rms_before, fit.rms_after) == (chosen, rms['none'], rms[chosen])
@@ -126,29 +132,13 @@ def drift_at(fit, celsius):
 
 
 def test_piecewise_linear_zero_drift_is_learnt_and_the_gain_left_alone(chamber):
-    """Of three plateaus the two at the ends foretell the gain little better than none."""
     data = chamber(
         [0, 30, 60], lambda t: 0.5 * t + 0.3 * np.maximum(t - 30, 0), lambda t: 1e-3 * (t - 30)
     )
     fit = identify_axis(data, IdentificationSettings())
     assert (fit.chosen, fit.model.outputs) == ('zero drift in hats', 1)
-    assert any('gain drift held no better than none' in note for note in fit.notes)
     drift = drift_at(fit, [0, 15, 30, 45, 60])[:, 0]
     np.testing.assert_allclose(drift - drift[0], [0, 7.5, 15, 27, 39], atol=0.5)
-
-
-def test_gain_drift_is_learnt_where_it_holds_at_temperatures_left_out(chamber):
-    plateaus = np.arange(0, 66, 6)
-    data = chamber(plateaus, lambda t: 0.5 * t, lambda t: 0.03 + 1e-3 * (t - 30))
-    fit = identify_axis(data, IdentificationSettings())
-    assert (fit.chosen, fit.model.outputs) == ('zero and gain drift in hats', 2)
-    gains = drift_at(fit, [0, 15, 30, 45, 60])[:, 1]
-    np.testing.assert_allclose(gains, [0, 0.015, 0.03, 0.045, 0.06], atol=1e-3)
-
-
-def test_a_gain_that_does_not_drift_is_not_learnt(chamber):
-    data = chamber(np.arange(0, 66, 6), lambda t: 0.5 * t, lambda t: 0.03 + 0 * t)
-    assert identify_axis(data, IdentificationSettings()).model.outputs == 1
 
 
 def test_noise_is_left_alone(chamber):

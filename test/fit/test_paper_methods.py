@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.arx_least_squares import Orders, STATIC
 from wrist_ft_comp.fit.named_methods import identify
+from wrist_ft_comp.fit.settings import Orders, STATIC
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))

@@ -1,9 +1,9 @@
-"""The outer model: what PLS and PCR must satisfy, and agreement with others."""
+"""X and Y as they are observed, PLS by the textbook, and PCR."""
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.pls import fit_pcr, fit_pls
+from wrist_ft_comp.fit.pls import fit_pcr, fit_pls, OBSERVATION_WINDOW_S, observe_drift
 
 
 def made_up(samples, inputs, outputs, seed=1):
@@ -24,7 +24,7 @@ shapes = pytest.mark.parametrize(
 def test_scores_are_orthogonal_and_explain_their_part_of_the_inputs(inputs, outputs, latents):
     x, y = made_up(60, inputs, outputs)
     pls = fit_pls(x, y, latents)
-    assert pls.latents == latents
+    assert len(pls.inner) == latents
     gram = pls.scores.T @ pls.scores
     assert np.diagonal(gram).min() > 0
     np.testing.assert_allclose(gram, np.diag(np.diagonal(gram)), atol=1e-10 * gram.max())
@@ -85,7 +85,7 @@ class TestDegenerateBlocks:
         repeated = np.column_stack([full, full[:, 0] - full[:, 1], 2 * full[:, 2]])
         for x in (constant, repeated):
             outer = fit(x, y, x.shape[1])
-            assert outer.latents == 3
+            assert len(outer.inner) == 3
             expected = x @ np.linalg.lstsq(x, y, rcond=None)[0]
             np.testing.assert_allclose(x @ outer.coefficients, expected, atol=1e-9)
         np.testing.assert_allclose(fit(constant, y, 4).coefficients[2], 0, atol=1e-12)
@@ -94,14 +94,14 @@ class TestDegenerateBlocks:
     def test_a_silent_block_leaves_nothing(self, fit, silent):
         x, y = made_up(40, 3, 2)
         outer = fit(x * (silent == 'y'), y * (silent == 'x'), 3)
-        assert outer.latents == 0
+        assert len(outer.inner) == 0
         assert outer.coefficients.shape == (3, 2)
         assert not outer.coefficients.any()
 
     def test_fewer_samples_than_inputs_are_fitted_exactly(self, fit):
         x, y = made_up(5, 8, 1)
         outer = fit(x, y, 8)
-        assert outer.latents <= 4
+        assert len(outer.inner) <= 4
         np.testing.assert_allclose(x @ outer.coefficients, y, atol=1e-9)
 
 
@@ -109,7 +109,7 @@ def test_pls_stops_when_the_output_is_explained():
     x, _ = made_up(40, 4, 1)
     direction = np.linalg.svd(x, full_matrices=False)[2][0]
     outer = fit_pls(x, (x @ direction)[:, np.newaxis], 4)
-    assert outer.latents == 1
+    assert len(outer.inner) == 1
     np.testing.assert_allclose(outer.coefficients[:, 0], direction, atol=1e-10)
 
 
@@ -119,3 +119,41 @@ def test_the_largest_weight_is_positive_whatever_the_signs_of_the_data(fit):
     for outer in (fit(x, y, 3), fit(x, -y, 3)):
         peaks = outer.weights[np.argmax(np.abs(outer.weights), axis=0), range(3)]
         assert (peaks > 0).all()
+
+
+CELLS = 400
+LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
+
+
+class TestObservedDrift:
+    @pytest.fixture
+    def observe(self, make_axis_data):
+        """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
+
+        def make(raw, load=None):
+            loads = None if load is None else [load]
+            folds = [np.zeros(CELLS, dtype=np.int64)]
+            rise_c = np.linspace(20, 40, CELLS)
+            return observe_drift(make_axis_data([rise_c], [raw], loads, folds=folds))[0]
+
+        return make
+
+    def test_windows_do_not_cross_gaps(self, observe):
+        """Drift jumps in the gap, which lies inside what would be one window."""
+        cells = round(OBSERVATION_WINDOW_S / 10.0)
+        before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
+        sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
+        sensitivity[after], zero[after] = -0.03, -5.0
+        gap[before.stop : after.start] = np.nan
+        observed = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
+        seen = np.isfinite(observed).all(axis=1)
+        assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
+        np.testing.assert_allclose(observed[seen, 0], zero[seen], atol=1e-9)
+        np.testing.assert_allclose(observed[seen, 1], sensitivity[seen], atol=1e-12)
+        assert {0.02, -0.03} == set(np.round(observed[seen, 1], 9))
+
+    def test_windows_without_load_are_not_observed(self, observe):
+        quiet = LOAD.copy()
+        quiet[120:180] = 5.0
+        observed = observe(1.1 * quiet, quiet)
+        np.testing.assert_array_equal(np.isnan(observed[:, 1]), (quiet != LOAD))

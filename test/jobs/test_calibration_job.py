@@ -12,10 +12,9 @@ import sys
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
-from wrist_ft_comp.fit.arx_least_squares import Orders
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, encode_job, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, encode_job, Learning, Minute
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording
 from wrist_ft_comp.stored.model_file import load_model

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning import old_days
+from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.day_files import days
 from wrist_ft_comp.learning.diary import (
     DayEntry,
@@ -14,9 +14,9 @@ from wrist_ft_comp.learning.diary import (
     good_days,
     load_diary,
     NONE,
+    prune,
     save_diary,
 )
-from wrist_ft_comp.learning.old_days import prune
 
 DAY = DayEntry(
     name='day_00001.csv', first_ns=1_767_247_200_000_000_000, hours=2.5,
@@ -24,7 +24,7 @@ DAY = DayEntry(
     left={NONE: (3.0, 2.0, 1.0, 0.1, 0.2, np.nan), 'abcdef012345': (0.5,) * 6},
     live='abcdef012345', verdict='The live model left 0.17 of the drift.',
     incident='The zero jumped by 5 N.', kind='zero', challenged=True, better='model_2.yaml',
-    seconds=5.5, payloads=((1.5, 0.0, 0.001, 0.1),),
+    payloads=((1.5, 0.0, 0.001, 0.1),),
     rotation=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), noise=(0.1,) * 6,
 )  # fmt: skip
 
@@ -43,6 +43,8 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     kinds = ('', 'tool', 'sensor', 'zero', 'contacts', '')
     entries = [DayEntry(f'day_0000{n}.csv', kind=kind) for n, kind in enumerate(kinds)]
     assert [int(day.name[8]) for day in good_days(entries)] == [0, 1, 5]
+    entries[5] = replace(entries[5], temperature_c=((20.0, 30.0),))
+    assert good_days(entries) == entries[5:], 'other thermometers are of another sensor'
 
 
 @pytest.mark.parametrize('content', [None, '{'])
@@ -78,14 +80,14 @@ def test_days_and_bytes_are_bounded_with_room_for_another_day(recorded, tmp_path
         (30, 16.1, [1, 2, 3, 4, 5, 6]), (5, 500.0, [1, 3, 4, 5, 6]), (30, 13.5, [1, 5, 6]),
         (1, 500.0, [6]), (30, 10.5, []),
     ):  # fmt: skip
-        monkeypatch.setattr(old_days, '_KEPT_DAYS', most)
+        monkeypatch.setattr(diary, '_KEPT_DAYS', most)
         names = prune(tmp_path, recorded, max_mb)
         assert names == [path.name for path in days(tmp_path)]
         assert [int(name[8]) for name in names] == kept
 
 
 def test_a_recording_that_nobody_judged_stays(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr(old_days, '_KEPT_DAYS', 1)
+    monkeypatch.setattr(diary, '_KEPT_DAYS', 1)
     assert len(prune(tmp_path, replace(recorded, days=recorded.days[:1]), 500.0)) == 6
 
 

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.day import describe, known_cells
 from wrist_ft_comp.learning.diary import DayEntry
 from wrist_ft_comp.learning.incidents import incident, pause
+from wrist_ft_comp.learning.separated_day import describe, known_cells
 
 TOOL = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
 
@@ -39,10 +39,10 @@ def test_ordinary_days_and_the_day_after_another_tool_are_no_incidents(separated
         ({'jump': 5.0}, 'zero', 'The zero jumped at 00:11 UTC by 5, -5, 3, '),
         ({'gain': 1.2}, 'sensor', 'weigh 1.20 times'),
         ({'gain': 0.8, 'turned_deg': 40.0}, 'sensor', 'weigh 0.80 times what they did (1.20 kg'),
-        ({'noise': 0.2}, 'noise', 'times that of the days before'),
+        ({'noise': 0.2}, 'contacts', 'times that of the days before: noise'),
         ({'turned_deg': 20.0}, 'sensor', 'turned by 20°'),
         (TOOL, 'tool', '2.50 kg, before 1.5'),
-        ({'stopped': True}, 'thermometer', 'Thermometer 2 stood still at 19.8 °C for 0.3 h'),
+        ({'stopped': True}, 'thermometer', 'Thermometer 2 read 19.8 °C all day'),
     ],
 )  # fmt: skip
 def test_an_incident_is_named_with_its_size(separated, before, properties, kind, said):
@@ -69,11 +69,15 @@ def test_a_weight_that_is_lost_on_two_days_is_another_gain(separated, before):
     assert incident(day, lost, [*before, lost])[0] == 'sensor'
 
 
-def test_a_thermometer_that_says_nothing_is_silent(separated, before):
-    day = separated(9, stopped=True)
-    recording = replace(day.recording, measured=np.array([True, False]) & day.recording.measured)
-    recording.measured[0] = True
-    assert 'was silent' in incident(replace(day, recording=recording), describe(day), before)[1]
+@pytest.mark.parametrize('silent', [True, False])
+def test_a_thermometer_that_stops_within_the_day_is_named(separated, before, silent):
+    """Also where nothing is left of the day to learn from."""
+    day = separated(9, cells=1200)
+    measured, temperature_c = day.recording.measured.copy(), day.recording.temperature_c.copy()
+    measured[500:, 1], temperature_c[500:, 1] = not silent, temperature_c[500, 1]
+    recording = replace(day.recording, measured=measured, temperature_c=temperature_c)
+    kind, sentence = incident(replace(day, recording=recording), describe(day), before)
+    assert (kind, 'hermometer 2' in sentence) == ('thermometer', True), sentence
 
 
 def with_raw(day, wrench):
@@ -131,7 +135,7 @@ def test_noise_is_that_of_the_axis_it_is_named_for_and_an_axis_may_be_missing(se
     np.testing.assert_array_equal(partial.noise, [np.nan, *day.noise[1:]])
     loud = replace(before[2], noise=tuple(5 * np.array(before[2].noise)))
     kind, sentence = incident(separated(3), loud, [partial, *before])
-    assert (kind, 'The noise of force_x' in sentence) == ('noise', False)
+    assert (kind, 'scatter of force_x' in sentence) == ('contacts', False)
 
 
 def days(*kinds):
@@ -139,7 +143,7 @@ def days(*kinds):
 
 
 def test_learning_stops_until_three_days_agree_or_a_person_decides():
-    for kind in 'zero', 'sensor', 'noise':
+    for kind in 'zero', 'sensor':
         assert f'day_1: {kind}' in pause(days('', kind), '')
         assert '(2 so far)' in pause(days('', kind, '', 'tool'), '')
         assert pause(days('', kind, '', kind, '', ''), '')

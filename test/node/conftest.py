@@ -23,9 +23,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
-from wrist_ft_comp.ros.qos import NEWEST
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.topics import NEWEST
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
 TIMEOUT_S = 60.0

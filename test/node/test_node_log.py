@@ -2,8 +2,7 @@
 
 import pytest
 
-from wrist_ft_comp.ros.diagnostics import ERROR, OK, STALE, Status, WARN
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import NodeLog, OK, STALE, Status, WARN
 
 WELL = Status('input', OK, '999 wrenches per second')
 NAN = Status('input', WARN, 'some wrenches are unusable and dropped; check the driver')
@@ -61,10 +60,6 @@ def test_changed_numbers_are_not_logged_but_other_thermometers_are(logged):
     assert len(logged(*[silent('1', seconds) for seconds in (5, 6.5, 77)])) == 1
     assert len(logged(silent('2', 5))) == 1
     assert len(logged(silent('1, 2', 5), silent('1, 3', 5))) == 2
-
-
-def test_an_error_is_one_in_the_log(logged):
-    assert logged(Status('output', ERROR, 'at its limit')) == [('error', 'output: at its limit')]
 
 
 def test_a_driver_may_take_its_time_to_start(logged):

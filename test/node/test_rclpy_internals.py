@@ -5,15 +5,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
-from wrist_ft_comp.ros.qos import SLOW_SENSOR
 from wrist_ft_comp.ros.rclpy_internals import (
     given_parameters,
     intercept_answers,
     keep_from_executors,
+    QuickLogger,
     return_to_node,
     Stop,
     waiting,
 )
+from wrist_ft_comp.ros.topics import SLOW_SENSOR
 
 
 def test_a_given_empty_array_is_told_from_nothing(bench):
@@ -60,3 +61,19 @@ def test_an_executor_takes_a_flag_for_a_future(bench):
     executor.spin_until_future_complete(stop, timeout_sec=60.0)
     executor.shutdown()
     assert stop.done()
+
+
+def test_a_line_is_logged_at_its_level_without_a_look_for_its_caller(bench, capfd, monkeypatch):
+    monkeypatch.setattr('inspect.getframeinfo', None)
+    node = bench.make(Node, node_name='example')
+    log = QuickLogger(node.get_logger())
+    for name in ('info', 'warning', 'error'):
+        getattr(log, name)(f'a line of {name}')
+    node.get_logger().set_level(50)
+    log.error('a line below the level')
+    written = ''.join(capfd.readouterr())
+    assert '[INFO]' in written
+    assert '[example]: a line of info' in written
+    assert '[WARN]' in written
+    assert '[ERROR]' in written
+    assert 'below the level' not in written

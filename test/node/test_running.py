@@ -106,10 +106,6 @@ def test_a_fault_of_ours_keeps_its_traceback(run):
         run(fail)
 
 
-def test_a_shutdown_by_the_node_itself_is_a_normal_end(run):
-    assert run(lambda node: node.context.shutdown()) == (0, '')
-
-
 @pytest.mark.parametrize('make', [make_executor, lambda c: SingleThreadedExecutor(context=c)])
 def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
     """Its timer is due again before its callback has ended, so that the queue is never empty."""

@@ -79,16 +79,3 @@ def test_each_of_twenty_callers_at_once_is_answered(bench):
         'all answers',
     )
     executor.shutdown()
-
-
-@executors
-def test_an_answer_after_its_asker_has_ended_is_harmless(bench, executor):
-    node = bench.start(Example, executor=executor)
-    client = bench.helper.create_client(SetBool, '/example/work')
-    assert client.wait_for_service(timeout_sec=TIMEOUT_S)
-    client.call_async(SetBool.Request())
-    _, reply = node.replies.get(timeout=TIMEOUT_S)
-    bench.helper.destroy_client(client)
-    node.todo.put(lambda: reply(success=True, message='too late'))
-    answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
-    assert answer.success

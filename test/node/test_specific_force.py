@@ -120,20 +120,6 @@ def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving
 
 
 @pytest.mark.usefixtures('with_tf2')
-def test_tf_at_a_kilohertz_is_looked_at_a_hundred_times_a_second_in_bounded_memory(
-    start, messages, moving
-):
-    part, hub = start(frame='')
-    hub.topics['/tf_static'](messages.transforms(0, [TO_TOOL]))
-    for milliseconds in range(4500):
-        hub.frame = 'tool' if milliseconds > 999 else ''
-        moving(hub, milliseconds)
-    assert len(samples(hub)) == 350
-    kept = part._tree._links.values()
-    assert max(len(link._columns[0]) + len(link._new) for link in kept) < 3300
-
-
-@pytest.mark.usefixtures('with_tf2')
 def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start, messages, moving):
     part, hub = start()
     for k in range(3000):

@@ -1,7 +1,7 @@
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ros.topic_types import load_type
+from wrist_ft_comp.ros.topics import load_type
 
 
 @pytest.mark.parametrize(
@@ -27,6 +27,6 @@ def test_a_package_whose_library_cannot_be_loaded_is_a_sentence(monkeypatch):
     def refuse(_):
         raise RuntimeError('Could not import: it is not there')
 
-    monkeypatch.setattr('wrist_ft_comp.ros.topic_types.serialize_message', refuse)
+    monkeypatch.setattr('wrist_ft_comp.ros.topics.serialize_message', refuse)
     with pytest.raises(SettingsError, match=r'its libraries cannot be loaded \(Could not import'):
         load_type('/state', 'sensor_msgs/msg/BatteryState')

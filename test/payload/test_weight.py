@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.set_payload_commands import driver_calls
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight import driver_calls, ForceFrame, Payload
 
 
 def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():

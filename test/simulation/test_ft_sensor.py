@@ -12,6 +12,8 @@ from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
+    FtSensorSettings,
+    interpolation,
     measured_wrench,
     NOMINAL_C,
     start,
@@ -19,11 +21,9 @@ from wrist_ft_comp.simulation.ft_sensor import (
     thermometer_temperatures,
     trajectory,
 )
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings, interpolation
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,
-    room_temperature,
     RunSettings,
     true_wrench,
 )
@@ -32,11 +32,11 @@ SETTINGS = FtSensorSettings()
 CLEAN = replace(
     SETTINGS,
     thermometer_noise_k=0.0,
-    thermometer_quantum_k=0.0,
+    thermometer_quantum_k=1e-12,
     force_noise_n=0.0,
     torque_noise_nm=0.0,
-    force_quantum_n=0.0,
-    torque_quantum_nm=0.0,
+    force_quantum_n=1e-12,
+    torque_quantum_nm=1e-12,
 )
 UNLOADED = np.zeros(6)
 LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
@@ -181,27 +181,12 @@ def test_readings_lie_on_the_grid_of_the_converter(sensor):
     assert len(np.unique(wrench[:, 2])) > 10
 
 
-def test_noise_has_the_stated_deviation(sensor):
-    idle, load = np.tile([0.0, 22.0], (20_000, 1)), np.zeros((20_000, 6))
-    wrench, _ = simulate(sensor, start(sensor, 22.0), idle, load, noise())
-    np.testing.assert_allclose(wrench[:, :3].std(axis=0), SETTINGS.force_noise_n, rtol=0.05)
-    np.testing.assert_allclose(wrench[:, 3:].std(axis=0), SETTINGS.torque_noise_nm, rtol=0.05)
-
-
 def test_thermometers_see_other_temperatures_than_the_gauges(sensor):
     hot = steady_state(sensor, 1.0, 22.0)
     electronics, flange = thermometer_temperatures(sensor, hot)
     gauges = sensor.gauges.weights @ hot
     assert electronics < gauges.min() - 3
     assert flange > gauges.max() + 3
-
-
-def test_seed_makes_the_specimen():
-    one, same, other = (build_sensor(SETTINGS, seed) for seed in (1, 1, 2))
-    hot = steady_state(one, 1.0, 22.0)
-    drifts = [measured_wrench(sensor, hot, UNLOADED) for sensor in (one, same, other)]
-    np.testing.assert_array_equal(drifts[0], drifts[1])
-    assert (np.abs(drifts[0] - drifts[2]) > 1e-3).all()
 
 
 # What drives it
@@ -211,15 +196,6 @@ def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
     run = draw_run(RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9)), noise()[0])
     levels = drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
     np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
-
-
-def test_room_swings_around_its_mean():
-    run = draw_run(RunSettings(room_c=21.0, room_swing_k=3.0), noise()[0])
-    period = np.arange(0, run.settings.room_swing_period_s)
-    room_c = room_temperature(run, period)
-    assert room_c.mean() == pytest.approx(21.0)
-    assert np.ptp(room_c) == pytest.approx(6.0, rel=1e-3)
-    np.testing.assert_array_equal(drive(run, period)[:, 1], room_c)
 
 
 def test_loads_are_bounded_smooth_and_differ_between_axes():

@@ -12,9 +12,8 @@ import pytest
 
 from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
 from wrist_ft_comp.learning.day_files import DayFiles
-from wrist_ft_comp.learning.diary import Diary, save_diary
+from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
-from wrist_ft_comp.learning.memory import load_memory, Memory, save_memory
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import beginning, Output, remove_leftovers, replace_file

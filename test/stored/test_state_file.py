@@ -16,7 +16,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
 from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory
-from wrist_ft_comp.stream.thermometer_prediction import ThermometerState
+from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
 TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)

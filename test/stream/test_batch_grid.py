@@ -152,6 +152,19 @@ def test_too_large_a_share_of_unusable_samples_is_refused(bad, refused):
         grid_samples(blocks, name='a.csv')
 
 
+def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
+    """As those of a sensor of three forces whose driver fills in zeros, or of a broken one."""
+    stamps = np.arange(5) * SECOND
+    force = np.stack((np.full(5, -0.0), np.arange(5.0), np.zeros(5)), axis=1)
+    temperature = samples('temperature_c', *((k, 20) for k in range(5)))
+    recording = grid_samples([Samples(AXES[:3], stamps, force), temperature], name='a.csv')
+    assert np.isnan(recording.wrench).all(axis=0).tolist() == [True, False, *[True] * 4]
+    (warning,) = recording.warnings
+    assert warning.startswith('force_x, force_z of a.csv: exactly 0 in every sample')
+    still = grid_samples([Samples(AXES[:3], stamps, 0 * force), temperature])
+    assert (still.wrench[:, :3] == 0).all(), 'of a sensor that is off, none is broken alone'
+
+
 def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
     blocks = [samples('temperature_c', (10**6, 20), (10**6 + 1, 21)), wrenches(0, 10**6)]
     assert not grid_samples(blocks).warnings
@@ -179,8 +192,8 @@ def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
     [
         (np.concatenate((POSES, [[30.0, 0, 0], [0, 0, 30.0]])), range(32), ''),
         (POSES, [*range(15), *range(16, 31)], ''),
-        (POSES / 9.5, range(30), 'norm of 1 at rest, -90% off 9.807'),
-        (POSES * 0.001, range(30), 'norm of 0.0095 at rest'),
+        (POSES / 9.5, range(30), 'norm of 1, -90% off 9.807'),
+        (POSES * 0.001, range(30), 'norm of 0.0095'),
         (POSES[:, :2], range(30), 'no cell with linear_acceleration_x, _y and _z'),
     ],
     ids=['moving', 'one missing', 'in g', 'without gravity', 'two of three'],

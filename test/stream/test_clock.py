@@ -10,11 +10,12 @@ from wrist_ft_comp.stream.clock import (
     Leap,
     Sample,
     SourceClocks,
-    StampWatch,
 )
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
+RAW = [0.0] * 6
 
 
 def make(sources=1):
@@ -91,27 +92,6 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
     assert clocks.strays == 0
 
 
-@pytest.mark.parametrize('gap_s', [10, 100, 5000, -18_000])
-def test_first_samples_are_compared_with_where_another_stream_ended(gap_s):
-    """A slow thermometer does not leap after a restart, and one stray stamp is dropped."""
-    for strays in ([], [9 * HOUR]):
-        clocks = make()
-        clocks.expect(HOUR)
-        stamps = [HOUR + (gap_s + 100 * k) * SECOND for k in range(10)]
-        assert feed(clocks, [*strays, *stamps]) == stamps
-        assert (clocks.strays, clocks.leaps) == (len(strays), 0)
-
-
-def test_thermometers_do_not_confirm_each_other():
-    clocks = make(2)
-    for second in range(5):
-        for source in range(2):
-            feed(clocks, [second * SECOND], source)
-    assert feed(clocks, [HOUR]) == []
-    assert feed(clocks, [HOUR + SECOND], 1) == []
-    assert feed(clocks, [5 * SECOND]) == [5 * SECOND]
-
-
 @pytest.mark.parametrize('set_s', [-18_000, -30, 100, 18_000])
 @pytest.mark.parametrize('silent_s', [1, 600])
 def test_arrival_shows_how_long_it_took_while_a_clock_was_set(set_s, silent_s):
@@ -143,27 +123,27 @@ def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_b
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():
     """A simulation that runs hundreds of times as fast as the clock does not leap."""
-    watch, at = StampWatch(), 3600 * SECOND
+    watch, at = SensorWatch(), 3600 * SECOND
     for step_ns, ran_back, leapt in (
         (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
         (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (400 * SECOND, 1, 2),
         (-1, 2, 2),
     ):  # fmt: skip
         at += step_ns
-        watch.look_at_stamp(at)
+        watch.look(at, RAW)
         assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
         assert not watch.stamps_stand_still
     for stamp_ns, unstamped in ((0, True), (at, False)):
-        watch.look_at_stamp(stamp_ns)
+        watch.look(stamp_ns, RAW)
         assert watch.unstamped == unstamped
 
 
 def test_stamps_stand_still_from_the_sixth_at_the_same_time():
-    watch = StampWatch()
+    watch = SensorWatch()
     for stamps in ([7] * 6, [8] * 6):
         seen = []
         for stamp_ns in stamps:
-            watch.look_at_stamp(stamp_ns)
+            watch.look(stamp_ns, RAW)
             seen.append(watch.stamps_stand_still)
         assert seen == [False] * 5 + [True]
 

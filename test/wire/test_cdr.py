@@ -10,8 +10,6 @@ import pytest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.wire import cdr
 
-SIX = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-
 
 @pytest.fixture(scope='module')
 def textbook(messages):
@@ -59,26 +57,6 @@ def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(
     assert contents == before
     assert [content[:-48] for content in replaced] == [content[:-48] for content in contents]
     assert [textbook(content)[1] for content in replaced] == values.tolist()
-
-
-def test_many_equal_layouts_and_mixed_ones_give_the_same_numbers(messages):
-    same = [messages.wrench(k * 10**6, [k, *SIX[1:]]) for k in range(50)]
-    odd = [messages.wrench(7, SIX, 'a much longer frame'), messages.wrench(8, SIX, little=False)]
-    alone, mixed = cdr.decode_many(same, 6), cdr.decode_many([odd[0], *same, odd[1]], 6)
-    np.testing.assert_array_equal(alone[0], mixed[0][1:-1])
-    np.testing.assert_array_equal(alone[1], mixed[1][1:-1])
-    assert alone[1].any()
-
-
-@pytest.mark.parametrize('little', [True, False])
-def test_doubles_are_located_where_struct_finds_them(messages, little):
-    order = '<' if little else '>'
-    wrench = messages.wrench(1, SIX, 'frame', little)
-    assert struct.unpack_from(f'{order}6d', wrench, cdr.locate(wrench, 6).offset) == SIX
-    temperature = messages.temperature(3, 21.5, 'probe', little)
-    stamps_ns, values = cdr.decode_many([temperature], 2)
-    assert stamps_ns.tolist() == [3]
-    assert values.tolist() == [[21.5, 0.25]]
 
 
 def with_length(length):

@@ -1,4 +1,4 @@
-"""Entries of temperature topics, and the numbers they find in messages."""
+"""Entries that name a temperature: paths, factors, units, and what is said of wrong ones."""
 
 import re
 
@@ -12,7 +12,10 @@ from wrist_ft_comp.wire.temperature_source import (
     parse_source,
     parse_sources,
     path_text,
+    split_scale,
     TemperatureSource,
+    to_celsius,
+    unit_remedy,
 )
 
 
@@ -117,7 +120,8 @@ def state(messages, lay_out):
 )
 def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     source = parse_source(entry)
-    assert source.celsius(state.find(source.number).value(state.data)) == pytest.approx(celsius)
+    number = state.find(source.number).values(np.frombuffer(state.data, np.uint8)[np.newaxis])[0]
+    assert source.celsius(number) == pytest.approx(celsius)
 
 
 @pytest.mark.parametrize(
@@ -167,3 +171,15 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
 def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert may_be_temperature(('joints', 2, name)) is telling
     assert may_be_temperature((name, 0)) is telling
+
+
+@pytest.mark.parametrize('text', ['a*', 'a*x', 'a*0', 'a*nan', 'a*inf', 'a*1e999', 'a*:K'])
+def test_a_factor_is_a_number_and_not_zero(text):
+    with pytest.raises(SettingsError, match=r'A factor is a number'):
+        split_scale(text)
+
+
+def test_a_reading_in_another_unit_gets_its_remedy():
+    assert to_celsius(50.0, 'F') == pytest.approx(10.0)
+    assert unit_remedy(298.15, '/t:temperature:{}'.format).endswith('name it /t:temperature:K.')
+    assert unit_remedy(1e9, str) == 'Check it and its unit.'

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.payload.specific_force_motion import describe_force, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, moments_of
 from wrist_ft_comp.wire.tf_tree import GravityByTf, Transforms
 
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
-from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import ReportContent

@@ -11,8 +11,7 @@ from wrist_ft_comp.cli.evaluate import range_warnings
 from wrist_ft_comp.cli.output import print_result, progress_bar, Result
 from wrist_ft_comp.drift.drift_model import check_sensor, correct
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.external_offline import external_correction
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import (
     check_copy,

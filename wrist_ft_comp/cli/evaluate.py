@@ -13,9 +13,8 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.doubts import follows_gravity
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.payload.learnt_payloads import same_payload
+from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
+from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording

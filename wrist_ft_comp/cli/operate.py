@@ -13,8 +13,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.qos import OUTPUT
 from wrist_ft_comp.ros.running import make_executor
+from wrist_ft_comp.ros.topics import OUTPUT
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0

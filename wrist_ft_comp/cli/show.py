@@ -16,11 +16,17 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import Diary, diary_problem, node_folders, survey, TORQUES
-from wrist_ft_comp.learning.memory import last_change, load_memory, Memory
-from wrist_ft_comp.payload.learnt_payloads import payload_line
-from wrist_ft_comp.payload.set_payload_commands import driver_calls, driver_lines
-from wrist_ft_comp.payload.weight import Payload
+from wrist_ft_comp.learning.diary import (
+    Diary,
+    diary_problem,
+    last_change,
+    load_memory,
+    Memory,
+    node_folders,
+    survey,
+    TORQUES,
+)
+from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE

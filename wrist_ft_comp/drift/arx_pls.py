@@ -7,7 +7,6 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
     y(k) = ȳ + [Q u(k)] / W_y                    (M,)   eq. 15
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -169,37 +168,3 @@ def _relax(x: FloatArray, pole: float) -> FloatArray:
 def _lags(size: int) -> IntArray:
     """Lay out by how many cells k follows j, shape (size, size); -1 where it comes before j."""
     return np.asarray(np.maximum(np.subtract.outer(np.arange(size), np.arange(size)), -1))
-
-
-def from_gains(
-    bank: Sequence[Arx],
-    gains: FloatArray,
-    input_mean: FloatArray,
-    input_weight: FloatArray,
-    output_weight: FloatArray,
-) -> ArxPls | None:
-    """
-    Write a sum of filtered linear maps as an ARX-PLS model, exactly (eq. 15).
-
-    y ∘ W_y = Σ_k G_kᵀ H_k(x): singular vectors of W_x⁻¹ G_k are latents with the dynamics H_k.
-    G_k, of shape (K, F, M), go from inputs in their unit to outputs times output_weight. Inputs of
-    weight 0 must have no gain. The output mean is zero; all gains zero give None.
-    """
-    rotations: list[FloatArray] = []
-    loadings: list[FloatArray] = []
-    latents: list[Arx] = []
-    scale = np.where(input_weight > 0, input_weight, 1.0)
-    for dynamics, gain in zip(bank, gains, strict=True):
-        # Shapes: (F, M) into (F, R_k), (R_k, R_k) and (R_k, M).
-        inner, singular, outer = np.linalg.svd(gain / scale[:, np.newaxis], full_matrices=False)
-        for r in np.flatnonzero(singular > 1e-12 * max(singular[0], 1e-300)):
-            rotations.append(inner[:, r])
-            loadings.append(singular[r] * outer[r])
-            latents.append(dynamics)
-    if not latents:
-        return None
-    return ArxPls(
-        input_mean=input_mean, input_weight=input_weight,
-        rotations=np.stack(rotations, axis=1), latents=tuple(latents),
-        output_loadings=np.stack(loadings, axis=1), output_weight=output_weight,
-        output_mean=np.zeros(len(output_weight)))  # fmt: skip

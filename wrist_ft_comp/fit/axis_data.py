@@ -10,10 +10,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.fit.folds import assign_folds, bin_cells, find_plateaus
+from wrist_ft_comp.drift.features import Beyond, Features
+from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
-from wrist_ft_comp.series import FloatArray, IntArray, noise_level
+from wrist_ft_comp.series import FloatArray, IntArray, noise_level, stretches
 
+#: Candidates are fitted to sums over bins of this length, and errors are stated as means over it:
+#: features hardly change within it, s.
+FITTED_BIN_S = 10.0
+#: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
+JUDGED_BIN_S = 3 * FITTED_BIN_S
+#: In a short recording bins are shorter, so that a fold still has this many.
+BINS_PER_FOLD = 8
+#: Stretches that a single recording is divided into, to be held out in turn. A fit to the
+#: others interpolates a short one, which says little of another day: with four instead of three,
+#: 1.1 times as much drift was left there, and with two as well.
+FOLDS = 3
+#: Fewer cells with a wrench than this cannot be divided into folds worth holding out.
+MIN_SAMPLES = FOLDS * BINS_PER_FOLD
+#: A chamber test has at least as many plateaus as there are folds, and at most this many.
+MOST_PLATEAUS = 12
+#: On a plateau temperature moves by less than this share of the smallest step between plateaus:
+#: a chamber holds to a tenth of that, and a warm-up moves more between any two of its gaps.
+_STILL = 0.25
 #: The load of an axis varies enough where its deviation is this many times the noise.
 MIN_LOAD_TO_NOISE = 10.0
 
@@ -101,10 +120,6 @@ def build_axis_data(
         load = [recording.reference[:, column] for recording in recordings]
         residual = [raw - true for raw, true in zip(residual, load, strict=True)]
         no_sensitivity = _why_no_sensitivity(residual, load)
-    holding = [i for i, values in enumerate(residual) if np.isfinite(values).any()]
-    if len(recordings) > 1 and len(holding) == 1:  # it is judged on stretches of that recording
-        folds = [np.full(len(recording), -1) for recording in recordings]
-        folds[holding[0]] = assign_folds([recordings[holding[0]]])[0]
     # Samples that are left out of a working day leave gaps, but no plateaus.
     return AxisData(
         axis=axis, period_s=recordings[0].period_s,
@@ -137,3 +152,62 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
         f'its load varied by {deviation:.3g} (standard deviation), less than '
         f'{MIN_LOAD_TO_NOISE:g} times the noise of {noise:.3g}'
     )
+
+
+def bin_cells(longest: int, period_s: float) -> tuple[int, int]:
+    """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
+    longest_bin = max(longest // (FOLDS * BINS_PER_FOLD), 1)
+    judged = min(max(round(JUDGED_BIN_S / period_s), 1), longest_bin)
+    fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
+    return fitted, judged - judged % fitted
+
+
+def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
+    """
+    Count the plateaus of a chamber test, shape (N,); None unless there are 3 to 12.
+
+    A plateau is a stretch of wrenches in which temperature stands still; between plateaus it
+    moves. A warm-up with gaps has none.
+    """
+    if len(recordings) > 1:
+        return None
+    present = np.any(np.isfinite(recordings[0].wrench), axis=1)
+    plateaus = stretches(present, recordings[0].period_s)
+    if not FOLDS <= plateaus[-1] + 1 <= MOST_PLATEAUS:
+        return None
+    temperature_c = recordings[0].temperature_c
+    leading = temperature_c[:, np.argmax(np.ptp(temperature_c, axis=0))]
+    levels = [leading[present & (plateaus == number)] for number in range(plateaus[-1] + 1)]
+    steps_k = np.abs(np.diff([np.mean(level) for level in levels]))
+    return plateaus if max(map(np.ptp, levels)) < _STILL * steps_k.min() else None
+
+
+def build_features(
+    temperature_c: Sequence[FloatArray],
+    settings: IdentificationSettings,
+    observed: Sequence[FloatArray] | None = None,
+    beyond: Beyond = 'clamped',
+) -> Features:
+    """
+    Choose reference, range and knots of features from temperatures, °C, shapes (N_i, J).
+
+    Knots of hats stand where samples were observed, (n_i, J), if that is given. The features are
+    those of the temperatures behind one relaxation.
+    """
+    everything = np.concatenate(list(temperature_c))
+    knots = list[FloatArray]()
+    if settings.features == 'hats':
+        for column in (everything if observed is None else np.concatenate(list(observed))).T:
+            plateaus = np.unique(column)
+            if settings.hat_temperatures_c:
+                plateaus = np.array(settings.hat_temperatures_c, dtype=float)
+            elif len(plateaus) == 1:
+                plateaus = plateaus[0] + np.array([0.0, 1.0])  # a constant needs a hat, too
+            elif len(plateaus) > MOST_PLATEAUS:
+                plateaus = np.linspace(plateaus[0], plateaus[-1], MOST_PLATEAUS // 2)
+            knots.append(plateaus)
+    return Features(
+        kind=settings.features, reference_c=everything.mean(axis=0),
+        lower_c=everything.min(axis=0), upper_c=everything.max(axis=0),
+        degree=settings.highest_degree if settings.features == 'powers' else 1,
+        knots_c=tuple(knots), beyond=beyond)  # fmt: skip

@@ -13,9 +13,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.arx_pls_oe import identify_lags
 from wrist_ft_comp.fit.auto import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data
+from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data, FITTED_BIN_S, MIN_SAMPLES
 from wrist_ft_comp.fit.data_checks import (
     check_recordings,
     drop_stuck_cells,
@@ -23,17 +22,19 @@ from wrist_ft_comp.fit.data_checks import (
     idle_thermometers,
     jumping_thermometers,
     missing_wrenches,
-    small_spans,
 )
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
-from wrist_ft_comp.fit.folds import assign_folds, FITTED_BIN_S, MIN_SAMPLES
-from wrist_ft_comp.fit.named_methods import identify_hats, identify_paper_method
+from wrist_ft_comp.fit.folds import assign_folds
+from wrist_ft_comp.fit.named_methods import (
+    identify_hats,
+    identify_lags,
+    identify_paper_method,
+)
 from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.payload.doubts import follows_gravity
-from wrist_ft_comp.payload.learn_at_work import learn_at_work
+from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import IntArray, Progress
@@ -109,7 +110,6 @@ def calibrate(
             for jump in jumping_thermometers(recordings)
         ),
         *idle_thermometers(recordings),
-        *small_spans(recordings, settings.min_temperature_span_k),
         *(follows_gravity(recordings, reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
         *_doubts(recordings, fits, settings),
@@ -134,16 +134,21 @@ def _learn(
     fits, skipped = dict[str, AxisFit](), list[str]()
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
+        if data.recordings == 1 < len(recordings):
+            skipped.append(
+                f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
+            )
+            # It is judged on stretches of that recording.
+            (i,) = (i for i, values in enumerate(data.residual) if np.isfinite(values).any())
+            within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
+            (within[i],) = assign_folds([recordings[i]])
+            data = replace(data, folds=tuple(within))
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
             skipped.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
-        if data.recordings == 1 < len(recordings):
-            skipped.append(
-                f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
-            )
         fit = identify_axis(data, settings.identification)
         if data.tared:
             limit = day_limit(data, fit.stated_rms)

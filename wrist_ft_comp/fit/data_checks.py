@@ -10,11 +10,11 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.folds import find_plateaus, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
 from wrist_ft_comp.fit.thermometer_prediction import runs_of
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, require_recordings, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
-from wrist_ft_comp.stream.temperature_spikes import jumps
+from wrist_ft_comp.stream.thermometer_faults import jumps
 
 #: Two recordings are the same day where readings differ by less than this many times their noise,
 #: as they do where one of them has fewer digits; of another day a quarter of them does so.
@@ -33,8 +33,6 @@ _STUCK_S = 30.0
 _SEVERAL = 10
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
-#: Two thermometers read the same where one leaves less than this share of the other unexplained.
-_SAME_SHARE = 0.03
 
 
 def check_recordings(
@@ -198,31 +196,37 @@ def drop_unknown_temperatures(
             measured = recording.measured[:, j]
             values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
             (frozen,) = _find_stuck([values_c], recording.period_s)
-            runs = _unknown_runs(recording, j, ~measured | frozen, max_gap_s)
-            if not runs:
-                continue
+            runs, what = _unknown(recording, j, ~measured | frozen, max_gap_s)
             for first, last in runs:
                 wrench[first:last] = np.nan
-            what = _describe_unknown(recording, j, runs)
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
                 raise CalibrationRefusedError(
                     f'{what}: for most of the wrenches nobody knows its temperature. Record '
                     'again, or leave that thermometer out.'
                 )
-            sentences.append(f'{what}; wrenches of that time are not learnt from.')
+            if runs:
+                sentences.append(f'{what}; wrenches of that time are not learnt from.')
         sound.append(replace(recording, wrench=wrench))
     return sound, sentences
 
 
-def _unknown_runs(
+def _unknown(
     recording: Recording, j: int, missing: BoolArray, max_gap_s: float
-) -> list[tuple[int, int]]:
-    """Find where a thermometer is missing for long while wrenches come, longest first."""
+) -> tuple[list[tuple[int, int]], str]:
+    """Find where a thermometer is missing for long while wrenches come; say the longest."""
     # One that always reports seldom is not silent in between.
     reports = np.flatnonzero(recording.measured[:, j])
     usual = np.median(np.diff(reports)) if len(reports) > 1 else 0.0
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
-    return _long_runs(missing, present, max(max_gap_s / recording.period_s, _SEVERAL * usual))
+    cells = max(max_gap_s / recording.period_s, _SEVERAL * usual)
+    if not (runs := _long_runs(missing, present, cells)):
+        return [], ''
+    first, last = runs[0]
+    verb = 'keeps one value' if recording.measured[first:last, j].any() else 'is silent'
+    return runs, (
+        f'Thermometer {j + 1} of {recording.name} {verb} for '
+        f'{(last - first) * recording.period_s:.0f} s, from {time_in(recording, first)} on'
+    )
 
 
 def _long_runs(missing: BoolArray, counts: BoolArray, cells: float) -> list[tuple[int, int]]:
@@ -235,31 +239,19 @@ def _long_runs(missing: BoolArray, counts: BoolArray, cells: float) -> list[tupl
     return sorted(runs, key=lambda run: run[0] - run[1])
 
 
-def _describe_unknown(recording: Recording, j: int, runs: Sequence[tuple[int, int]]) -> str:
-    """Say for how long a thermometer is silent or frozen, at most, and from when on."""
-    first, last = runs[0]
-    verb = 'keeps one value' if recording.measured[first:last, j].any() else 'is silent'
-    return (
-        f'Thermometer {j + 1} of {recording.name} {verb} for '
-        f'{(last - first) * recording.period_s:.0f} s, from {time_in(recording, first)} on'
-    )
-
-
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
     """Name thermometers and wrenches that are silent for long."""
     sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
-            if runs := _unknown_runs(recording, j, ~recording.measured[:, j], max_gap_s):
-                first, last = runs[0]
-                how = 'a straight line was drawn over it'
-                if not recording.measured[last:, j].any():
-                    how = 'its last reading was held'
+            runs, what = _unknown(recording, j, ~recording.measured[:, j], max_gap_s)
+            if runs:
+                begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
+                held = not recording.measured[runs[0][1] :, j].any()
+                how = 'its last reading was held' if held else 'a straight line was drawn over it'
                 sentences.append(
-                    f'{_describe_unknown(recording, j, runs)}; {how}, and the drift of that time '
-                    f'is a guess. Leave that time out: --exclude '
-                    f'{math.floor(elapsed_s(recording, first))}..'
-                    f'{math.ceil(elapsed_s(recording, last))}.'
+                    f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
+                    f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
                 )
     return sentences + missing_wrenches(recordings, max_gap_s)
 
@@ -277,17 +269,6 @@ def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                 'on; nothing is known of the drift of that time.'
             )
     return sentences
-
-
-def small_spans(recordings: Sequence[Recording], min_span_k: float) -> list[str]:
-    """Name recordings that alone would be refused, beside others that would not."""
-    spans_k = [float(np.ptp(recording.temperature_c, axis=0).max()) for recording in recordings]
-    return [
-        f'Temperature in {recording.name} spans {span_k:.1f} K only. Each recording is judged by '
-        'what is learnt from the others, and little is learnt from this one: leave it out.'
-        for recording, span_k in zip(recordings, spans_k, strict=True)
-        if span_k < min_span_k <= max(spans_k)
-    ]
 
 
 def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
@@ -311,28 +292,10 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
 
 
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
-    """Name thermometers that stand still, or read the same as another one."""
-    sentences = []
-    centred_k = np.concatenate(
-        [r.temperature_c - r.temperature_c.mean(axis=0) for r in recordings]
-    ).T
-    moving = list[int]()
-    for j, column_k in enumerate(centred_k):
-        if not any(differ(r.temperature_c[:, j], r.temperature_c[0, j]).any() for r in recordings):
-            sentences.append(
-                f'Thermometer {j + 1} reads {recordings[0].temperature_c[0, j]:.1f} °C '
-                'throughout; it tells nothing. Check its topic.'
-            )
-            continue
-        for k in moving:
-            slope = float(centred_k[k] @ column_k) / float(centred_k[k] @ centred_k[k])
-            apart_k = float(np.std(column_k - slope * centred_k[k]))
-            if apart_k < _SAME_SHARE * column_k.std():
-                sentences.append(
-                    f'Thermometers {k + 1} and {j + 1} say the same: apart from a factor and a '
-                    f'constant they differ by {apart_k:.2g} K, while they move by '
-                    f'{column_k.std():.2g} K (standard deviations). A second thermometer helps '
-                    'where it sees another source of heat.'
-                )
-        moving.append(j)
-    return sentences
+    """Name thermometers that stand still."""
+    return [
+        f'Thermometer {j + 1} reads {value_c:.1f} °C throughout; it tells nothing. Check its '
+        'topic.'
+        for j, value_c in enumerate(recordings[0].temperature_c[0])
+        if not any(differ(r.temperature_c[:, j], value_c).any() for r in recordings)
+    ]

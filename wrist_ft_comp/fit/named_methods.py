@@ -1,87 +1,106 @@
 """
-The paper's methods, by their names, and hats: candidates compete, and the simplest good one runs.
+The methods that a person may name, and hats: candidates compete, and the simplest good one runs.
 
 Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist Force Sensor Based
 on Multivariate Regression Method", Sensors & Transducers, 2014; docs/paper.md goes through it
-equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10, ``pls``), ``filtered_pls`` has a
-filter for each latent (eq. 11 to 14), ``arx_pls`` an ARX for each latent (eq. 15 to 22). What
-competes is the number of latents and their structure, on held-out folds; the winner is fitted to
-everything, and its constants are fixed.
+equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` has a filter
+for each latent (eq. 11 to 14, all in ``pls``), ``arx_pls`` an ARX for each latent (eq. 15 to 22).
+``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16). What
+competes are latents and their structure, or how many time constants there are, on held-out folds;
+the winner is fitted to everything, and its constants are fixed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.drift.arx import static_gain
+from wrist_ft_comp.drift.arx import free_run, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.arx_least_squares import Orders, STATIC
-from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
-from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.cross_validation import (
+from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.fit.arx_pls import fit_arx_pls
+from wrist_ft_comp.fit.axis_data import AxisData, build_features
+from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
+from wrist_ft_comp.fit.folds import (
     Fitted,
     hold_out,
     part_errors,
     Refit,
     refit_bins,
-    Scores,
     simplest_good,
     unexplained,
     WORTHWHILE,
 )
-from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
-from wrist_ft_comp.fit.filtered_pls import choose_filters, Filter, fit_filtered_pls
-from wrist_ft_comp.fit.model_building import anchored, build_features
-from wrist_ft_comp.fit.pls import fit_pcr, fit_pls
+from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, fit_pls
 from wrist_ft_comp.fit.result import AxisFit, Candidate
-from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.fit.xy_block import build_xy_block
+from wrist_ft_comp.fit.ridge_bank import (
+    anchored,
+    bin_axis_data,
+    BinnedData,
+    build_axis_model,
+    LONG_BANK_S,
+    POOL_S,
+    sum_by_fold,
+)
+from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: Most latents that compete.
 _MAX_LATENTS = 8
-#: Gain drift is learnt in hats when it leaves at most this share of what leaving it alone does.
-_GAIN_WORTH = 0.5
-#: Share of rounding in a sum of squares.
-_ROUNDING = 1e-12
+#: Orders n = m up to this compete for each latent of arx_pls, the simplest first, ...
+_HIGHEST_ORDER = 2
+#: ... each with a direct term, without delay, and with this one, s: heat takes as long at most.
+_DELAY_S = 30.0
+#: Where arx_pls_oe searches τ, s: below, no sensor is known to lag; above, a day hardly shows it.
+_BOUNDS_S = (20.0, 5600.0)
 
 PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
-#: What each latent is: its orders, or its filter; static latents are STATIC.
-Structure = tuple[Filter, ...]
+#: What each latent is: its orders, or the time constant of its filter, s.
+Structure = tuple[Orders | float, ...]
 
 
 def identify_paper_method(
     data: AxisData, settings: IdentificationSettings, method: PaperMethod
 ) -> AxisFit:
     """
-    Let held-out folds choose each latent's structure, then how many latents there are.
+    Let held-out folds choose how many latents there are, and their structure.
 
-    TooShortError is raised where no ARX finds enough consecutive samples.
+    All latents have the same structure, unless orders were given for each. TooShortError is raised
+    where no ARX finds enough consecutive samples.
     """
-    features = _observed_features(data, settings)
-    width = len(features.names)
+    width = len(_observed_features(data, settings).names)
     # Hats take all latents, so that every knot keeps its own coefficients.
-    fewest = width if features.kind == 'hats' else 1
-    most = width if features.kind == 'hats' else min(width, _MAX_LATENTS)
-    if settings.latents is not None:
-        fewest = most = settings.latents
-    elif len(settings.orders) > 1:
-        fewest = most = len(settings.orders)
-    structure: Structure = (STATIC,) * most
+    fixed = settings.latents or (width if settings.features == 'hats' else None)
+    options: Structure = (STATIC,)
     if method == 'filtered_pls':
-        structure = choose_filters(data, build_xy_block(data, features), most)
-    elif method == 'arx_pls' and settings.orders:
-        structure = settings.orders if len(settings.orders) > 1 else settings.orders * most
+        options = LONG_BANK_S
     elif method == 'arx_pls':
-        structure = choose_orders(data, build_xy_block(data, features), most)
-    refits: dict[str, Refit] = {}
-    for r in range(fewest, max(fewest, len(structure)) + 1):
-        name = f'{method}, {r} latent{"s" if r > 1 else ""}'
-        refits[name] = partial(_fit_structure, settings, method, structure[:r])
+        delays = sorted({0, round(_DELAY_S / data.period_s)})
+        options = settings.orders or tuple(
+            orders
+            for n in range(_HIGHEST_ORDER + 1)
+            for orders in (
+                Orders(n, max(n, 1), direct=True),
+                *(Orders(n, max(n, 1), d) for d in delays),
+            )
+        )
+    numbers = [fixed] if fixed else range(1, min(width, _MAX_LATENTS) + 1)
+    structures: list[Structure] = [(option,) * r for r in numbers for option in options]
+    if method == 'arx_pls' and len(settings.orders) > 1:
+        structures = [settings.orders]
+    refits = dict[str, Refit]()
+    for structure in structures:
+        name = f'{method}, {len(structure)} latent{"s" if len(structure) > 1 else ""}'
+        if len(options) > 1:
+            alike = 'orders as given' if settings.orders else structure[0]
+            name += f', relaxation {alike} s' if method == 'filtered_pls' else f', {alike}'
+        refits[name] = partial(_fit_structure, settings, method, structure)
     return compete(data, refits)
 
 
@@ -116,7 +135,8 @@ def identify(
     if not block.observed:
         return None, ()
     if method == 'filtered_pls':
-        return fit_filtered_pls(block, structure, data.period_s)
+        constants_s = [tau for tau in structure if not isinstance(tau, Orders)]
+        return fit_filtered_pls(block, constants_s, data.period_s)
     if method == 'arx_pls':
         return fit_arx_pls(block, [orders for orders in structure if isinstance(orders, Orders)])
     outer = (fit_pcr if method == 'pcr' else fit_pls)(block.x, block.y, len(structure))
@@ -127,67 +147,126 @@ def identify(
 
 def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
-    Let held-out folds choose between none and piecewise linear drift.
+    Let held-out folds choose between none and piecewise linear zero drift.
 
-    This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone unless
-    held-out gains come out better: between a few temperatures they are easily worse.
+    This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone: between
+    a few temperatures it is easily worse than none. ``pls`` in hats learns it.
     """
     hats = replace(settings, features='hats')
     latents = settings.latents or len(_observed_features(data, hats).names)
-    both: Refit = partial(_fit_structure, hats, 'pls', (STATIC,) * latents)
 
-    def zero(part: AxisData) -> Fitted:
-        """Fit zero drift beside gain drift, where there are loads, and leave the gain alone."""
-        model, notes = both(part)
+    def fit_zero(part: AxisData) -> Fitted:
+        model, notes = _fit_structure(hats, 'pls', (STATIC,) * latents, part)
         return None if model is None else model.without_gain_drift(), notes
 
-    if data.load is not None and _gain_error(data, both) < _GAIN_WORTH * _gain_error(data, zero):
-        return compete(data, {'zero and gain drift in hats': both}, may_be_none=True)
-    return compete(data, {'zero drift in hats': zero}, may_be_none=True)
+    return compete(data, {'zero drift in hats': fit_zero}, may_be_none=True)
 
 
-def _gain_error(data: AxisData, refit: Refit) -> float:
-    """Root mean square difference of the gain of folds that were held out from the others'."""
-    errors = []
-    for held_out in data.fold_numbers:
-        inside, others = list[float](), list[float]()
-        remainders = unexplained(data, refit(data.without(held_out))[0])
-        for fold in data.fold_numbers:
-            # Regress what is left on the load, in each recording where that varies.
-            for left, load, folds in zip(remainders, data.load or (), data.folds, strict=True):
-                rows = (folds == fold) & np.isfinite(left) & np.isfinite(load)
-                w = load[rows] - load[rows].mean() if rows.any() else load[rows]
-                if w.any():
-                    gain = float(w @ left[rows]) / float(w @ w)
-                    (inside if fold == held_out else others).append(gain)
-        if others:  # the gain at T_ref is open as yet
-            errors += [gain - np.mean(others) for gain in inside]
-    return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
+    """
+    Let none, one or two free time constants compete on the error of the free run.
+
+    A drift that goes on for longer than the recordings is refused.
+    """
+    features = build_features(data.temperature_c, settings)
+    refits: dict[str, Refit] = {}
+    for count, lags in enumerate(('static', '1 time constant', '2 time constants')):
+        for degree in range(1, features.degree + 1):
+            name = 'hats' if features.kind == 'hats' else f'degree {degree}'
+            refits[f'{lags}, {name}'] = partial(fit_lags, replace(features, degree=degree), count)
+    fit = compete(data, refits)
+    if fit.model is None or not fit.model.filters:
+        return fit
+    tau_s = _time_constants_s(fit.model, data.period_s)
+    if tau_s[-1] >= data.longest_s:
+        refusal = (
+            f'{data.axis} drifts too slowly for these recordings: {fit.chosen} explains it best, '
+            f'but its slowest time constant is at least {data.longest_s:.0f} s, as long as the '
+            f'longest recording. Record at least {2 * data.longest_s / 3600:.1f} h from cold, or '
+            'choose the method pls'
+        )
+        return replace(
+            compete(data, {}, may_be_none=True), candidates=fit.candidates, refusal=refusal,
+            reason=f'{refusal}.')  # fmt: skip
+    # The jackknife: how far the fits scatter that were made without each fold in turn.
+    others = [refits[fit.chosen](data.without(fold))[0] for fold in data.fold_numbers]
+    others_s = [_time_constants_s(model, data.period_s) for model in others if model]
+    errors_s = np.sqrt((len(others_s) - 1) * np.var(others_s, axis=0))
+    return replace(
+        fit, time_constants_s=tuple(tau_s.tolist()),
+        time_constant_errors_s=tuple(errors_s.tolist()))  # fmt: skip
+
+
+def _time_constants_s(model: AxisModel, period_s: float) -> FloatArray:
+    """Give the time constants of a bank of relaxations, s."""
+    return -period_s / np.log([-lag.a[0] for lag in model.filters])
+
+
+def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
+    """
+    Fit drift behind free time constants; poles are relaxations, since heat conducts by no others.
+
+    For given time constants every gain is linear, so ln τ alone is searched (variable projection),
+    from the best of the relaxations of ``auto``, or of their pairs.
+    """
+    bins, tau_s = bin_axis_data(data, data.bin_cells[0]), np.zeros(1)
+    if count:
+        tried = [np.array(some) for some in combinations(POOL_S[1:], count)]
+        start_s = min(tried, key=lambda some_s: _behind(bins, features, some_s)[0])
+        found = scipy.optimize.minimize(
+            lambda logs: np.log(_behind(bins, features, np.exp(logs))[0]), np.log(start_s),
+            method='Nelder-Mead', bounds=[np.log(_BOUNDS_S)] * count,
+            options={'xatol': 1e-5, 'fatol': 1e-9})  # fmt: skip
+        tau_s = np.exp(np.sort(found.x))
+    # What runs is fitted cell by cell.
+    _, gains, columns = _behind(bin_axis_data(data, 1), features, tau_s)
+    return build_axis_model(features, tau_s, gains, columns, data.period_s), ()
+
+
+def _behind(
+    data: BinnedData, features: Features, time_constants_s: FloatArray
+) -> tuple[float, FloatArray, list[FloatArray]]:
+    """
+    Fit r - w by features behind relaxations (eq. 11), each segment around its mean.
+
+    Gives the squares that are left, gains, (p,), and the features by relaxation, (n_i, K·F).
+    """
+    lags = [data.relaxation(float(tau_s)) for tau_s in time_constants_s]
+    columns = [
+        np.concatenate([features.expand_within(free_run(lag, own_c)) for lag in lags], axis=1)
+        for own_c in data.temperature_c
+    ]
+    sums = sum_by_fold(data, columns)
+    normal = sums.centred(sums.fold >= -1)
+    size = 1 / np.sqrt(np.where(np.diagonal(normal) > 0, np.diagonal(normal), np.inf))
+    scaled = normal * np.outer(size, size)
+    gains = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1], rcond=ROUNDING)[0]
+    rest = normal[-1, -1] * (1 - gains @ scaled[:-1, -1])
+    gains = np.divide(gains * size[:-1], size[-1], out=np.zeros_like(gains), where=size[-1] > 0)
+    return max(float(rest), 1e-300), gains, columns
 
 
 def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
-    """Let the simplest good one run; no compensation is scored beside them."""
-    competing = ['none', *refits] if may_be_none else list(refits)
-    refits = {'none': lambda _: (None, ()), **refits}
-    bins = {name: refit_bins(data, refit) for name, refit in refits.items()}
-    chosen = competing[simplest_good([part_errors(bins[name]) for name in competing])]
-    return finish(data, refits[chosen](data), chosen, bins, competing)
-
-
-def finish(
-    data: AxisData, winner: Fitted, chosen: str, bins: Scores, competing: Sequence[str]
-) -> AxisFit:
     """
-    Fix the constants of the winner, and state held-out errors.
+    Let the simplest good candidate run, fix its constants, and state held-out errors.
 
-    Scores are those of all candidates, ``none`` among them, the simplest first; competing are the
-    names of those that could have been chosen.
+    Candidates stand in order, the simplest first; no compensation is scored beside them. What is
+    too long for the recordings does not compete; TooShortError is raised where nothing is left.
     """
-    model, notes = winner
+    bins, refits = {}, {'none': lambda _: (None, ()), **refits}
+    for name, refit in refits.items():
+        try:
+            bins[name] = refit_bins(data, refit)
+        except TooShortError as error:  # noqa: PERF203 -- each may be refused
+            too_short = error
+    competing = [name for name in bins if may_be_none or name != 'none']
+    if not competing:
+        raise too_short
+    scores = [part_errors(bins[name]) for name in competing]
+    chosen = competing[simplest_good(scores)]
+    model, notes = refits[chosen](data)
     if data.no_sensitivity:
         notes = (*notes, f'zero drift only: {data.no_sensitivity}')
-    elif model is not None and model.outputs == 1:
-        notes = (*notes, 'zero drift only: gain drift held no better than none on held-out data')
     time_constants_s: list[float] = []
     if model is not None:
         model = anchor(data, model)
@@ -203,7 +282,7 @@ def finish(
     reason = f'{chosen} leaves {rms[chosen]:.3g} {data.unit} RMS on held-out data'
     if chosen != 'none':
         reason += f', no compensation {rms["none"]:.3g} {data.unit}'
-    best = min(competing, key=lambda name: float(part_errors(bins[name]).mean()))
+    best = competing[int(np.argmin([score.mean() for score in scores]))]
     if len(competing) == 1:
         reason += '; nothing else competed.'
     elif best == chosen:
@@ -241,5 +320,5 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
             below += float(w @ w)
             whole += float(load[rows] @ load[rows])
     # A load that is constant within each recording leaves the gain error at T_ref open.
-    gain_error = above / below if below > _ROUNDING * whole else 0.0
+    gain_error = above / below if below > ROUNDING * whole else 0.0
     return anchored(model, [0.0, gain_error])

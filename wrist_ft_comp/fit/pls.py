@@ -1,23 +1,161 @@
 """
-The outer model: partial least squares by NIPALS (eq. 3 to 10), and principal components.
+X and Y of one axis, and the paper's methods that filter X at most (eq. 3 to 14): PLS, PCR.
 
     X = T Pᵀ + E      (N, F) = (N, R)(R, F) + (N, F)      eq. 3
     T = X W (Pᵀ W)⁻¹  (N, R) = (N, F)(F, R)               eq. 4, with deflation accounted for
     Y = T B Qᵀ + F    (N, M) = (N, R)(R, R)(R, M) + …     eq. 8, columns of Q of length 1
 
-X is the input block and Y the output block; both are centred and scaled.
+X is the input block and Y the output block; both are centred and scaled. In filtered PLS (Kaspar
+and Ray) each latent has a dynamic filter h_r of its own; with all h_r = 1 it is PLS:
+
+    Ẽ = H_r(E_{r-1})                                                (N, F)   eq. 11
+    w_r = leading eigenvector of Ẽᵀ F_{r-1} F_{r-1}ᵀ Ẽ              (F,)     eq. 12
+    t_r = Ẽ w_r = h_r(E_{r-1} w_r),   p_r = Ẽᵀ t_r / t_rᵀ t_r                eq. 12, 13
+    E_r = E_{r-1} (I - w_r p_rᵀ), so H_r(E_r) = Ẽ - t_r p_rᵀ        (N, F)   eq. 3
+    F_r = F_{r-1} - b_r t_r q_rᵀ                                    (N, M)   eq. 5, 9, 10
+    Y = diag(h_1 … h_R)(E_0 W*) B Qᵀ + F,  W* = W (PᵀW)⁻¹           (N, M)   eq. 14
+
+The filtered block is deflated, and E_r is what it was before h_r: so the next latent's filter is
+its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.series import BoolArray, FloatArray, stretches
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 EXHAUSTED = 1e-24
-#: Turns of NIPALS for one latent, at most.
-_MAX_ITERATIONS = 2000
+#: Longest stretch of constant sensitivity assumed when it is observed directly, s.
+OBSERVATION_WINDOW_S = 300.0
+#: A window shows sensitivity when its load varies by this share of the load's whole deviation.
+_LOADED_SHARE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class XyBlock:
+    """Input and output block, recording by recording; X is the input (3.2 swaps the words)."""
+
+    #: Inputs of every cell, (N_i, F), neither centred nor scaled.
+    inputs: tuple[FloatArray, ...]
+    #: What was observed, (N_i, M), up to a constant of each recording; NaN where nothing was.
+    outputs: tuple[FloatArray, ...]
+
+    @cached_property
+    def valid(self) -> tuple[BoolArray, ...]:
+        """Cells in which all outputs were observed, (N_i,)."""
+        return tuple(np.all(np.isfinite(y), axis=1) for y in self.outputs)
+
+    @property
+    def observed(self) -> bool:
+        """Whether any cell is valid; of none there is neither X nor Y."""
+        return any(valid.any() for valid in self.valid)
+
+    @cached_property
+    def input_mean(self) -> FloatArray:
+        """x̄ over the valid cells, shape (F,)."""
+        return np.asarray(self._valid_inputs.mean(axis=0))
+
+    @cached_property
+    def input_weight(self) -> FloatArray:
+        """Diagonal of W_x: one over the inputs' deviation, shape (F,); 0 for constant inputs."""
+        deviation = self._valid_inputs.std(axis=0)
+        constant = deviation <= 1e-9 * np.abs(self._valid_inputs).max(axis=0)
+        return np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, deviation))
+
+    @cached_property
+    def output_weight(self) -> FloatArray:
+        """Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs."""
+        deviation = np.std(self.stack(self.outputs), axis=0)
+        return np.asarray(1.0 / np.where(deviation > 0, deviation, 1.0))
+
+    @cached_property
+    def x(self) -> FloatArray:
+        """X of eq. 3, shape (N, F): all recordings, each centred by itself, scaled by W_x."""
+        return self.stack(self.inputs) * self.input_weight
+
+    @cached_property
+    def y(self) -> FloatArray:
+        """Y of eq. 5, shape (N, M), scaled by W_y."""
+        return self.stack(self.outputs) * self.output_weight
+
+    @cached_property
+    def scaled_inputs(self) -> tuple[FloatArray, ...]:
+        """E_0 of every cell, (N_i, F): centred by x̄, scaled by W_x."""
+        return tuple((x - self.input_mean) * self.input_weight for x in self.inputs)
+
+    @cached_property
+    def scaled_outputs(self) -> tuple[FloatArray, ...]:
+        """F_0 of every cell, (N_i, M), scaled by W_y."""
+        return tuple(y * self.output_weight for y in self.outputs)
+
+    def stack(self, series: Sequence[FloatArray]) -> FloatArray:
+        """Join the valid cells of (N_i, K), each recording centred for its unknown offset."""
+        parts = [values[rows] for values, rows in zip(series, self.valid, strict=True)]
+        return np.concatenate([part - part.mean(axis=0) for part in parts if len(part)])
+
+    def model(
+        self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
+    ) -> ArxPls | None:
+        """Put an identified model together, in the block's units; None without any latent."""
+        if not len(latents):
+            return None
+        return ArxPls(
+            input_mean=self.input_mean, input_weight=self.input_weight, rotations=rotations,
+            latents=tuple(latents), output_loadings=output_loadings,
+            output_weight=self.output_weight,
+            output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
+
+    @cached_property
+    def _valid_inputs(self) -> FloatArray:
+        return np.concatenate([x[rows] for x, rows in zip(self.inputs, self.valid, strict=True)])
+
+
+def build_xy_block(data: AxisData, features: Features) -> XyBlock:
+    """Expand the temperatures of an axis to features, and observe its drift."""
+    inputs = tuple(features.expand(temperature_c) for temperature_c in data.temperature_c)
+    return XyBlock(inputs, tuple(observe_drift(data)))
+
+
+def observe_drift(data: AxisData) -> list[FloatArray]:
+    """
+    Observe zero drift and, when there is load, sensitivity drift directly in r - w, (N_i, M).
+
+    Sensitivity is a least-squares slope over windows of at most OBSERVATION_WINDOW_S that do not
+    cross gaps: "coefficients recorded at discrete temperatures" (the paper's 3.2). Observations
+    hold up to a constant of each recording, and are NaN where either is not known.
+    """
+    if data.load is None:
+        return [residual[:, np.newaxis] for residual in data.residual]
+    deviation = float(np.std(np.concatenate([w[np.isfinite(w)] for w in data.load])))
+    cells = max(round(OBSERVATION_WINDOW_S / data.period_s), 1)
+    drifts = list[FloatArray]()
+    for residual, load in zip(data.residual, data.load, strict=True):
+        observed = np.full((len(residual), 2), np.nan)
+        present = np.isfinite(residual) & np.isfinite(load)
+        at = np.flatnonzero(present)
+        parts = stretches(present, data.period_s)[at]
+        starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
+        # Windows count anew in each stretch, so none crosses a gap.
+        windows = np.stack((parts, (at - starts) // cells), axis=1)
+        window = np.unique(windows, axis=0, return_inverse=True)[1].reshape(-1)
+        count = np.bincount(window)
+        w = load[at] - (np.bincount(window, load[at]) / count)[window]
+        power = np.bincount(window, w**2)
+        shown = (count > 2) & (np.sqrt(power / count) >= _LOADED_SHARE * deviation)
+        slopes = np.bincount(window, w * residual[at]) / np.where(shown, power, 1.0)
+        slope, rows = slopes[window], shown[window]
+        both = np.stack((residual[at] - slope * load[at], slope), axis=1)
+        observed[at[rows]] = both[rows]
+        drifts.append(observed)
+    return drifts
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +171,6 @@ class Pls:
     output_loadings: FloatArray
     #: T of the data that were fitted, shape (N, R).
     scores: FloatArray
-
-    @property
-    def latents(self) -> int:
-        """Number of latents R; fewer than asked for when the data have no more."""
-        return int(self.weights.shape[1])
 
     @property
     def rotations(self) -> FloatArray:
@@ -85,24 +218,15 @@ def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
 
 def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
     """
-    Find the next latent's weights: the leading eigenvector of EᵀF FᵀE, shape (F,), of length 1.
+    Find the next latent's weights, what NIPALS converges to, shape (F,), of length 1.
 
-    E has shape (N, F), F shape (N, M). Where E explains nothing of F, the weights are 0.
+    They are the leading eigenvector of EᵀF FᵀE, E of shape (N, F), F of shape (N, M). Where E
+    explains nothing of F, the weights are 0.
     """
     covariance = e.T @ f  # (F, M)
-    w = covariance[:, np.argmax(np.sum(covariance**2, axis=0))]
-    for _ in range(_MAX_ITERATIONS):
-        norm = np.linalg.norm(w)
-        if norm == 0:
-            return w
-        w = w / norm
-        # u = F q with q ∝ Fᵀ t and w ∝ Eᵀ u: one turn of NIPALS, without its two N-vectors.
-        turned = covariance @ (covariance.T @ w)
-        turned_norm = np.linalg.norm(turned)
-        if turned_norm == 0 or np.linalg.norm(turned / turned_norm - w) < 1e-15:
-            break
-        w = turned
-    return fix_signs(w)
+    if not covariance.any():
+        return np.zeros(len(covariance))
+    return fix_signs(np.linalg.svd(covariance, full_matrices=False)[0][:, 0])
 
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
@@ -117,3 +241,41 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     inner = np.linalg.norm(slopes, axis=0)
     output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
     return Pls(weights, weights, inner, output_loadings, scores)
+
+
+def fit_filtered_pls(
+    block: XyBlock, time_constants_s: Sequence[float], period_s: float
+) -> tuple[ArxPls | None, tuple[str, ...]]:
+    """
+    Fit a latent behind each relaxation, 0 is none, or fewer where a block is exhausted.
+
+    The model is None where the inputs explain nothing; beside it stands h_r of each latent, in
+    words.
+    """
+    deflation, remaining = np.eye(len(block.input_weight)), block.scaled_outputs
+    rotations, latents, loadings, notes = [], list[Arx](), [], list[str]()
+    for time_constant_s in time_constants_s:
+        h, f = relaxation(time_constant_s, period_s), block.stack(remaining)
+        filtered = [free_run(h, scaled @ deflation) for scaled in block.scaled_inputs]  # eq. 11
+        stacked = block.stack(filtered)
+        w = dominant_weights(stacked, f)  # eq. 12
+        t = stacked @ w
+        tt = float(t @ t)
+        outputs_left, inputs_left = np.sum(f**2), EXHAUSTED * np.sum(block.x**2)
+        if outputs_left <= EXHAUSTED * np.sum(block.y**2) or tt <= inputs_left:
+            break
+        p = stacked.T @ t / tt
+        slopes = f.T @ t / tt  # b_r q_r
+        b = float(np.linalg.norm(slopes))
+        rotations.append(deflation @ w)
+        latents.append(Arx(h.a, b * h.b, h.first_lag))
+        loadings.append(slopes / b)
+        deflation = deflation @ (np.eye(len(w)) - np.outer(w, p))
+        pairs = zip(remaining, filtered, strict=True)
+        remaining = tuple(y - np.outer(values @ w, slopes) for y, values in pairs)
+        what = f'a relaxation of {time_constant_s:g} s' if time_constant_s else 'none'
+        notes.append(f'latent {len(notes) + 1}: h is {what}')
+    if not latents:
+        return None, ()
+    model = block.model(np.stack(rotations, axis=1), latents, np.stack(loadings, axis=1))
+    return model, tuple(notes)

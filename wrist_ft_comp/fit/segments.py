@@ -14,11 +14,11 @@ from scipy.ndimage import median_filter
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.axis_data import JUDGED_BIN_S
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
-from wrist_ft_comp.fit.folds import JUDGED_BIN_S
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
-from wrist_ft_comp.series import FloatArray, noise_level
+from wrist_ft_comp.series import FloatArray, noise_level, ROUNDING
 from wrist_ft_comp.steps import find_steps, Step
 
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
@@ -37,10 +37,6 @@ _STEP_SHARE = 0.05
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.
 _SHORTEST_SEGMENT_S = 600.0
-#: Steps of a recording that are named one by one; the others are counted.
-_NAMED_STEPS = 5
-#: Sums of equal readings differ by less than this share.
-_ROUNDING = 1e-12
 
 
 def segment(
@@ -85,7 +81,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         limit = max(
             _OUTLYING_SIGMA * noise_level([raw]),
             _OUTLYING_SHARE * float(np.ptp(level)),
-            _ROUNDING * float(np.abs(raw).max()),
+            ROUNDING * float(np.abs(raw).max()),
         )
         outlying = distance > limit
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
@@ -163,20 +159,17 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
             'the specific force (--reference payload).'
         )
     wrench, sentences = recording.wrench.copy(), list[str]()
-    for number, step in enumerate(steps):
+    for step in steps:
         wrench[step.cell :, columns] -= step.jump
         jumps = ', '.join(
             f'{AXES[column]} by {rounded(jump)} {axis_unit(AXES[column])}'
             for column, jump, least in zip(columns, step.jump.tolist(), smallest, strict=True)
             if abs(jump) > least
         )
-        if number < _NAMED_STEPS:
-            sentences.append(
-                f'{recording.name} steps at {time_in(recording, step.cell)}: {jumps}. A new '
-                'segment begins there, as after a tare.'
-            )
-    if len(steps) > _NAMED_STEPS:
-        sentences.append(f'{recording.name} steps {len(steps) - _NAMED_STEPS} times more.')
+        sentences.append(
+            f'{recording.name} steps at {time_in(recording, step.cell)}: {jumps}. A new segment '
+            'begins there, as after a tare.'
+        )
     cells = sorted({*recording.steps, *(step.cell for step in steps)})
     return replace(recording, wrench=wrench, steps=tuple(cells)), sentences
 
@@ -185,5 +178,5 @@ def _noise(values: FloatArray) -> float:
     """Estimate the noise of a reading, at least that of its rounding; 0 of a constant."""
     present = values[np.isfinite(values)]
     steps = np.abs(np.diff(present))
-    steps = steps[steps > _ROUNDING * np.abs(present).max()]
+    steps = steps[steps > ROUNDING * np.abs(present).max()]
     return max(noise_level([values]), float(steps.min()) / np.sqrt(12) if len(steps) else 0.0)

@@ -7,12 +7,45 @@ import numpy as np
 
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.fit.arx_least_squares import Orders
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.recording import Reference
 
 Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']
 METHODS: tuple[Method, ...] = get_args(Method)
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Orders of one latent's ARX, determined before its coefficients (last sentence of 3.2)."""
+
+    #: n, how many past outputs of its own it feeds back, and m, how many inputs it takes.
+    n: int
+    m: int
+    #: d_r, cells: the newest input is t(k-d-1) ...
+    d: int = 0
+    #: ... or t(k-d), as a model without delay needs it.
+    direct: bool = False
+
+    def __post_init__(self) -> None:
+        for name, least in (('n', 0), ('m', 1), ('d', 0)):
+            check_range(name, getattr(self, name), least)
+
+    def __str__(self) -> str:
+        return f'n {self.n}, m {self.m}, d {self.d}{", direct" if self.direct else ""}'
+
+    @property
+    def first_lag(self) -> int:
+        """Cells between the output and the newest input: d + 1, or d with a direct term."""
+        return self.d if self.direct else self.d + 1
+
+    @property
+    def longest_lag(self) -> int:
+        """L: how many past cells the output depends on."""
+        return max(self.n, self.first_lag + self.m - 1)
+
+
+#: u_r = b_r t_r (eq. 10): no memory.
+STATIC = Orders(n=0, m=1, direct=True)
 
 
 @dataclass(frozen=True)

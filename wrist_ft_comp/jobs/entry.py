@@ -12,12 +12,10 @@ import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import model_values, run_job
+from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, Minute
 from wrist_ft_comp.jobs.learning_job import learn
-from wrist_ft_comp.jobs.request import CalibrationJob, decode_job, Minute
-from wrist_ft_comp.payload.learnt_payloads import payload_line
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
-from wrist_ft_comp.payload.set_payload_commands import driver_lines
-from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.payload.weight import driver_lines, ForceFrame, payload_line
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
@@ -60,8 +58,7 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
     sensor = None
     if minute.sensor is not None:
-        bias, scale = np.array(minute.sensor)
-        sensor = ForceFrame(bias=bias, scale=scale)
+        sensor = ForceFrame(np.eye(3), *np.array(minute.sensor))
     found = identify(cells, minute.period_s, sensor)
     frame = found.frame.learnt_by(job.topics.force_source, job.topics)
     (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)

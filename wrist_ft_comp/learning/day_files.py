@@ -1,4 +1,8 @@
-"""Recordings of days, ``days/day_00001.csv`` …, which stamps alone end (docs/learning.md)."""
+"""
+Recordings of days, ``days/day_00001.csv`` …: when one ends, how it is written.
+
+A day ends by its stamps alone: after DAY_NS, a silence of SILENCE_NS, or where time runs back.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -45,17 +49,11 @@ class _DayWriter(CsvRecordingWriter):
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
         """Write the cells of a row."""
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
-        return (f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.'), *map(_short, values))
+        stamp = f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.')
+        return (stamp, *('' if isnan(value) else f'{value:.6g}' for value in values))
 
     def sync(self) -> None:
         """Do nothing: the operating system writes."""
-
-
-def _short(value: float) -> str:
-    """Write a number with few digits; NaN as nothing."""
-    if isnan(value):
-        return ''
-    return f'{value:.5g}' if abs(value) < 100.0 else f'{value:.3f}'
 
 
 class Span(NamedTuple):
@@ -170,18 +168,14 @@ class DayFiles:
             return  # one stray row ends no day; time did run back where the next row says so, too
         if not writer or not 0 < since_ns <= SILENCE_NS or stamp_ns - self._first_ns >= DAY_NS:
             self.leave()
-            writer = self._begin(stamp_ns)
+            with writing(self._folder):
+                self._folder.mkdir(parents=True, exist_ok=True)
+            self._number += 1
+            self.path, self._first_ns = self._folder / f'day_{self._number:05d}.csv', stamp_ns
+            columns = *self._channels, origin_column(self._sensor())
+            writer = self._writer = _DayWriter(self.path, columns)
         writer.append(stamp_ns, [values[j] for j in self._columns])
         self._last_ns = stamp_ns
-
-    def _begin(self, stamp_ns: int) -> _DayWriter:
-        with writing(self._folder):
-            self._folder.mkdir(parents=True, exist_ok=True)
-        self._number += 1
-        self.path = self._folder / f'day_{self._number:05d}.csv'
-        self._first_ns = stamp_ns
-        self._writer = _DayWriter(self.path, (*self._channels, origin_column(self._sensor())))
-        return self._writer
 
     def _resumed(self) -> _DayWriter | None:
         """Go on with the day of before a restart or a full disk, after its last whole row."""

@@ -1,23 +1,25 @@
 """
-The diary of a node that learns by itself, ``days/diary.json``: what is kept of every day.
+What a node that learns by itself keeps: its diary, its memory, and which days' recordings.
 
-Only the learning job writes it, in one step. A broken or missing diary is made anew. It decides
-which days may be learnt from.
+The diary, ``days/diary.json``, has an entry for every day, which decides whether it may be learnt
+from. Only the learning job writes it; a broken or missing diary is made anew. The memory,
+``learning.json``, is what the newest job said; the node writes it.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
-from wrist_ft_comp.errors import ModelFileError, RecordingError
+from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind
+from wrist_ft_comp.stored.own_file import Kind, writing
 from wrist_ft_comp.stored.plain_values import to_plain
 
 KIND = Kind(
@@ -26,8 +28,18 @@ KIND = Kind(
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then nothing is learnt.')  # fmt: skip
-#: Newest days that are kept in it.
+MEMORY = Kind(
+    name='learning state', says='wrist_ft_comp learning', version=2,
+    keeps=True, max_bytes=1_000_000, error=StateFileError,
+    made_by='A node that learns makes one.', renewed_by='Remove it',
+    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
+    'data_directory; until then a restart may forget an offered model.')  # fmt: skip
+#: Newest days that are kept in the diary.
 _MOST_DAYS = 1000
+#: Most days whose recordings are kept: a month, in which a room's temperatures come round.
+_KEPT_DAYS = 30
+#: Room for the diary itself, and for the rows between two measurements of the folder, MB.
+_SPARE_MB = 10.0
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
@@ -44,12 +56,12 @@ CHALLENGER = 'challenger'
 UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
 #: Another tool: the drift of that day is learnt all the same.
 TOOL = 'tool'
-#: Kinds of incidents that change the sensor: its zero, its gain or mounting, its noise.
-ZERO, SENSOR, NOISE = 'zero', 'sensor', 'noise'
+#: Kinds of incidents that change the sensor: its zero, its gain or mounting.
+ZERO, SENSOR = 'zero', 'sensor'
 #: Days of these kinds are learnt from.
 LEARNT_FROM = ('', TOOL)
 #: Days of these kinds stop learning.
-PAUSING = (ZERO, SENSOR, NOISE)
+PAUSING = (ZERO, SENSOR)
 #: Good days that have to come before learning goes on after an incident, before the noise of days
 #: is usual, and before a model is judged that a person chose.
 DAYS_TO_AGREE = 3
@@ -67,8 +79,6 @@ class DayEntry:
     hours: float = 0.0
     #: Lowest and highest temperature of every thermometer, °C.
     temperature_c: tuple[tuple[float, float], ...] = ()
-    #: Longest time for which every thermometer stood still, s.
-    still_s: tuple[float, ...] = ()
     #: Coarse temperatures of the day.
     known: frozenset[Cell] = frozenset()
     #: RMS of the drift that a model left, tared in the first minute, N and N m, axis order AXES;
@@ -87,8 +97,6 @@ class DayEntry:
     challenged: bool = False
     #: File of the better model that was found after this day; empty where none was.
     better: str = ''
-    #: Processor time that judging and learning took, s.
-    seconds: float = 0.0
     #: Mass, kg, and centre of mass, m, of every payload.
     payloads: tuple[tuple[float, ...], ...] = ()
     #: Rotation from the specific force's frame to the wrench's, row by row; empty where unknown.
@@ -134,6 +142,39 @@ def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
     return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
 
 
+def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
+    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
+    chosen, newer = list(entries), max(most // 2, 1)
+    while len(chosen) > max(most, 1):
+        good = good_days(chosen)
+        count = Counter(cell for day in good for cell in day.known)
+        worth = [
+            sum(1 / count[cell] for cell in day.known) if day in good else -1.0
+            for day in chosen[:-newer]
+        ]
+        del chosen[int(np.argmin(worth))]
+    return chosen
+
+
+def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
+    """
+    Remove recordings of judged days until both limits hold; give the names of the others.
+
+    RecordingError when one cannot be removed.
+    """
+    paths = {path.name: path for path in days(directory)}
+    kept = [entry for entry in diary.days if entry.name in paths]
+    room = 1e6 * (max_mb - _SPARE_MB)
+    while kept and (
+        len(kept) > _KEPT_DAYS or sum(size_of(paths[entry.name]) for entry in kept) > room
+    ):
+        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
+        (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
+        with writing(paths[name]):
+            paths.pop(name).unlink(missing_ok=True)
+    return list(paths)
+
+
 def diary_path(directory: Path) -> Path:
     """Path of the diary in a node's folder."""
     return directory / 'days' / 'diary.json'
@@ -159,12 +200,10 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
-    entries = []
-    for entry in diary.days[-_MOST_DAYS:]:
-        left = {
-            model: [float(f'{value:.5g}') for value in axes] for model, axes in entry.left.items()
-        }
-        entries.append(to_plain({**vars(entry), 'known': sorted(entry.known), 'left': left}))
+    entries = [
+        to_plain({**vars(entry), 'known': sorted(entry.known)})
+        for entry in diary.days[-_MOST_DAYS:]
+    ]
     KIND.set_aside_unreadable(Diary, diary_path(directory))
     KIND.save(diary_path(directory), {'days': entries, 'paused': diary.paused})
 
@@ -205,3 +244,50 @@ def survey(directory: Path) -> Diary:
         history = ModelStore(directory).history()
     ordered = tuple(entries[name] for name in sorted(entries))
     return replace(diary, days=ordered, history=tuple(history))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the newest job said, and which model is offered; days are empty without one."""
+
+    #: SHA-256 of the live model that all this is about; None when none was live.
+    champion: str | None = None
+    #: Newest day that a job has judged, or that a person's decision ended.
+    judged: str = ''
+    #: The verdict on that day.
+    verdict: str = ''
+    #: What happened to the sensor on that day.
+    incident: str = ''
+    #: Why learning has stopped by itself; empty when it has not.
+    paused: str = ''
+    #: File of the offered model below models/; empty where none is offered.
+    offered: str = ''
+    #: SHA-256 of the offered model.
+    sha256: str = ''
+    #: Why it is better.
+    why: str = ''
+
+
+def memory_path(directory: Path) -> Path:
+    """Path of the memory in a node's folder."""
+    return directory / 'learning.json'
+
+
+def load_memory(directory: Path) -> Memory | None:
+    """Read a memory; None where there is none."""
+    memory = MEMORY.load(Memory, memory_path(directory))
+    if memory is None:
+        return None
+    # The name of a stray file, such as day_1.csv, would be newer than every day to come.
+    return memory if day_number(memory.judged) else replace(memory, judged='')
+
+
+def save_memory(directory: Path, memory: Memory) -> None:
+    """Write a memory in one step; one that cannot be read is kept beside it, once."""
+    MEMORY.set_aside_unreadable(Memory, memory_path(directory))
+    MEMORY.save(memory_path(directory), asdict(memory))
+
+
+def last_change(history: Sequence[HistoryEntry]) -> str:
+    """Say when and why the live model changed last; empty where it never did."""
+    return f'{history[-1].since[:10]}: {history[-1].why}' if history and history[-1].since else ''

@@ -16,13 +16,13 @@ from itertools import permutations
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.learning.day import Day, longest_stills
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.data_checks import drop_unknown_temperatures, jumping_thermometers
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     DayEntry,
     DAYS_TO_AGREE,
     LEARNT_FROM,
-    NOISE,
     NONE,
     PAUSING,
     SENSOR,
@@ -30,8 +30,9 @@ from wrist_ft_comp.learning.diary import (
     TOOL,
     ZERO,
 )
+from wrist_ft_comp.learning.separated_day import Day
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, FloatArray, NANOSECONDS
+from wrist_ft_comp.series import differ, FloatArray, NANOSECONDS
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
 #: one harms less than the drift that a model leaves.
@@ -66,15 +67,12 @@ _MOST_UNEXPLAINED = 0.1
 _SAME_GAINS = 0.03
 #: Torques are compared with forces at this lever, m: where a tool's centre of mass is.
 _LEVER_M = 0.1
-#: Noise is an incident from this many times the median noise of the good days on. On ordinary days
-#: it was up to 1.9 times that; half of it would stop learning on such days.
+#: A day scatters too much from this many times the median noise of the good days on. On ordinary
+#: days it was up to 1.9 times that; half of it would refuse such days.
 _LEAST_NOISE_RATIO = 3.0
 #: A thermometer has stopped where it stands still, or is silent, for longer than this, s, ...
 _LEAST_STILL_S = 900.0
-#: ... for longer than this many times the longest time of the good days (a coarse thermometer
-#: keeps a value for long on any day) ...
-_LEAST_STILL_RATIO = 4.0
-#: ... while another thermometer moves by more than this, K.
+#: ... or all day, while another thermometer moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
@@ -89,19 +87,29 @@ def incident(
     The days before come oldest first. ``drift``, N and N m, (N, 6), is what the live model
     explains of this day; that is no jump of the zero.
     """
-    if stopped := _stopped_thermometer(day, entry, before):
-        return stopped
+    if trouble := _thermometer_trouble(day.recording):
+        return THERMOMETER, trouble
     if day.contact >= _MOST_CONTACT or day.unexplained >= _MOST_UNEXPLAINED:
         return CONTACTS, (
             f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
             f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
             'poses.'
         )
-    return (
-        _other_gains(day, entry, before)
-        or _jump_of_zero(day, entry, drift)
-        or _noise(day, entry, before)
-        or ('', '')
+    if found := _other_gains(day, entry, before) or _jump_of_zero(day, entry, drift):
+        return found
+    past = np.array([other.noise for other in before if other.noise and other.kind in LEARNT_FROM])
+    if len(past) < DAYS_TO_AGREE:
+        return '', ''
+    common = np.isfinite([*past, entry.noise]).all(axis=0)  # an axis may be missing on a day
+    ratios = np.zeros(len(AXES))
+    ratios[common] = np.array(entry.noise)[common] / np.median(past[:, common], axis=0)
+    axis = int(ratios.argmax())
+    if ratios[axis] < _LEAST_NOISE_RATIO:
+        return '', ''
+    return CONTACTS, (
+        f'The scatter of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that '
+        'of the days before: noise, or a robot that stands still while its gripper takes parts. '
+        'Drift cannot be told from that.'
     )
 
 
@@ -121,27 +129,17 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
     )
 
 
-def _stopped_thermometer(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
-    """Find a thermometer that stands still or is silent while another one moves."""
-    recording = day.recording
-    half_s = recording.duration_s / 2
-    good = [past.still_s for past in before if past.kind in LEARNT_FROM]
-    for j, run in enumerate(longest_stills(recording)):
-        longest_s = max((still_s[j] for still_s in good if j < len(still_s)), default=np.inf)
-        usual_s = _LEAST_STILL_RATIO * longest_s
-        others = np.delete(recording.temperature_c[run], j, axis=1)
-        # A single thermometer cannot be compared, and a robot may rest at one temperature.
-        limit_s = min(usual_s, half_s) if others.size else half_s
-        moved = not others.size or np.ptp(others, axis=0).max() > _LEAST_CHANGE_K
-        if moved and entry.still_s[j] > max(_LEAST_STILL_S, limit_s):
-            # A silent run also holds the last reading before it.
-            how = 'stood still' if recording.measured[run, j].mean() > 0.5 else 'was silent'
-            at_c, hours = recording.temperature_c[run, j][0], entry.still_s[j] / 3600
-            return THERMOMETER, (
-                f'Thermometer {j + 1} {how} at {at_c:.1f} °C for {hours:.1f} h from '
-                f'{_clock(recording, run)} on.'
-            )
-    return None
+def _thermometer_trouble(recording: Recording) -> str:
+    """Say which thermometer stands still, is silent, or jumps; empty where none does."""
+    spans_k = np.ptp(recording.temperature_c, axis=0)
+    for j, values_c in enumerate(recording.temperature_c.T):
+        if not differ(values_c, values_c[0]).any() and spans_k.max() > _LEAST_CHANGE_K:
+            return f'Thermometer {j + 1} read {values_c[0]:.1f} °C all day.'
+    try:
+        _, sentences = drop_unknown_temperatures([recording], _LEAST_STILL_S)
+    except CalibrationRefusedError as error:
+        return str(error)
+    return ' '.join([*sentences, *jumping_thermometers([recording])])
 
 
 def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
@@ -218,17 +216,16 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
         change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
         if np.linalg.norm(change - jump) >= (1 - _CONFIRMED_SHARE) * size:
             continue  # heat, or a press that ends where nothing is free of contact
-        marked = np.arange(len(recording)) >= at
         for weight in _changes_of_weight(day, at, near):
             if np.linalg.norm(weight[present] / noise - jump) < tolerated:
                 return CONTACTS, (
-                    f'The reading stepped at {_clock(recording, marked)} by what the payloads of '
+                    f'The reading stepped at {_clock(recording, at)} by what the payloads of '
                     'the day differ by, as where a robot is parked with a part for long: its '
                     'drift cannot be learnt.'
                 )
         sizes = ', '.join(f'{axis_jump:.2g}' for axis_jump in step.jump)
         return ZERO, (
-            f'The zero jumped at {_clock(recording, marked)} by {sizes} (N and N m), and no tare '
+            f'The zero jumped at {_clock(recording, at)} by {sizes} (N and N m), and no tare '
             'of the driver did that: an overload?'
         )
     return None
@@ -254,28 +251,7 @@ def _changes_of_weight(day: Day, at: int, near: int) -> list[FloatArray]:
     return [one - other for one, other in permutations(weights, 2)]
 
 
-def _noise(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
-    """Find noise that is far above that of the days before, or a load that looks like noise."""
-    past = np.array([other.noise for other in before if other.noise and other.kind in LEARNT_FROM])
-    if len(past) < DAYS_TO_AGREE:
-        return None
-    common = np.isfinite([*past, entry.noise]).all(axis=0)  # an axis may be missing on a day
-    ratios = np.zeros(len(AXES))
-    ratios[common] = np.array(entry.noise)[common] / np.median(past[:, common], axis=0)
-    axis = int(ratios.argmax())
-    if ratios[axis] < _LEAST_NOISE_RATIO:
-        return None
-    scatter = f'{entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that of the days before'
-    if not day.moved:  # parts that a gripper takes are told from drift by their weight alone
-        return CONTACTS, (
-            f'The robot stood still, and the scatter of {AXES[axis]} was {scatter}, as where a '
-            'gripper takes parts: drift cannot be told from their weight.'
-        )
-    return NOISE, f'The noise of {AXES[axis]} is {scatter}, since the start of the day.'
-
-
-def _clock(recording: Recording, marked: BoolArray) -> str:
-    """Write the time, UTC, of the first cell that is marked."""
-    cell = recording.first_cell + int(np.argmax(marked))
-    minutes = cell * recording.period_ns // NANOSECONDS // 60
+def _clock(recording: Recording, cell: int) -> str:
+    """Write the time of a cell, UTC."""
+    minutes = (recording.first_cell + cell) * recording.period_ns // NANOSECONDS // 60
     return f'{minutes // 60 % 24:02}:{minutes % 60:02} UTC'

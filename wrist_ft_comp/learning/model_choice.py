@@ -1,6 +1,8 @@
 """
 After a day: judge the live model and the sensor on it, and choose a new model where one is due.
 
+New models are learnt often at first, then ever more rarely.
+
 The model that is learnt from all good days is taken unless it leaves clearly more of the days that
 the live one was not learnt from. Of its own days, what counts is the error of a fit to the others.
 """
@@ -15,25 +17,26 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.day import Day, describe, left
 from wrist_ft_comp.learning.diary import (
+    Cell,
     CHALLENGER,
     CONTACTS,
     DayEntry,
+    DAYS_TO_AGREE,
     good_days,
     LEARNT_FROM,
     NONE,
     THERMOMETER,
     UNREADABLE,
+    worthiest,
 )
 from wrist_ft_comp.learning.incidents import incident, pause
-from wrist_ft_comp.learning.old_days import worthiest
-from wrist_ft_comp.learning.schedule import ANOTHER_DAY, FEWEST_DAYS, MOST_DAYS, reason
+from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import lies
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
@@ -43,6 +46,22 @@ _FLOOR = 0.01
 #: With 1, a development world left 8 % more from the tenth day on. Without a limit, another left
 #: 0.4 of a usual day's drift instead of 0.01 for a week, after one day that was separated badly.
 _CLEARLY_WORSE = 1.25
+
+#: Fewest days that a model is learnt from.
+FEWEST_DAYS = 2
+#: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
+MOST_DAYS = 12
+#: A model is learnt when the number of good days has grown by this share: on the 2nd, 3rd, 4th,
+#: 6th, 8th, 11th, 15th, 20th … good day.
+_GROWTH = 1 / 3
+#: One is learnt after a day on which the live model left more than this many times what it leaves
+#: on the median day ...
+_BAD_RATIO = 2.0
+#: ... and more than this share of the drift, ...
+_BAD_SHARE = 0.1
+#: ... and after a day with more than this share of coarse temperatures that are new.
+_NEW_TEMPERATURES_SHARE = 0.25
+ANOTHER_DAY = 'Another good day is needed to learn from.'
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -87,14 +106,13 @@ def describe_day(
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
                 simulated = day.simulate(champion.model)
-                drift, distrusted = simulated.zero, lies(champion.model, day.drift)
+                drift = simulated.zero
+                distrusted = list(thermometer_doubts(champion.model, day.drift))
                 by_live = left(simulated, day)
                 entry = replace(entry, left={**entry.left, champion.key: by_live})
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
             kind, sentence = THERMOMETER, f'On this day {"; ".join(distrusted)}.'
-        if not kind and (jumps := jumping_thermometers([day.recording])):
-            kind, sentence = THERMOMETER, ' '.join(jumps)
     except WristFtCompError as error:
         sentence = f'This day cannot be judged: {error}'
         return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)
@@ -202,3 +220,40 @@ def drift_words(entry: DayEntry) -> str:
     left = f'left {live:.2g} N' if np.isfinite(live) else 'cannot be judged on this day'
     words = f'the live model {left}' if entry.live else 'no model was live'
     return f'A force drifted by {drift:.2g} N (RMS); {words}. ' if np.isfinite(drift) else ''
+
+
+def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bool, str]:
+    """
+    Decide whether a model is learnt after the newest day, and say why, or why not.
+
+    ``live`` is the key of the live model, ``chosen`` the newest day before a person chose it;
+    empty where none is live, and where the node did.
+    """
+    good = [day for day in entries if day.kind in LEARNT_FROM]
+    if len(good) < FEWEST_DAYS:
+        return False, ANOTHER_DAY
+    new = sum(day.name > chosen for day in good)
+    if chosen and new < DAYS_TO_AGREE:
+        return False, (
+            f'A person chose the live model; {new} of {DAYS_TO_AGREE} good days have come since.'
+        )
+    last = max((n for n, day in enumerate(good) if day.challenged), default=0)
+    grown, awaited = len(good) - 1 - last, _GROWTH * (last + 1)
+    if not live:
+        return True, 'no model is live'
+    if grown >= awaited:
+        return True, f'{grown} more good {"day" if grown == 1 else "days"}'
+    # A good day since then may be one that no model before expected.
+    seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[: last + 1]))
+    judged = [day for day in good if day.live in day.left]
+    shares = {day.name: float(np.nanmean(day.share_left(day.live))) for day in judged}
+    bad_share = max(_BAD_RATIO * float(np.median(list(shares.values()) or [1.0])), _BAD_SHARE)
+    for day in good[last + 1 :]:
+        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
+            return True, f'{day.name} had other temperatures'
+        if shares.get(day.name, 0.0) > bad_share:
+            return True, f'the live model did badly on {day.name}'
+    return False, (
+        f'No new model was learnt: {grown} of {np.ceil(awaited):.0f} more good days have come, '
+        'and no day with other temperatures or a bad result of the live model.'
+    )

@@ -8,14 +8,13 @@ from typing import get_args
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.jobs.request import CalibrationJob
+from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.node.jobs import run_job
 from wrist_ft_comp.node.recorder import RecordService
 from wrist_ft_comp.recording import Reference
-from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.hub import LongService, Work
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.stored.model_file import restore_model
 
 

@@ -26,12 +26,10 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.qos import FAST_SENSOR, opening
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
 from wrist_ft_comp.stored.model_store import ModelStore, node_directory
 from wrist_ft_comp.stored.state_file import StateWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings

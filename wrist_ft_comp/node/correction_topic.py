@@ -9,9 +9,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from wrist_ft_comp.node.inputs import Newest
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator
 
 #: How often ~/correction is published, Hz: for at most one period, a controller that was just

@@ -9,9 +9,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.node.inputs import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, Growth, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.messages import wrench_message
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell

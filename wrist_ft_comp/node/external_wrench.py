@@ -15,13 +15,11 @@ from wrist_ft_comp.node.inputs import Newest
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.payload.live_weight import Force, LivePayload
-from wrist_ft_comp.payload.motion_collector import MotionCollector
+from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
-from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator

@@ -7,12 +7,12 @@ import time
 import numpy as np
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.jobs.request import Minute
+from wrist_ft_comp.jobs.job_process import Minute
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.jobs import JobMaker, run_job
-from wrist_ft_comp.payload.motion_collector import CELL_S, DURATION_S, MotionCollector
+from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
-from wrist_ft_comp.ros.part import LongService, Work
+from wrist_ft_comp.ros.hub import LongService, Work
 from wrist_ft_comp.ros.services import Reply
 from wrist_ft_comp.stream.compensator import Compensator
 

@@ -15,17 +15,15 @@ from wrist_ft_comp.node.message_fields import TemperatureTopic
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.topic_types import unpublished, wrong_type
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import unpublished, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.sample_checks import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, TEMPERATURE, WRENCH, WRENCH_DOUBLES
-from wrist_ft_comp.wire.temperature_source import TemperatureSource
-from wrist_ft_comp.wire.units import other_unit, unit_remedy
+from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]

@@ -8,8 +8,7 @@ from typing import Any
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.jobs.job_process import JobProcess
-from wrist_ft_comp.jobs.request import CalibrationJob, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Learning, Minute
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import NANOSECONDS

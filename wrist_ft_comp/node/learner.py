@@ -17,15 +17,14 @@ from wrist_ft_comp.errors import (
 )
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
-from wrist_ft_comp.learning.memory import last_change, load_memory, Memory, save_memory
+from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.node.calibrate import CalibrateService
 from wrist_ft_comp.node.jobs import JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
-from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import at_start
-from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model

@@ -12,9 +12,8 @@ from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import Part
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, How, ModelStore

@@ -5,15 +5,14 @@ import math
 from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.qos import SLOW_SENSOR
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
-from wrist_ft_comp.ros.topic_types import (
+from wrist_ft_comp.ros.topics import (
     load_type,
     no_temperature,
     other_version,
     short,
+    SLOW_SENSOR,
     types_on,
     unpublished,
 )
@@ -112,7 +111,7 @@ class TemperatureTopic:
         if self._problem:
             return
         try:
-            stamp_ns, numbers = self._reader.read_one(data)
+            (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
         except RecordingError:
             self.unreadable += 1
             sentence = (

@@ -14,17 +14,15 @@ from std_srvs.srv import SetBool
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.inputs import Counts
-from wrist_ft_comp.ros.hub import Hub
-from wrist_ft_comp.ros.node_log import NodeLog
-from wrist_ft_comp.ros.part import Part, Vector
-from wrist_ft_comp.ros.qos import FAST_SENSOR
+from wrist_ft_comp.ros.diagnostics import NodeLog
+from wrist_ft_comp.ros.hub import Hub, Part, Vector
 from wrist_ft_comp.ros.services import Service
+from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.own_file import writing
-from wrist_ft_comp.stream.cell_averager import CellAverager, Row, row_channels
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.stream_grid import CellAverager, Row, row_channels, ThermalCell
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.

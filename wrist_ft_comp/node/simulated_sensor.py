@@ -23,14 +23,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.node.simulated_robot import SimulatedRobot
-from wrist_ft_comp.ros.arguments import usage, warn_of_unknown
 from wrist_ft_comp.ros.parameters import at_start as _row
-from wrist_ft_comp.ros.parameters import Parameters
-from wrist_ft_comp.ros.qos import opening, overridable, SLOW_SENSOR
+from wrist_ft_comp.ros.parameters import Parameters, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
+from wrist_ft_comp.ros.topics import opening, overridable, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.heat_flow import FtSensorSettings
+from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings
 from wrist_ft_comp.simulation.run import (
     draw_run,
     drive,

@@ -11,12 +11,10 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
-from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.hub import Hub, Part, Vector
 from wrist_ft_comp.ros.parameters import at_start, Parameter
-from wrist_ft_comp.ros.part import Part, Vector
-from wrist_ft_comp.ros.qos import FAST_SENSOR, LATCHED
 from wrist_ft_comp.ros.rclpy_internals import waiting
-from wrist_ft_comp.ros.topic_types import load_type, wrong_type
+from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.tf_tree import GravityByTf, Layouts

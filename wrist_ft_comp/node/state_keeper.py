@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.ros.diagnostics import OK, WARN
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
 from wrist_ft_comp.stream.compensator import Compensator

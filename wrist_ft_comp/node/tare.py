@@ -13,9 +13,8 @@ from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.inputs import WrenchInput
 from wrist_ft_comp.payload.live_weight import LivePayload
-from wrist_ft_comp.ros.hub import Hub
+from wrist_ft_comp.ros.hub import Hub, LongService, Work
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.part import LongService, Work
 from wrist_ft_comp.ros.services import Service
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator

@@ -1,4 +1,9 @@
-"""Bias and scale of the accelerometer, fitted to its norm at rest in the poses it was in."""
+"""
+Specific force: how it moved, and the accelerometer's bias and scale by its norm at rest.
+
+A cell that turns holds the mean of a vector that turns, which is shorter than gravity. So bias and
+scale are fitted to cells at rest alone.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.payload.specific_force_motion import rotation_speed
+from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level, robust_weight
 
+#: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
+CONTRAST = 0.3
 #: An IMU is frozen that gives the same value for this time, s, ...
 FROZEN_S = 1200
 #: ... while the wrench jumps, as that of a moving robot does, by this many times its noise ...
@@ -25,9 +32,11 @@ _BIAS = 0.3
 _BIAS_PER_K = 0.01
 #: Expected error of the scale, relative.
 _SCALE = 0.03
-#: No bias is as large as this share of gravity. Samples whose norm differs from the median by more
-#: are left out; a recording whose norm differs so from that of the newest one is in another unit.
+#: No bias is as large as this share of gravity; samples whose norm differs from the median by more
+#: are left out.
 _OUTLIER_SHARE = 0.3
+#: Specific forces of two recordings whose norms differ by this factor are in different units.
+_UNIT_RATIO = 3.0
 #: Noise of a norm, m/s². It is far above that of an IMU, because errors of neighbouring samples
 #: are alike, and a recording would else seem to determine bias and scale exactly.
 _NORM_NOISE = 0.2
@@ -37,6 +46,58 @@ _WIDTH = 4
 _LEAST_ERROR = 0.005
 #: Rounds of the fit to norms.
 _ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class ForceSummary:
+    """How the specific force of a recording moved, m/s²."""
+
+    #: Root mean square over all samples.
+    norm: float
+    #: Standard deviations along the three principal directions, largest first, scaled to a norm of
+    #: GRAVITY.
+    spread: tuple[float, float, float]
+
+    @property
+    def seen(self) -> int:
+        """Number of directions along which gravity moved; a payload needs two."""
+        return sum(deviation > CONTRAST for deviation in self.spread)
+
+
+def moments_of(force: FloatArray) -> FloatArray:
+    """Sum the products of [f, 1] over the finite samples of (n, 3), shape (4, 4)."""
+    samples = force[np.isfinite(force).all(axis=1)]
+    samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
+    return np.asarray(samples.T @ samples)
+
+
+def describe_force(moments: FloatArray) -> ForceSummary | None:
+    """Compute norm and principal directions from the sums of moments_of; None without samples."""
+    if not moments[3, 3]:
+        return None
+    moments = moments / moments[3, 3]
+    norm = float(np.sqrt(np.trace(moments[:3, :3])))
+    mean = moments[:3, 3]
+    moved = np.linalg.eigvalsh(moments[:3, :3] - np.outer(mean, mean))[::-1]
+    largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
+    return ForceSummary(norm, (float(largest), float(middle), float(least)))
+
+
+def turning_speed(force: FloatArray, period_s: float) -> FloatArray:
+    """Compute how fast a specific force, (n, 3), turns at every sample, rad/s, (n,)."""
+    unit = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
+    turned = np.linalg.norm(np.diff(unit, axis=0), axis=1) / period_s
+    return np.asarray(np.fmax(np.append(turned, 0.0), np.append(0.0, turned)))
+
+
+def rotation_speed(recording: Recording) -> FloatArray:
+    """Speed of rotation of every cell, rad/s, (N,); of the specific force if none was recorded."""
+    force = recording.specific_force
+    if recording.rotation_speed is not None:
+        return np.nan_to_num(recording.rotation_speed)
+    if force is None:
+        return np.zeros(len(recording))
+    return np.nan_to_num(turning_speed(force, recording.period_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +110,39 @@ class Accelerometer:
     frame: ForceFrame
     #: Relative covariance of what is left of the scale's error, shape (3, 3).
     scale: FloatArray
+    #: Whether some cells were at rest; without any, nothing was fitted.
+    rested: bool
 
 
 def calibrated_by_norm(recordings: Sequence[Recording]) -> Accelerometer:
-    """Fit bias, its change with temperature, and scale; every recording holds specific force."""
-    force = np.concatenate(_in_one_unit([known_force(recording) for recording in recordings]))
-    finite = np.all(np.isfinite(force), axis=1)
+    """
+    Fit bias, its change with temperature, and scale; every recording holds specific force.
+
+    Where no cell is at rest, specific force is taken as it was measured. CalibrationRefusedError
+    where it is not in m/s² then, and where recordings are in different units.
+    """
+    forces = [
+        np.where(_frozen(recording)[:, None], np.nan, np.asarray(recording.specific_force))
+        for recording in recordings
+    ]
+    force = np.concatenate(forces)
+    speed = np.concatenate([rotation_speed(recording) for recording in recordings])
+    rest = np.isfinite(force).all(axis=1) & (speed < _REST_RAD_S)
+    norms = [np.linalg.norm(part[np.isfinite(part).all(axis=1)], axis=1) for part in forces]
+    usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
+    known = [norm for norm in usual if np.isfinite(norm)] if rest.any() else [GRAVITY]
+    for recording, norm in zip(recordings, usual, strict=True):
+        if abs(np.log(norm / known[-1])) > np.log(_UNIT_RATIO):
+            raise CalibrationRefusedError(
+                f'The specific force of {recording.name} is {norm:.3g} in the median, and '
+                f'{known[-1]:.3g} was expected: it is in another unit. Convert it to m/s².'
+            )
     temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
     theta = temperature_c - temperature_c.mean(axis=0)
-    rest = finite & (np.concatenate([rotation_speed(r) for r in recordings]) < _REST_RAD_S)
-    rest = rest if rest.any() else finite
     frame, drift, covariance = fit_norm(force[rest], theta[rest])
     corrected = (force - frame.bias - theta @ drift) / frame.scale
     ends = np.cumsum([len(recording) for recording in recordings])[:-1]
-    return Accelerometer(np.split(corrected, ends), frame, covariance)
+    return Accelerometer(np.split(corrected, ends), frame, covariance, bool(rest.any()))
 
 
 def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArray, FloatArray]:
@@ -71,7 +151,7 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
 
     Takes specific force as measured, m/s², (n, 3), and temperatures less their mean, K, (n, J).
     Gives a frame without rotation, the bias per kelvin, (J, 3), and the relative covariance of
-    what is left of the scale's error, (3, 3).
+    what is left of the scale's error, (3, 3). Without samples, nothing is corrected.
     """
     norms = np.linalg.norm(force, axis=1)
     common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0
@@ -101,30 +181,10 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     return frame, found[6:].reshape(-1, 3) * common, covariance[3:6, 3:6]
 
 
-def known_force(recording: Recording) -> FloatArray:
-    """Specific force as measured, (N, 3); NaN where it is missing or frozen."""
-    force = recording.specific_force
-    if force is None:
-        return np.full((len(recording), 3), np.nan)
-    return np.where(_frozen(force, recording)[:, None], np.nan, force)
-
-
-def _in_one_unit(forces: Sequence[FloatArray]) -> list[FloatArray]:
-    """Convert specific forces, (N, 3), to the unit of the newest, which the node receives."""
-    norms = [np.linalg.norm(force[np.isfinite(force[:, 0])], axis=1) for force in forces]
-    usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
-    newest = next((norm for norm in reversed(usual) if norm > 0), np.nan)
-    shares = [norm / newest for norm in usual]
-    return [
-        force / share if abs(share - 1) > _OUTLIER_SHARE and share > 0 else force
-        for force, share in zip(forces, shares, strict=True)
-    ]
-
-
-def _frozen(force: FloatArray, recording: Recording) -> BoolArray:
-    """Mark where a specific force, (N, 3), does not change for FROZEN_S, but the wrench jumps."""
-    changes = np.append(True, np.any(differ(force[1:], force[:-1]), axis=1))
-    runs = np.cumsum(changes) - 1
+def _frozen(recording: Recording) -> BoolArray:
+    """Mark where the specific force does not change for FROZEN_S, but the wrench jumps, (N,)."""
+    force = np.asarray(recording.specific_force)
+    runs = np.cumsum(np.append(False, np.any(differ(force[1:], force[:-1]), axis=1)))
     steps = np.abs(np.diff(recording.wrench, axis=0, prepend=recording.wrench[:1]))
     noise = np.array([noise_level([axis]) for axis in recording.wrench.T])
     jumped = np.any(steps > _JUMP_SIGMA * noise, axis=1)

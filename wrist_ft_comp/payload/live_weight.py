@@ -1,11 +1,28 @@
-"""The weight of the mounted payload, taken off live, in floats instead of arrays."""
+"""
+What the running node does with payloads, in floats instead of arrays.
+
+The weight of the mounted one is taken off; of one that is to be identified, a minute of motion is
+collected, in which a job finds it (minute_of_motion.py).
+"""
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.series import NANOSECONDS
 
+#: Time that is collected, s of stamps.
+DURATION_S = 60.0
+#: Length of a cell, over which wrenches are averaged, s.
+CELL_S = 0.25
+#: Numbers in a cell: wrench less drift, specific force, and the square of the speed of rotation.
+_NUMBERS = 10
+
+#: Mean wrench less drift, N and N m, mean specific force, m/s², and RMS speed of rotation, rad/s,
+#: NaN where unknown.
+MotionCell = tuple[float, ...]
 Force = tuple[float, float, float]
 
 
@@ -38,3 +55,35 @@ class LivePayload:
             w - (a * x + b * y + c * z + d)
             for w, (a, b, c, d) in zip(wrench, self._rows)  # noqa: B905 -- as in Compensator
         ]
+
+
+class MotionCollector:
+    """Averages wrenches and specific force over cells of CELL_S, for DURATION_S of stamps."""
+
+    def __init__(self) -> None:
+        #: Complete cells.
+        self.cells: list[MotionCell] = []
+        self._sums = [0.0] * _NUMBERS
+        self._count = self._first_ns = self._cell = 0
+
+    @property
+    def share(self) -> float:
+        """Share of the duration that has passed, 0 to 1."""
+        return min(self._cell * CELL_S / DURATION_S, 1.0)
+
+    def add(
+        self, stamp_ns: int, wrench: Sequence[float], force: Sequence[float], speed: float
+    ) -> bool:
+        """Add a wrench, its specific force, and its speed or NaN; True when all is collected."""
+        if not self._count or stamp_ns < self._first_ns:  # the first one, or the clock was set
+            self.cells, self._sums, self._count = [], [0.0] * _NUMBERS, 0
+            self._first_ns, self._cell = stamp_ns, 0
+        cell = int((stamp_ns - self._first_ns) / (CELL_S * NANOSECONDS))
+        if cell != self._cell:
+            *means, square = (total / self._count for total in self._sums)
+            self.cells.append((*means, math.sqrt(square)))
+            self._sums, self._count, self._cell = [0.0] * _NUMBERS, 0, cell
+        row = (*wrench, *force, speed * speed)
+        self._sums = [total + number for total, number in zip(self._sums, row, strict=True)]
+        self._count += 1
+        return cell * CELL_S >= DURATION_S

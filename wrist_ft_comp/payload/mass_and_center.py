@@ -1,5 +1,5 @@
 """
-Fit rigid bodies to gains of specific force; numpy alone.
+Fit rigid bodies to gains of specific force.
 
 The gains of a rigid body, 6 numbers for every direction of the specific force, are
 [-m R; -m [c]× R]: mass m, centre of mass c, and the rotation R from the frame of the specific
@@ -11,16 +11,15 @@ standard errors of the bodies contain that error, and grow with what no rigid bo
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
 from wrist_ft_comp.series import BoolArray, FloatArray
 
-#: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
-CONTRAST = 0.3
 #: Least mass of a payload, kg.
 LIGHTEST_KG = 0.02
 #: Largest share of the weight that a rigid body may leave unexplained.
@@ -29,10 +28,8 @@ MISFIT = 0.1
 _SENSOR_GAIN = 0.01
 #: Smaller squares, of contrasts, m²/s⁴, of wrenches and of weights, are rounding errors.
 _ROUNDING = 1e-12
-#: Most steps of a fit.
-_MOST_STEPS = 20
-#: A fit ends with the first smaller step, rad, kg and m.
-_SMALLEST_STEP = 1e-10
+#: Standard errors come from the scatter of at least this many parts of the recordings.
+_LEAST_PARTS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,59 +91,10 @@ class RigidBodies:
         return [f'No payload can be identified: {reason}.' for reason in reasons]
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The gains that bodies are fitted to, and how well they are known."""
-
-    #: Shape (K, 3, 6), kg and kg m.
-    gains: FloatArray
-    #: Square root of their weights, shape (3K, 3K).
-    roots: FloatArray
-    #: Variance of an axis, shape (6,).
-    spread: FloatArray
-    #: Sign of the specific force: -1 where it is mirrored.
-    sign: float
-
-    def residual(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
-        """
-        Compute the weighted errors of the gains, and those of the sensor's axes.
-
-        The values, (…, 9 + 4K), are a small rotation, rad, the relative gain errors of the six
-        axes, and mass and centre of every body.
-        """
-        shape, axis_gains = values.shape[:-1], values[..., 3:9]
-        turned = rotation @ small_rotation(values[..., :3])
-        expected = _gains_of(values[..., 9:], turned)
-        expected = self.sign * (1 + axis_gains[..., None, None, :]) * expected
-        errors = self.roots @ (self.gains - expected).reshape(*shape, -1, 6) / np.sqrt(self.spread)
-        return np.concatenate((errors.reshape(*shape, -1), axis_gains / _SENSOR_GAIN), axis=-1)
-
-    def slopes(self, values: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Differentiate the residual by the values, (errors, values)."""
-        moves = 1e-6 * np.eye(len(values))
-        ahead, back = (self.residual(values + move, rotation) for move in (moves, -moves))
-        return np.asarray((ahead - back).T / 2e-6)
-
-    def settle(self, values: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Fit by Gauss-Newton steps; gives the values, their rotation zero, and the rotation."""
-        for _ in range(_MOST_STEPS):
-            slopes = self.slopes(values, rotation)
-            step = np.linalg.lstsq(slopes, self.residual(values, rotation), rcond=1e-9)[0]
-            values = values - step
-            rotation = rotation @ small_rotation(values[:3])
-            values[:3] = 0.0
-            if np.max(np.abs(step)) < _SMALLEST_STEP:
-                break
-        return values, rotation
-
-
 def rigid_bodies(
-    gains: FloatArray,
-    normal: FloatArray,
-    spread: FloatArray,
-    cells: float,
+    gains: FloatArray, normal: FloatArray, spread: FloatArray, cells: float,
     scale: FloatArray | None = None,
-) -> RigidBodies:
+) -> RigidBodies:  # fmt: skip
     """
     Fit rigid bodies to gains, (K, 3, 6), of specific force, kg and kg m.
 
@@ -160,25 +108,37 @@ def rigid_bodies(
     sizes, directions = np.linalg.eigh(np.einsum('kilj->ij', by_body))
     seen_by_body = np.einsum('kikj->kij', by_body)
     seen = seen_by_body.sum(axis=0)
-    rotation, mirrored = _start_rotation(gains, seen)
+    start, mirrored = _start_rotation(gains, seen)
     sign = -1.0 if mirrored else 1.0
     ridge = 1e-9 * np.trace(normal) + _ROUNDING
     roots = np.linalg.cholesky(normal + ridge * np.eye(3 * count)).T
-    mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], rotation) / 3
-    values = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
     spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + _ROUNDING)
-    for _ in range(2):  # the second time, errors contain what no rigid body explains
-        problem = _Problem(gains, roots, spread, sign)
-        values, rotation = problem.settle(values, rotation)
-        errors = problem.residual(values, rotation)[:-6]
-        roots = roots / np.sqrt(max(1.0, float(errors @ errors) / (len(errors) - 3 - 4 * count)))
-    problem = _Problem(gains, roots, spread, sign)
-    slopes = problem.slopes(values, rotation)
-    covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True)
+
+    def residual(values: FloatArray) -> FloatArray:
+        """
+        Compute the weighted errors of the gains, and those of the sensor's axes.
+
+        The values, (9 + 4K,), are a rotation from the start, rad, the relative gain errors of the
+        six axes, and mass and centre of every body.
+        """
+        rotation = start @ Rotation.from_rotvec(values[:3]).as_matrix()
+        expected = sign * (1 + values[3:9]) * _gains_of(values[9:].reshape(count, 4), rotation)
+        errors = roots @ (gains - expected).reshape(-1, 6) / np.sqrt(spread)
+        return np.append(errors, values[3:9] / _SENSOR_GAIN)
+
+    mass = -sign * np.einsum('kji,ij->k', gains[:, :, :3], start) / 3
+    first = np.append(np.zeros(3 + 6), mass[:, None] * [1.0, 0.0, 0.0, 0.0])
+    found = least_squares(residual, first, x_scale='jac', ftol=1e-12)
+    # The second time, errors contain what no rigid body explains.
+    errors = found.fun[:-6]
+    roots = roots / np.sqrt(max(1.0, float(errors @ errors) / (len(errors) - 3 - 4 * count)))
+    found = least_squares(residual, found.x, x_scale='jac', ftol=1e-12)
+    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12, hermitian=True)
     error = np.sqrt(np.diag(covariance))[9:].reshape(count, 4)
-    bodies = values[9:].reshape(count, 4)
+    bodies = found.x[9:].reshape(count, 4)
+    rotation = start @ Rotation.from_rotvec(found.x[:3]).as_matrix()
     # What only gain errors of the axes explain is no rigid body, either.
-    unexplained = gains - sign * _gains_of(values[9:], rotation)
+    unexplained = gains - sign * _gains_of(bodies, rotation)
     if scale is not None:
         shares = np.diag(seen) / max(np.trace(seen), 1e-30)
         error[:, 0] = np.hypot(error[:, 0], bodies[:, 0] * np.sqrt(shares @ scale @ shares))
@@ -188,44 +148,33 @@ def rigid_bodies(
         np.einsum('kia,kij,kja,a->k', part, seen_by_body, part, 1 / spread)
         for part in (unexplained, gains)
     )
-    misfit = float(np.sqrt(rest.max() / max(whole.max(), _ROUNDING)))
-    found = bodies[:, 0], error[:, 0], bodies[:, 1:], error[:, 1:], rotation, misfit, mirrored
-    contrast = np.sqrt(np.maximum(sizes[::-1], 0) / cells)
-    return RigidBodies(*found, contrast, rotation @ directions[:, 0])
+    return RigidBodies(
+        mass_kg=bodies[:, 0], mass_error_kg=error[:, 0],
+        center_m=bodies[:, 1:], center_error_m=error[:, 1:],
+        rotation=rotation, misfit=float(np.sqrt(rest.max() / max(whole.max(), _ROUNDING))),
+        mirrored=mirrored, contrast=np.sqrt(np.maximum(sizes[::-1], 0) / cells),
+        unseen=rotation @ directions[:, 0])  # fmt: skip
 
 
 def information(
-    contrast: FloatArray, rest: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    moved: FloatArray, rest: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
     """
-    Compute how well gains are known: the normal matrix, (C, C), and a variance per axis, (A,).
+    Compute how well gains are known, as ``rigid_bodies`` takes it.
 
-    Takes specific force less its level, (n, B, C), the residuals of the fit, (n, B, A), and the
-    weights of the cells, (n, B). Errors within a block may depend on one another.
+    Takes specific force less its level, (N, C), the residuals of the fit, (N, A), and the weights
+    of the cells, (n, B), N of them in n blocks. Errors within a block may depend on one another.
+    Gives the normal matrix, (C, C), a variance per axis, (A,), and the sum of the weights.
     """
-    weighted = weights[..., None] * contrast
-    normal = np.einsum('nbi,nbj->ij', weighted, contrast, optimize=True)
-    scores = np.einsum('nbi,nba->nia', weighted, rest, optimize=True)
+    length = -(-weights.shape[1] // -(-_LEAST_PARTS // len(weights)))
+    weighted = weights.reshape(-1, 1) * moved
+    normal = weighted.T @ moved
+    products = weighted[:, :, None] * rest[:, None]
+    scores = np.add.reduceat(products, np.arange(0, len(moved), length), axis=0)
     spread = np.einsum('nia,nja->aij', scores, scores)
     inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
     rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
-    return normal, np.einsum('ij,aji->a', inverse, spread) / rank
-
-
-def blocks(values: NDArray[Any], length: int) -> NDArray[Any]:
-    """Cut an array, (N, …) to (n, B, …); the last block is filled up with zeros."""
-    empty = np.zeros((-len(values) % length, *values.shape[1:]), values.dtype)
-    whole: NDArray[Any] = np.concatenate((values, empty))
-    return whole.reshape(len(whole) // length, length, *values.shape[1:])
-
-
-def small_rotation(vector: FloatArray) -> FloatArray:
-    """Compute rotations, (…, 3, 3), from rotation vectors, (…, 3), rad, by Rodrigues' formula."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    skew = np.cross(np.eye(3), vector[..., None, :])
-    # np.sinc(x) is sin(π x) / (π x), and one at 0
-    first, half = np.sinc(angle / np.pi), np.sinc(angle / 2 / np.pi)
-    return np.asarray(np.eye(3) + first * skew + half**2 / 2 * skew @ skew)
+    return normal, np.einsum('ij,aji->a', inverse, spread) / rank, float(weights.sum())
 
 
 def _start_rotation(gains: FloatArray, seen: FloatArray) -> tuple[FloatArray, bool]:
@@ -243,10 +192,7 @@ def _start_rotation(gains: FloatArray, seen: FloatArray) -> tuple[FloatArray, bo
 
 
 def _gains_of(bodies: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Gains, (…, K, 3, 6), of bodies with m and c, (…, 4K), at rotations, (…, 3, 3)."""
-    bodies = bodies.reshape(*bodies.shape[:-1], -1, 1, 4)
-    mass, center = bodies[..., :1], bodies[..., 1:]
-    force = np.swapaxes(rotation, -1, -2)[..., None, :, :]
-    torque = np.cross(center, force)  # columns of [c]× R, as rows
-    wrench = np.concatenate((np.broadcast_to(force, torque.shape), torque), axis=-1)
-    return np.asarray(-mass * wrench)
+    """Gains, (K, 3, 6), of bodies with m and c, (K, 4), at a rotation: [-m R; -m [c]× R]."""
+    torque = np.cross(bodies[:, None, 1:], rotation.T)  # columns of [c]× R, as rows
+    force = np.broadcast_to(rotation.T, torque.shape)
+    return np.asarray(-bodies[:, :1, None] * np.concatenate((force, torque), axis=-1))

@@ -14,19 +14,17 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.accelerometer import fit_norm
-from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.payload_states import fit_again
-from wrist_ft_comp.payload.specific_force_motion import turning_speed
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.payload.weight_gains import (
+from wrist_ft_comp.payload.accelerometer import CONTRAST, fit_norm, turning_speed
+from wrist_ft_comp.payload.payload_states import (
     bodies_of,
     Cells,
     COUNTS,
     FASTEST,
     Fit,
+    fit_again,
     with_new_noise,
 )
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.series import FloatArray
 
 #: Numbers in a cell: wrench less drift, specific force, and speed of rotation.

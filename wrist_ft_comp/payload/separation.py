@@ -23,8 +23,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
-from wrist_ft_comp.payload.payload_states import find_states, fit_again
-from wrist_ft_comp.payload.weight_gains import (
+from wrist_ft_comp.payload.payload_states import (
     axes_of,
     BLOCK_S,
     bodies_of,
@@ -32,12 +31,15 @@ from wrist_ft_comp.payload.weight_gains import (
     cells_in,
     COUNTS,
     cut,
+    find_states,
     Fit,
+    fit_again,
     LEAST_CELLS_IN_BLOCK,
     LEAST_USABLE_SHARE,
     LONG_BLOCK_S,
     medians,
     of_state,
+    POWERS,
 )
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
@@ -46,13 +48,11 @@ from wrist_ft_comp.steps import find_steps, Step
 #: Fewest cells with both wrench and specific force: those of four blocks.
 _LEAST_CELLS = 4 * LEAST_CELLS_IN_BLOCK
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
-_UNSURE_S = 10.0
-#: Time on either side of a step from which what is left of it is estimated, s ...
+_UNSURE_S = 2.0
+#: Time on either side of a step from which what is left of it is estimated, s.
 _NEAR_S = 90.0
-#: ... where at least this number of cells counts on either side: fewer do not hold a parabola.
-_LEAST_NEAR = 6
 #: Most rounds in which steps and contacts are found by turns.
-_MOST_ROUNDS = 5
+_MOST_ROUNDS = 4
 #: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
 #: Length of a bin of the slow drift, s; drift hardly moves within one.
@@ -91,11 +91,22 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     """
     Separate payload, contacts, steps and drift; every recording has to hold specific force.
 
-    CalibrationRefusedError when too few cells hold both wrench and specific force.
+    CalibrationRefusedError when too few cells, or too few neighbours, hold both wrench and
+    specific force.
     """
     accelerometer = calibrated_by_norm(recordings)
     for recording, force in zip(recordings, accelerometer.forces, strict=True):
-        _check_rows(recording, force)
+        rows = np.column_stack([recording.wrench[:, axes_of([recording])], force])
+        complete = np.isfinite(rows.sum(axis=1))
+        # Contacts show in neighbouring cells.
+        if 2 * np.sum(complete[1:] & complete[:-1]) < complete.sum():
+            apart_s = recording.period_s * float(np.median(np.diff(np.flatnonzero(complete))))
+            raise CalibrationRefusedError(
+                f'{recording.name} holds wrench and specific force every {apart_s:g} s; the '
+                'reference payload needs them in most thermal cells, of '
+                f'{recording.period_s:g} s each. Set the thermal period to {apart_s:g} s, or '
+                'record more often.'
+            )
     cells = cut(recordings, accelerometer.forces)
     if cells.usable.sum() < _LEAST_CELLS or not cells.axes:
         raise CalibrationRefusedError(
@@ -104,12 +115,13 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             f'{_LEAST_CELLS} are needed for the reference payload. Record both at the same time.'
         )
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
-    return _separated(replace(start, steps=[[] for _ in recordings]), None)
+    nothing = [np.zeros_like(recording.wrench) for recording in recordings]
+    return _separated(replace(start, steps=[[] for _ in recordings]), nothing, BLOCK_S)
 
 
 def separate_again(found: Separation, drift: Sequence[FloatArray]) -> Separation:
     """Separate again, with the estimated drift, N and N m, (N, 6) per recording, taken off."""
-    return _separated(found, drift)
+    return _separated(found, drift, LONG_BLOCK_S)
 
 
 def slow_drift(separation: Separation) -> list[FloatArray]:
@@ -123,80 +135,64 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
     for recording in separation.drift:
         residual = (recording.wrench - recording.reference)[:, axes]
         length = cells_in(_BIN_S, recording.period_s)
-        residual = np.pad(
-            residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan
-        ).reshape(-1, length, len(axes))
+        bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
+        bins = bins.reshape(-1, length, len(axes))
         # A few free cells of a bin may be of a long press that looks like drift.
-        free = np.isfinite(residual[..., 0]).mean(axis=1, keepdims=True) > LEAST_USABLE_SHARE
-        bins = np.where(free, medians(residual), np.nan)
+        free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_USABLE_SHARE
         half = round(_WINDOW_S / _BIN_S / 2)
+        bins = np.where(free, medians(bins), np.nan)
         bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
-        path = medians(windows.transpose(0, 2, 1))
         measured = np.flatnonzero(np.isfinite(windows[:, 0]).any(axis=1))
-        drift = np.zeros_like(recording.wrench)
-        middles, path = (measured + 0.5) * length, path[measured]
-        for axis, values in zip(axes, path.T, strict=True):
-            if len(measured):
-                drift[:, axis] = np.interp(np.arange(len(drift)) + 0.5, middles, values)
+        drift, path = np.zeros_like(recording.wrench), medians(windows.transpose(0, 2, 1))
+        for axis, values in zip(axes if len(measured) else (), path[measured].T, strict=False):
+            middles = (measured + 0.5) * length
+            drift[:, axis] = np.interp(np.arange(len(drift)) + 0.5, middles, values)
         drifts.append(drift)
     return drifts
 
 
-def _check_rows(recording: Recording, force: FloatArray) -> None:
-    """Refuse rows that are farther apart than cells: contacts show in neighbouring cells."""
-    rows = np.column_stack([recording.wrench[:, axes_of([recording])], force])
-    complete = np.isfinite(rows.sum(axis=1))
-    if 2 * np.sum(complete[1:] & complete[:-1]) < complete.sum():
-        apart_s = recording.period_s * float(np.median(np.diff(np.flatnonzero(complete))))
-        raise CalibrationRefusedError(
-            f'{recording.name} holds wrench and specific force every {apart_s:g} s; the reference '
-            f'payload needs them in most thermal cells, of {recording.period_s:g} s each. Set the '
-            f'thermal period to {apart_s:g} s, or record more often.'
-        )
-
-
-def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> Separation:
+def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -> Separation:
     """Find steps, states and weights by turns, with a known drift, (N, 6), taken off."""
-    cells, fit, steps, accelerometer = start.cells, start.fit, start.steps, start.accelerometer
-    forces, axes = accelerometer.forces, axes_of(start.recordings)
-    wrenches = [recording.wrench[:, axes] for recording in start.recordings]
-    if known_drift is not None:
-        wrenches = [w - drift[:, axes] for w, drift in zip(wrenches, known_drift, strict=True)]
+    cells, fit, steps, forces = start.cells, start.fit, start.steps, start.accelerometer.forces
+    recordings, axes = start.recordings, axes_of(start.recordings)
+    wrenches = [(r.wrench - d)[:, axes] for r, d in zip(recordings, drift, strict=True)]
     for number in range(1, _MOST_ROUNDS + 1):
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [
             _with_wrench(recording, _without_steps(wrench, found), axes)
-            for recording, wrench, found in zip(start.recordings, wrenches, steps, strict=True)
+            for recording, wrench, found in zip(recordings, wrenches, steps, strict=True)
         ]
-        cells = cut(stepless, forces, ends, BLOCK_S if known_drift is None else LONG_BLOCK_S)
-        recut = {
-            name: cells.cut(cells_before.join(getattr(fit, name)))
-            for name in ('states', 'weights', 'levels')
-        }
-        fit = fit_again(cells, replace(fit, **recut))
-        states, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
+        cells = cut(stepless, forces, ends, block_s)
+        states, weights, levels = (
+            np.concatenate(cells_before.join(part))[cells.rows]
+            for part in (fit.states, fit.weights, fit.levels)
+        )
+        weights = weights * cells.usable
+        fit = fit_again(cells, replace(fit, states=states, weights=weights, levels=levels))
+        mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
         if number == _MOST_ROUNDS:
             break  # states and contacts have to be those of the last steps
         # All steps are judged anew, by the contacts that are known by now.
         steps = [
             find_steps(wrench - force @ fit.gains, state, count, fit.noise, recording.period_s)
             for recording, wrench, force, state, count in zip(
-                start.recordings, wrenches, forces, states, counts, strict=True
+                recordings, wrenches, forces, mounted, counts, strict=True
             )
         ]
         if ends == [[step.cell for step in found] for found in steps]:
             break
     drifts = []
-    for n, recording in enumerate(start.recordings):
-        unsure = cells_in(_UNSURE_S, recording.period_s)
+    for n, recording in enumerate(recordings):
+        unsure, near = (cells_in(s, recording.period_s) for s in (_UNSURE_S, _NEAR_S))
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
-        weight = of_state(forces[n] @ fit.gains, states[n])
-        wrench = _without_steps(recording.wrench[:, axes], steps[n])
-        residual, near = wrenches[n] - weight, cells_in(_NEAR_S, recording.period_s)
-        residual = _without_steps(residual, steps[n])
+        weight = of_state(forces[n] @ fit.gains, mounted[n])
+        wrench, residual = (
+            _without_steps(part, steps[n])
+            for part in (recording.wrench[:, axes], wrenches[n] - weight)
+        )
         for step in steps[n]:
             remaining = _remaining_step(residual, counts[n], step.cell, near)
             residual[step.cell :] -= remaining
@@ -206,7 +202,7 @@ def _separated(start: Separation, known_drift: Sequence[FloatArray] | None) -> S
         free = _with_wrench(free, np.where(counts[n][:, None], wrench, np.nan), axes)
         free.reference[:, axes] = weight
         drifts.append(replace(free, steps=tuple(step.cell for step in steps[n])))
-    return Separation(start.recordings, drifts, accelerometer, cells, fit, steps)
+    return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
 
 
 def _remaining_step(drift: FloatArray, counts: BoolArray, cell: int, near: int) -> FloatArray:
@@ -214,11 +210,11 @@ def _remaining_step(drift: FloatArray, counts: BoolArray, cell: int, near: int) 
     rows = np.arange(max(0, cell - near), min(len(drift), cell + near))
     rows = rows[counts[rows]]
     after = rows >= cell
-    if min(np.sum(after), np.sum(~after)) < _LEAST_NEAR:
+    if min(np.sum(after), np.sum(~after)) < 2 * POWERS:
         return np.zeros(drift.shape[1])
     share = (rows - cell) / near
     x = np.stack((np.ones(len(rows)), share, share**2, after), axis=1)
-    return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][3])
+    return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][POWERS])
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:

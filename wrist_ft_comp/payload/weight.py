@@ -1,6 +1,8 @@
 """
 A payload and its weight: F = -m f, τ = c × F at specific force f (docs/algorithm.md, section 7).
 
+It is described in a line for people, and in the commands that tell a driver its payload.
+
 Specific force is that of sensor_msgs/Imu (REP 145): +9.81 m/s² upwards at rest.
 """
 
@@ -104,3 +106,70 @@ class ForceFrame:
         angles = np.degrees([roll, -np.arcsin(np.clip(r[2, 0], -1, 1)), yaw])
         rounded = ', '.join(f'{angle:.1f}' for angle in np.round(angles, 1) + 0.0)
         return f'turned by roll, pitch, yaw of {rounded} degrees'
+
+
+@dataclass(frozen=True, eq=False)
+class LearntPayloads:
+    """All payloads of a calibration."""
+
+    #: Converts measured specific force to the wrench's frame.
+    frame: ForceFrame
+    #: By name, the lightest first.
+    payloads: dict[str, Payload]
+
+    def lines(self) -> list[str]:
+        """Describe every payload in one line, and the frame in another."""
+        lines = [f'payload {payload_line(*payload)}' for payload in self.payloads.items()]
+        return [*lines, f'specific force {self.frame}']
+
+
+def payload_line(name: str, payload: Payload) -> str:
+    """Describe a payload in one line."""
+    center = ', '.join(f'{1e3 * center_m:.1f}' for center_m in payload.center_m)
+    line = (
+        f'{name}: {payload.mass_kg:.3f} ± {payload.mass_error_kg:.2g} kg, centre of mass at '
+        f'{center} mm (± {1e3 * float(np.max(payload.center_error_m)):.2g})'
+    )
+    return line if np.isnan(payload.share) else f'{line}, on for {payload.share:.0%} of the time'
+
+
+def same_payload(one: Payload, other: Payload) -> bool:
+    """Whether two payloads may be the same one: within 3 % and 5 mm, or three standard errors."""
+    errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
+    errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
+    apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)
+    alike = apart_kg < max(0.03 * one.mass_kg, 3 * float(np.hypot(*errors_kg)))
+    return alike and bool((apart_m < np.maximum(0.005, 3 * np.hypot(*errors_m))).all())
+
+
+def driver_calls(payload: Payload) -> dict[str, str]:
+    """
+    Write a payload as others take it, by their name; docs/drivers.md has the sources.
+
+    The centre of mass is in the wrench's frame: right for UR and xArm where that is the flange's.
+    """
+    mass = f'{payload.mass_kg:.4g}'
+    x, y, z = (f'{coordinate_m + 0.0:.4f}' for coordinate_m in payload.center_m)
+    in_mm = ', '.join(f'{1e3 * coordinate_m + 0.0:.1f}' for coordinate_m in payload.center_m)
+    return {
+        'Universal Robots': (
+            'ros2 service call /io_and_status_controller/set_payload ur_msgs/srv/SetPayload '
+            f"'{{mass: {mass}, center_of_gravity: {{x: {x}, y: {y}, z: {z}}}}}'"
+        ),
+        # Six offsets follow mass and centre: the tare stays with the compensator.
+        'xArm': (
+            'ros2 service call /xarm/ft_sensor_cali_load xarm_msgs/srv/FtCaliLoad '
+            f"'{{datas: [{mass}, {in_mm}, 0, 0, 0, 0, 0, 0]}}'"
+        ),
+        'URDF': (
+            f'<inertial><origin xyz="{x} {y} {z}"/><mass value="{mass}"/><inertia ixx="0" ixy="0" '
+            'ixz="0" iyy="0" iyz="0" izz="0"/></inertial> <!-- inertia is not identified -->'
+        ),
+        'MoveIt': f'moveit_msgs/AttachedCollisionObject, weight: {mass}',
+    }
+
+
+def driver_lines(payload: Payload) -> list[str]:
+    """List the calls for people, below a line that says what they are."""
+    calls = driver_calls(payload).items()
+    return ['The same for drivers and planners:', *(f'  {taker}: {call}' for taker, call in calls)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection
 from wrist_ft_comp.recordings.bag_recording import temperatures_inside

@@ -25,7 +25,7 @@ from wrist_ft_comp.channels import (
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.wire.units import to_celsius
+from wrist_ft_comp.wire.temperature_source import to_celsius
 
 #: Columns of stamps, and how many nanoseconds their unit has.
 STAMPS = {

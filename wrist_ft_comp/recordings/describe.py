@@ -14,7 +14,7 @@ from wrist_ft_comp.channels import (
     ROTATION_CHANNEL,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.specific_force_motion import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag
@@ -32,7 +32,7 @@ from wrist_ft_comp.recordings.log_proposal import OPEN, propose
 from wrist_ft_comp.recordings.open_recording import BAG, open_recording, OpenTable, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.series import NANOSECONDS, Progress
-from wrist_ft_comp.stream.sample_checks import SampleChecks
+from wrist_ft_comp.stream.batch_grid import SampleChecks
 from wrist_ft_comp.wire.temperature_source import parse_source
 
 REFERENCE = 'reference'

@@ -33,8 +33,7 @@ from wrist_ft_comp.recordings.column_map import (
 )
 from wrist_ft_comp.recordings.table import exact_ns, find_form
 from wrist_ft_comp.recordings.table_header import number_in
-from wrist_ft_comp.wire.temperature_source import may_be_temperature
-from wrist_ft_comp.wire.units import to_celsius
+from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',

@@ -10,7 +10,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.fit.cross_validation import bin_means
+from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_survey import TEMPERATURE
 from wrist_ft_comp.recordings.describe import describe_recording

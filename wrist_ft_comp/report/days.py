@@ -14,7 +14,6 @@ from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     FORCES,
-    NOISE,
     NONE,
     SENSOR,
     THERMOMETER,
@@ -42,7 +41,6 @@ _LEAST_DRIFT = 1e-6
 NAMES = {
     ZERO: 'zero jumped',
     SENSOR: 'gain or mounting changed',
-    NOISE: 'more noise',
     TOOL: 'another tool',
     CONTACTS: 'pushed all day',
     UNREADABLE: 'day not readable',

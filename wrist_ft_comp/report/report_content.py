@@ -14,10 +14,10 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
 from wrist_ft_comp.learning.diary import Diary
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
+from wrist_ft_comp.payload.accelerometer import describe_force, moments_of
+from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.separation import Separation
-from wrist_ft_comp.payload.specific_force_motion import describe_force, moments_of
-from wrist_ft_comp.payload.weight_gains import COUNTS
+from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
 from wrist_ft_comp.report.advice import advise, Case, cover, Coverage

@@ -1,7 +1,9 @@
-"""The diagnostics: a status, the doubts that it is made of, and the message of all of them."""
+"""What a node says of its state: statuses and their doubts, their message, and the log of them."""
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+import re
 import time
 from typing import Any
 
@@ -9,6 +11,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+#: The first reports, in which a stale status is not logged: a driver may take time to start.
+_PATIENCE_REPORTS = 5
+#: The log says that a trouble is over after this many reports without it. Trouble that returns
+#: sooner is logged once.
+_QUIET_REPORTS = 10
+#: Numbers that change from report to report, but not those of thermometers, which are names.
+_NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
+#: Letters of a refusal that are kept: a request may be of any length, and diagnostics repeat it.
+_REFUSAL_LETTERS = 1000
 
 
 @dataclass(frozen=True)
@@ -61,3 +72,51 @@ def diagnostic_array(
         for status in statuses
     ]  # fmt: skip
     return array
+
+
+class NodeLog:
+    """A node's log; it is given refusals, and once a second the statuses that it shall log."""
+
+    def __init__(self, logger: Any) -> None:
+        self.info, self.warning, self.error = logger.info, logger.warning, logger.error
+        #: What was refused last, and why; empty before the first refusal.
+        self.last_refusal = ''
+        self._reports = 0
+        #: Sentences that were logged since a status was well, by its name.
+        self._logged: dict[str, set[str]] = defaultdict(set)
+        #: For how many reports a status has been well, by its name.
+        self._well: dict[str, int] = defaultdict(int)
+
+    def write(self, level: bytes, line: str) -> None:
+        """Log a line at the level of a status."""
+        # One call site each: rclpy insists that a call site keeps its severity.
+        if level == OK:
+            self.info(line)
+        elif level == ERROR:
+            self.error(line)
+        else:
+            self.warning(line)
+
+    def note_refusal(self, what: str, why: str) -> None:
+        """Remember, for the diagnostics, what was refused and why."""
+        self.last_refusal = f'{what}: {why}'[:_REFUSAL_LETTERS]
+
+    def report(self, statuses: Iterable[Status]) -> None:
+        """Log what is new in statuses, and what has been well for long."""
+        self._reports += 1
+        for status in statuses:
+            logged = self._logged[status.name]
+            if status.level == OK:
+                self._well[status.name] += 1
+                if logged and self._well[status.name] >= _QUIET_REPORTS:
+                    logged.clear()
+                    self.info(f'{status.name}: {status.message}')
+                continue
+            self._well[status.name] = 0
+            doubts = status.doubts or (status.message,)
+            news = [doubt for doubt in doubts if _NUMBERS.sub('#', doubt) not in logged]
+            starting = status.level == STALE and self._reports <= _PATIENCE_REPORTS
+            if starting or not news:
+                continue
+            logged.update(_NUMBERS.sub('#', doubt) for doubt in news)
+            self.write(status.level, f'{status.name}: {"; ".join(news)}')

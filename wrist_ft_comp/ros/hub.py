@@ -1,5 +1,5 @@
 """
-The hub of a node: it owns the parts and calls them, and no part can end it.
+The hub of a node, and its parts: a part is one feature; the hub owns them, and none can end it.
 
 An exception of a part that is no refusal (WristFtCompError) is a fault of the program. The hub
 logs it once with its traceback, does not call that part again, reports it in the diagnostics and
@@ -7,12 +7,12 @@ in the answers of the part's services, and goes on. The hub also opens topics fo
 messages come as bytes, and parameters may override the quality of service.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from copy import copy
 from functools import partial
 import time
 import traceback
-from typing import Any, cast
+from typing import Any, cast, ClassVar, TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
@@ -21,15 +21,14 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, Status
-from wrist_ft_comp.ros.node_log import NodeLog
+from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, NodeLog, Status, WARN
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
-from wrist_ft_comp.ros.part import Part
-from wrist_ft_comp.ros.qos import NEWEST, opening, OUTPUT, overridable
-from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
-from wrist_ft_comp.ros.services import DeferredService
+from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, QuickLogger, return_to_node
+from wrist_ft_comp.ros.services import DeferredService, Reply, Service
+from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT, overridable
 
 #: Parts are polled once in this time, s.
 HOUSEKEEPING_PERIOD_S = 0.1
@@ -41,17 +40,140 @@ FAREWELL_S = 0.5
 _VERBS = (
     'on_model', 'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
 )  # fmt: skip
-#: Events of quality of service that do not match, and what is logged then.
-_DISAGREEMENTS = {
-    'subscription': (
-        SubscriptionEventCallbacks,
-        'a publisher of {} offers less {} than is asked for: nothing of it will be received',
-    ),
-    'publisher': (
-        PublisherEventCallbacks,
-        'a subscriber of {} asks for more {} than is offered: it will receive nothing',
-    ),
-}
+#: Three numbers of the axes x, y and z.
+Vector: TypeAlias = tuple[float, float, float]
+
+
+class Part:
+    """
+    One feature of a node; a part defines the attributes and verbs that it needs.
+
+    A constructor only stores. In ``start``, when all parts exist, a part asks the hub for what it
+    needs of the node. The order of parts decides only the order of their diagnostics.
+    """
+
+    #: Its name in the log and the diagnostics.
+    title: ClassVar[str] = ''
+    #: Its parameters, which the hub's ``chosen`` reads.
+    parameters: ClassVar[Sequence[Parameter]] = ()
+    #: Its topics and what each is for, for ``--help`` and the documentation.
+    topics: ClassVar[Sequence[tuple[str, str]]] = ()
+    #: Whether troubles in its statuses are logged; False where it logs them itself.
+    logged: ClassVar[bool] = False
+    #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
+    hub: Any
+    #: Why the hub does not call it any more; empty while all is well.
+    stopped = ''
+
+    @classmethod
+    def services(cls) -> Sequence[Service]:
+        """List the services that it offers."""
+        return ()
+
+    def start(self) -> None:
+        """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
+
+    def on_model(self) -> None:
+        """Follow the live model: called when all parts have started, and at every change."""
+
+    def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Any) -> None:
+        """Take a raw wrench, N and N m, that was published; only after the hub's ``listen``."""
+
+    def on_cells(self, cells: Sequence[Any], stamp_ns: int) -> None:
+        """Take thermal cells that a temperature, with its stamp, ns, has completed."""
+
+    def on_specific_force(
+        self, stamp_ns: int, specific_force: Vector, speed: float | None
+    ) -> None:
+        """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
+
+    def check_parameters(self, parameters: Sequence[Any]) -> None:
+        """Refuse parameters by a WristFtCompError; change nothing."""
+
+    def apply_parameters(self, parameters: Sequence[Any]) -> None:
+        """Follow parameters that have changed."""
+
+    def poll(self) -> None:
+        """Do what is due; called ten times a second."""
+
+    def statuses(self) -> Iterable[Status]:
+        """Report the state; called once a second."""
+        return ()
+
+    def end(self) -> bool:
+        """End with the node, or after a fault; True when a caller was answered just now."""
+        return False
+
+
+#: Goes on from yield to yield, and returns the answer; a WristFtCompError refuses.
+Work = Generator[None, None, str]
+
+
+class LongService(Part):
+    """Serves one request at a time, by work that continues at every poll."""
+
+    #: Does the work of a request; closed when the part ends.
+    _work: Callable[[], Work]
+    #: Says that a request is being served.
+    _busy: Callable[[], str]
+    #: Such as ``~/tare``, and what it does.
+    name: ClassVar[str]
+    purpose: ClassVar[str]
+    #: What the log says before an answer, and before a refusal.
+    done = not_done = ''
+    #: What the end of the node leaves as it was.
+    unchanged = ''
+    #: Whether a refusal is an error to the log.
+    severe = False
+    #: The last answer, empty before the first, and whether it was a refusal.
+    last_outcome = ''
+    refused = False
+    _running: tuple[Work, Reply] | None = None
+
+    @classmethod
+    def services(cls) -> Sequence[Service]:
+        """Offer the service of its name."""
+        return (Service(Trigger, cls.name, cls.purpose, cls.on_request),)
+
+    def on_request(self, _request: Any, reply: Reply) -> None:
+        """Begin the work; the answer comes at its end."""
+        if self._running is not None:
+            raise WristFtCompError(f'{self._busy()}; wait for its answer, then call again.')
+        self._running = self._work(), reply
+        self.poll()
+
+    def poll(self) -> None:
+        """Continue the work, and answer at its end."""
+        if self._running is None:
+            return
+        work, reply = self._running
+        try:
+            next(work)
+        except StopIteration as end:
+            self._answer(reply, end.value, success=True)
+        except WristFtCompError as error:
+            self._answer(reply, str(error), success=False)
+
+    def end(self) -> bool:
+        """Stop; True when a caller was answered just now."""
+        if self._running is None:
+            return False
+        work, reply = self._running
+        reason = self.stopped or f'The node is shutting down{self.unchanged}.'
+        self._answer(reply, reason, success=False)
+        work.close()
+        return True
+
+    def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
+        """Answer, and note that in log and diagnostics."""
+        self._running, self.last_outcome, self.refused = None, message, not success
+        log = self.hub.log
+        if success:
+            log.info(f'{self.done}{message}')
+        else:
+            log.write(ERROR if self.severe else WARN, f'{self.not_done}{message}')
+            log.note_refusal(self.name, message)
+        reply(success=success, message=message)
 
 
 class Hub(Node):
@@ -64,7 +186,7 @@ class Hub(Node):
 
     def __init__(self, name: str, table: Iterable[Parameter] = (), **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
-        self.log = NodeLog(cast('Any', self).get_logger())
+        self.log = NodeLog(QuickLogger(cast('Any', self).get_logger()))
         #: Policy that does not match that of another node, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
         #: Subscriptions that no executor serves.
@@ -179,16 +301,26 @@ class Hub(Node):
 
     def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
         """Make options: policies are overridable; one that two don't agree on is noted, logged."""
-        callbacks, sentence = _DISAGREEMENTS[ours]
 
         def note(event: Any) -> None:
             policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
             self.incompatible[topic] = policy
             name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
             remedy = f'Set {name} of this node, or' if self.has_parameter(name) else 'Set'
-            trouble = sentence.format(topic, policy)
+            trouble = (
+                f'a subscriber of {topic} asks for more {policy} than is offered: it will receive '
+                'nothing'
+            )
+            if ours == 'subscription':
+                trouble = (
+                    f'a publisher of {topic} offers less {policy} than is asked for: nothing of '
+                    'it will be received'
+                )
             self.log.error(f'{trouble}. {remedy} the quality of service of the other side.')
 
+        callbacks: Any = PublisherEventCallbacks
+        if ours == 'subscription':
+            callbacks = SubscriptionEventCallbacks
         return {
             'event_callbacks': callbacks(incompatible_qos=note),
             'qos_overriding_options': overridable(),
@@ -234,25 +366,22 @@ class Hub(Node):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _judge(self, part: Part) -> list[Status]:
-        """Get the statuses of a part; the hub gives that of a part that has stopped."""
-        statuses = self.do(part, lambda: list(part.statuses())) or []
-        return [Status(part.title, ERROR, part.stopped)] if part.stopped else statuses
-
     def hardware_id(self) -> str:
         """Name the device that the diagnostics are about."""
         return ''
 
     def _diagnose(self) -> None:
         """Publish diagnostics, and log what is new in those of parts that want it."""
-        judged = [(part, status) for part in self.parts for status in self._judge(part)]
-        self.log.report(status for part, status in judged if part.logged)
-        self._diagnostics.publish(
-            diagnostic_array(
-                self.get_fully_qualified_name(), self.hardware_id(),
-                self.get_clock().now().to_msg(), [status for _, status in judged],
-            )
-        )  # fmt: skip
+        statuses, logged = list[Status](), list[Status]()
+        for part in self.parts:
+            found = self.do(part, lambda part=part: list(part.statuses())) or []
+            if part.stopped:
+                found = [Status(part.title, ERROR, part.stopped)]
+            statuses += found
+            logged += found if part.logged else []
+        self.log.report(logged)
+        stamp, name = self.get_clock().now().to_msg(), self.get_fully_qualified_name()
+        self._diagnostics.publish(diagnostic_array(name, self.hardware_id(), stamp, statuses))
 
     def destroy_node(self) -> None:
         """End all parts and the node; callers that wait for an answer get one."""

@@ -1,10 +1,13 @@
-"""Tables of parameters: their rows, and how a node declares them."""
+"""Tables of parameters: their rows, how a node declares them, and what ``--help`` says of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import partial
+import json
 import math
+from textwrap import fill
 from typing import Any, cast, TypeAlias
 
 from rcl_interfaces.msg import (
@@ -20,6 +23,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.ros.rclpy_internals import given_parameters
 
+NODE_NAME = 'wrist_ft_comp'
 Value: TypeAlias = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 _Type = RosParameter.Type
 #: Types in ROS of a scalar and of an array, and the scalar in words.
@@ -30,6 +34,15 @@ _TYPES = {
     str: (_Type.STRING, _Type.STRING_ARRAY, 'a string'),
 }
 _SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
+#: Letters in a line of ``--help``.
+_WIDTH = 79
+#: A name is taken for a mistyped one from this similarity on, 0 to 1.
+_SIMILAR = 0.8
+#: The same for overrides of quality of service, whose names are always similar.
+_SIMILAR_OVERRIDES = 0.96
+_OVERRIDE = 'qos_overrides.'
+#: Policies that overridable() of topics.py lets parameters override.
+_POLICIES = ('history', 'depth', 'reliability')
 
 
 @dataclass(frozen=True)
@@ -55,11 +68,6 @@ class Parameter:
 
     def __post_init__(self) -> None:
         """Check the row, so that a wrong table fails in the first test that imports it."""
-        if self.element_type not in _TYPES or self.ros_type is None:
-            raise SettingsError(
-                f'Parameter {self.name} needs a default of bool, int, float, str, or a tuple of '
-                f'float or str (an empty one with its element type); got {self.default!r}.'
-            )
         converted(self, self.default)
 
     @property
@@ -204,6 +212,45 @@ def _ros_parameter(row: Parameter, value: Value) -> RosParameter:
     return cast('RosParameter', untyped(row.name, row.ros_type, plain))
 
 
-NODE_NAME = 'wrist_ft_comp'
+def usage(
+    name: str, what: str, table: Sequence[Parameter], *ends: tuple[str, Mapping[str, str]]
+) -> str:
+    """Explain a node: its name, what it does, its ends (title, name to purpose), parameters."""
+
+    def entry(end: str, text: str) -> str:
+        indent = ' ' * 6
+        return f'  {end}\n{fill(text, _WIDTH, initial_indent=indent, subsequent_indent=indent)}'
+
+    lines = [f'usage: {name} --ros-args [-p NAME:=VALUE ...] [-r FROM:=TO ...]\n', what]
+    for title, purposes in ends:
+        lines += [title, *(entry(end, f'{purpose}.') for end, purpose in purposes.items()), '']
+    lines.append('parameters (-p, or --params-file FILE); * may change while the node runs:')
+    for row in table:
+        default: Any = list(row.default) if isinstance(row.default, tuple) else row.default
+        text = f'{row.description} Must be {row.allowed}; default: {json.dumps(default)}.'
+        lines.append(entry(f'{row.name}{"" if row.read_only else " *"}', text))
+    return '\n'.join([*lines, ''])
+
+
+def warn_of_unknown(node: Node, later: Iterable[str], log: Any) -> None:
+    """
+    Warn of parameters that a node was given and that are a mistyped name of one that it has.
+
+    The node has declared its parameters and opened its topics, but for those that it may subscribe
+    to later, which come by their full names. Other names are those of other nodes: a file may hold
+    the parameters of a whole robot.
+    """
+    names = set(node.list_parameters([], 0).names)
+    names |= {
+        f'{_OVERRIDE}{topic}.subscription.{policy}' for topic in later for policy in _POLICIES
+    }
+    for name in sorted(set(given_parameters(node)) - names):
+        similar = _SIMILAR_OVERRIDES if name.startswith(_OVERRIDE) else _SIMILAR
+        if near := get_close_matches(name, names, 1, similar):
+            log.warning(
+                f'There is no parameter {name}, so its value is ignored. Did you mean {near[0]}?'
+            )
+
+
 #: A row that is read at start-up only.
 at_start = partial(Parameter, read_only=True)

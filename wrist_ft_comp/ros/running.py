@@ -45,7 +45,17 @@ def run_node(
     try:
         with _stop_flag() as stop:
             _initialise(context, words)
-            _create_and_spin(factory, context, stop)
+            with ExitStack() as stack:  # taken down in the order that does not abort
+                node: Any = factory(context=context)
+                stack.callback(node.destroy_node)
+                executor = make_executor(context)
+                stack.callback(executor.shutdown)
+                executor.add_node(node)
+                # What start-up made lives as long as the node: the garbage collector need not walk
+                # it, which takes tens of milliseconds and delays messages.
+                gc.freeze()
+                gc.enable()
+                spin(executor, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except USER_ERRORS as error:
@@ -100,21 +110,6 @@ def _initialise(context: Context, words: list[str]) -> None:
             f'ROS 2 does not begin: {reason}. Look at the environment: ROS_LOG_DIR or ROS_HOME '
             'must be a folder that can be written, and ROS_DOMAIN_ID a number.'
         ) from error
-
-
-def _create_and_spin(factory: Callable[..., Any], context: Context, stop: Stop) -> None:
-    """Create node and executor, spin, and take them down in the order that does not abort."""
-    with ExitStack() as stack:
-        node = factory(context=context)
-        stack.callback(node.destroy_node)
-        executor = make_executor(context)
-        stack.callback(executor.shutdown)
-        executor.add_node(node)
-        # What start-up made lives as long as the node: the garbage collector need not walk it,
-        # which takes tens of milliseconds and delays messages.
-        gc.freeze()
-        gc.enable()
-        spin(executor, context, stop)
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from typing import Any
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.qos import SERVICE
 from wrist_ft_comp.ros.rclpy_internals import intercept_answers
+from wrist_ft_comp.ros.topics import SERVICE
 
 
 class Reply:

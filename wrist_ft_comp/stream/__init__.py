@@ -1,1 +1,1 @@
-"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``clock``, ``gap``."""
+"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``thermal_memory``."""

@@ -1,8 +1,15 @@
-"""Averages a recording over thermal cells, as a batch; ``gap`` fills the empty ones."""
+"""
+Averages a recording over thermal cells, as a batch, of samples that a sensor can have measured.
+
+What no sensor measures is dropped and counted, by the limits of the node; ``thermal_memory`` fills
+the cells without a sample.
+"""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +17,8 @@ from wrist_ft_comp.channels import (
     AXES,
     FORCE_CHANNELS,
     GRAVITY,
+    LARGEST,
+    PLAUSIBLE_C,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
     temperature_channel,
@@ -17,10 +26,11 @@ from wrist_ft_comp.channels import (
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
-from wrist_ft_comp.stream.gap import fill_gaps
-from wrist_ft_comp.stream.sample_checks import SampleChecks, UNIT_OF_STAMPS
-from wrist_ft_comp.wire.temperature_source import TemperatureSource
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
+from wrist_ft_comp.stream.clock import in_order, NO_TIME
+from wrist_ft_comp.stream.thermal_memory import fill_gaps
+from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
+from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
 
 #: Largest number of cells times one more than the thermometers: 24 days at 1 s with one
 #: thermometer, 10 days with four. A calibration from that many takes 1 GB.
@@ -29,209 +39,168 @@ MAX_NUMBERS = 4_200_000
 _LONG_S = 7 * 86_400
 #: A thermometer that reports later is warned of, s: a warm-up is fastest at its beginning.
 _LATE_S = 60
-#: At rest, specific force changes by less from cell to cell, m/s².
-_STILL = 0.1
-#: A norm at rest is doubted where it differs from gravity by a larger share.
+#: The median norm of specific force is doubted where it differs from gravity by a larger share.
 _GRAVITY_DOUBT = 0.1
-#: A smaller norm at rest is not that of gravity in any unit; in g it is 1.
+#: A smaller norm is not that of gravity in any unit; in g it is 1.
 _LEAST_GRAVITY = 0.5
+#: No force/torque sensor samples faster: the fastest that robots carry do 8 kHz, Hz.
+_FASTEST_HZ = 50_000.0
+#: Up to this many samples may lie closer together: a burst.
+_BURST = 100
+#: A thermometer that always reads between these, °C, is probably one of 15 to 60 °C in °F.
+_HOT_C = (59.0, 140.0)
+#: What to do where stamps may be in another unit than the one they are read in.
+UNIT_OF_STAMPS = (
+    'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or, '
+    "of another program's log, by --time ms."
+)
 
 
-def most_cells(thermometers: int) -> int:
-    """Tell how many thermal cells a recording may span."""
-    return MAX_NUMBERS // (1 + thermometers)
+def why_unusable(channel: str, value: float) -> str:
+    """Say what is wrong with readings of a channel such as a value that no sensor makes."""
+    if not math.isfinite(value):
+        return 'not finite'
+    (low, high), unit = _limits(channel), ' °C' if _is_temperature((channel,)) else ''
+    return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
 
 
-class GridBuilder:
-    """Averages blocks of samples per cell while they are read; settings as in grid_samples."""
+def _limits(channel: str) -> tuple[float, float]:
+    """Return what a channel can read, exclusive."""
+    return PLAUSIBLE_C if _is_temperature((channel,)) else (-LARGEST, LARGEST)
 
-    def __init__(
-        self,
-        name: str,
-        period_s: float = 1.0,
-        max_bad_share: float = 0.01,
-        temperatures: Sequence[TemperatureSource] = (),
-    ) -> None:
-        self._name, self._is_table = name, not temperatures
-        # NaN is outside every range.
-        if not 1 / NANOSECONDS <= period_s <= PERIODS_S[1]:
-            raise RecordingError(
-                f'The thermal period must be above 0 and at most {PERIODS_S[1]:g} s; got '
-                f'{period_s} s.'
+
+def _is_temperature(channels: tuple[str, ...]) -> bool:
+    """Whether a group is a thermometer."""
+    return channels[0].startswith('temperature')
+
+
+@dataclass
+class Tally:
+    """Samples of a group of channels: how many came, how many were dropped, and why."""
+
+    samples: int = 0
+    not_finite: int = 0
+    out_of_order: int = 0
+    #: Readings that no sensor makes, and the first of them.
+    implausible: int = 0
+    first_implausible: float = math.nan
+    #: Of the samples that can be used: first and last stamp, ns, least and largest reading.
+    first_ns: int = NO_TIME
+    last_ns: int = NO_TIME
+    least: float = math.inf
+    largest: float = -math.inf
+    #: Of a thermometer: readings that metal cannot have gone to.
+    spikes: SpikeFilter = field(default_factory=SpikeFilter)
+
+
+class SampleChecks:
+    """Drops and counts samples that no sensor can have measured; sources are those of a bag."""
+
+    def __init__(self, name: str, sources: Sequence[TemperatureSource] = ()) -> None:
+        self._name = name
+        self._sources = {temperature_channel(j): source for j, source in enumerate(sources)}
+        #: By the channels that share their samples.
+        self.tallies: defaultdict[tuple[str, ...], Tally] = defaultdict(Tally)
+
+    def admit(self, samples: Samples) -> Samples:
+        """Take a block, in order of time; returns the part of it that can be used."""
+        stamps_ns, values = samples.stamps_ns, samples.values
+        tally = self.tallies[samples.channels]
+        low, high = np.array([_limits(channel) for channel in samples.channels]).T
+        finite = np.isfinite(values).all(axis=1)
+        plausible = ((values > low) & (values < high)).all(axis=1)
+        ordered = in_order(stamps_ns, tally.last_ns)
+        tally.samples += len(values)
+        tally.out_of_order += int(np.count_nonzero(~ordered))
+        tally.not_finite += int(np.count_nonzero(ordered & ~finite))
+        strange = values[ordered & finite & ~plausible]
+        if len(strange) and not tally.implausible:
+            tally.first_implausible = float(strange[0][np.argmax(np.abs(strange[0]))])
+        tally.implausible += len(strange)
+        usable = ordered & plausible
+        if not usable.all():
+            stamps_ns, values = stamps_ns[usable], values[usable]
+        if _is_temperature(samples.channels) and values.shape[1] == 1 and len(values):
+            stamps_ns, column = tally.spikes.admit_all(stamps_ns, values[:, 0])
+            values = column[:, np.newaxis]
+        if len(values):
+            tally.first_ns = int(stamps_ns[0]) if tally.first_ns == NO_TIME else tally.first_ns
+            tally.last_ns = int(stamps_ns[-1])
+            tally.least = min(tally.least, float(values.min()))
+            tally.largest = max(tally.largest, float(values.max()))
+        return Samples(samples.channels, stamps_ns, values)
+
+    def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
+        """Give sentences about dropped and doubtful samples; True where they are too many."""
+        for channels, tally in self.tallies.items():
+            of_temperature = _is_temperature(channels)
+            title = channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'
+            title = f'{title} of {self._name}'
+            if of_temperature and not tally.samples:
+                yield f'{title} holds no sample; it is left out.', False
+
+            reasons = (
+                (tally.not_finite, 'are not finite'),
+                (tally.out_of_order, 'have a stamp that does not increase'),
+                (tally.implausible, f'are {why_unusable(channels[0], tally.first_implausible)}'),
             )
-        self._period_ns = round(period_s * NANOSECONDS)
-        self._max_bad_share = max_bad_share
-        #: What came, and what of it was dropped.
-        self.checks = SampleChecks(name, temperatures)
-        #: By channel, for each block: numbers of its cells, ascending, sums and counts in them.
-        self._blocks: defaultdict[str, list[tuple[IntArray, FloatArray, IntArray]]]
-        self._blocks = defaultdict(list)
+            dropped = sum(count for count, _ in reasons)
+            if dropped:
+                (first, why), *others = [pair for pair in reasons if pair[0]]
+                counts = [why, *(f'{count} {reason}' for count, reason in others)]
+                sentence = f'{title}: {first} of {tally.samples} samples {" and ".join(counts)}; '
+                if dropped <= max_bad_share * tally.samples:
+                    yield f'{sentence}they were dropped.', False
+                else:
+                    remedy = 'Record again, or remove those samples.'
+                    if of_temperature and 2 * tally.implausible > dropped:
+                        remedy = self._remedy(channels[0], tally.first_implausible)
+                    yield f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}', True
 
-    def add(self, samples: Samples) -> None:
-        """Add a block of samples; blocks of the same channels must come in order of time."""
-        spikes = self.checks.tallies[samples.channels].spikes
-        wrong_starts = spikes.wrong_starts
-        samples = self.checks.admit(samples)
-        if spikes.wrong_starts > wrong_starts:
-            self._blocks.pop(samples.channels[0], None)
-        values = samples.values
-        if not len(values):
-            return
-        cells = samples.stamps_ns // self._period_ns
-        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
-        if samples.channels == (ROTATION_CHANNEL,):
-            values = values**2  # the mean speed of a motion to and fro says nothing
-        sums = np.add.reduceat(values, starts, axis=0)
-        counts = np.diff(starts, append=len(cells))
-        for column, channel in enumerate(samples.channels):
-            self._blocks[channel].append((cells[starts], sums[:, column], counts))
-
-    def build(self) -> Recording:
-        """Make the recording from everything that was added; raises as ``grid_samples``."""
-        warnings = []
-        for sentence, is_too_much in self.checks.judge(self._max_bad_share):
-            if is_too_much:
-                raise RecordingError(sentence)
-            warnings.append(sentence)
-        thermometers = self._thermometers()
-        if self._blocks.keys().isdisjoint(AXES):
-            raise RecordingError(
-                f'{self._name} holds no wrench. Expected at least one of {", ".join(AXES)}; '
-                f'got {", ".join(sorted(self._blocks))}.'
-            )
-        first = max(self._ends(channel)[0] for channel in thermometers)
-        last = max(self._ends(channel)[1] for channel in self._blocks)
-        warnings += self._judge_span(last + 1 - first, thermometers)
-        warnings += self._late_thermometer(thermometers, first)
-        temperature_c = self._table(thermometers, first, last)
-        before_c = []
-        for channel in thermometers:
-            cells = np.concatenate([cells for cells, _, _ in self._blocks[channel]])
-            # One cell of what lies before the first: it may be years away, by a broken stamp.
-            begin = int(cells[cells <= first].max())
-            before_c.append(self._means(channel, begin, begin)[0])
-        force, speed = None, None
-        if not self._blocks.keys().isdisjoint(FORCE_CHANNELS):
-            measured = self._table(FORCE_CHANNELS, first, last)
-            force, doubts = _doubt_gravity(measured, self._name)
-            warnings += doubts
-        if ROTATION_CHANNEL in self._blocks:
-            speed = np.sqrt(self._means(ROTATION_CHANNEL, first, last))
-        return Recording(
-            name=self._name, period_ns=self._period_ns, first_cell=first,
-            temperature_c=fill_gaps(temperature_c, np.array(before_c), self._period_ns),
-            measured=np.isfinite(temperature_c),
-            wrench=self._table(AXES, first, last),
-            reference=self._table(REFERENCE_CHANNELS, first, last),
-            warnings=tuple(warnings), specific_force=force, rotation_speed=speed)  # fmt: skip
-
-    def _ends(self, channel: str) -> tuple[int, int]:
-        """Find the first and the last cell of a channel."""
-        blocks = self._blocks[channel]
-        return int(blocks[0][0][0]), int(blocks[-1][0][-1])
-
-    def _judge_span(self, cells: int, thermometers: Sequence[str]) -> Iterator[str]:
-        """Refuse stamps that are no times of one recording; doubt a long one."""
-        remedy = UNIT_OF_STAMPS * self._is_table
-        span_s, period_s = cells * self._period_ns / NANOSECONDS, self._period_ns / NANOSECONDS
-        for thermometer, axis in product(thermometers, filter(self._blocks.__contains__, AXES)):
-            begins, ends = zip(self._ends(thermometer), self._ends(axis), strict=True)
-            apart = max(begins) - min(ends)
-            if apart * period_s > SAME_CLOCK_S:
-                raise RecordingError(
-                    f'Stamps of {axis} and {thermometer} of {self._name} are '
-                    f'{apart * period_s:.0f} s apart; both drivers must use one clock. Record '
-                    'both at the same time.'
+            if tally.spikes.first:
+                stamp_ns, reading_c = tally.spikes.first
+                sentence = (
+                    f'{title}: {tally.spikes.dropped} of {tally.samples} samples are where metal '
+                    f'cannot have gone, first at stamp {stamp_ns / NANOSECONDS:.0f} s with '
+                    f'{reading_c:.1f} °C; left out.'
                 )
-        most = most_cells(len(thermometers))
-        if cells > most:
-            raise RecordingError(
-                f'Stamps of {self._name} span {span_s:.6g} s; at most {most} thermal cells of '
-                f'{period_s:g} s fit in a recording. Remove the sample with the broken stamp, '
-                f'use a longer thermal period, or split the recording. {remedy}'
-            )
-        if remedy and span_s > _LONG_S:
-            yield f'{self._name} lasts {span_s / 86_400:.1f} days. {remedy}'
-
-    def _late_thermometer(self, channels: Sequence[str], first: int) -> Iterator[str]:
-        """Name the thermometer that the recording had to wait for, where it waited for long."""
-        wrenches = [cells for axis in AXES for cells, _, _ in self._blocks.get(axis, [])]
-        lost = np.unique(np.concatenate([cells[cells < first] for cells in wrenches]))
-        lost_s = len(lost) * self._period_ns / NANOSECONDS
-        if lost_s > _LATE_S:
-            late = next(j for j, name in enumerate(channels) if self._ends(name)[0] == first)
-            yield (
-                f'Thermometer {late + 1} of {self._name} came after {lost_s:.0f} s of wrenches, '
-                'of which no drift is known: nothing is learnt, judged or tared before it came, '
-                'and compensate writes them with its first drift. The sensor is taken as soaked '
-                'from there on. If it was warming up by then, record again, with all '
-                'thermometers from the beginning.'
-            )
-
-    def _thermometers(self) -> list[str]:
-        """List the channels of the thermometers, refusing a gap in their numbering."""
-        found = [name for j in range(100) if (name := temperature_channel(j)) in self._blocks]
-        expected = [temperature_channel(j) for j in range(len(found) or 1)]
-        for channel in expected:
-            if channel not in found:
-                raise RecordingError(
-                    f'{self._name} holds no usable {channel}. Expected a sample in at least one '
-                    'thermal cell; record the temperature beside the wrench. A node keeps none '
-                    'before all of its thermometers have reported.'
+                yield sentence, False
+            used, span_ns = tally.samples - dropped, tally.last_ns - tally.first_ns
+            if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
+                sentence = (
+                    f'{title}: {used} samples within {span_ns / NANOSECONDS:.3g} s; no sensor '
+                    f'makes more than {_FASTEST_HZ:g} a second. {UNIT_OF_STAMPS}'
                 )
-        return found
+                yield sentence, True
+            if of_temperature and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
+                sentence = (
+                    f'{title} is hot throughout: {tally.least:.1f} to {tally.largest:.1f} °C. '
+                    f'{self._remedy(channels[0], tally.least)}'
+                )
+                yield sentence, False
 
-    def _table(self, channels: Sequence[str], first: int, last: int) -> FloatArray:
-        """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
-        if self._blocks.keys().isdisjoint(channels):
-            return np.broadcast_to(np.nan, (last - first + 1, len(channels)))
-        return np.stack([self._means(channel, first, last) for channel in channels], axis=1)
+    def _remedy(self, channel: str, value_c: float) -> str:
+        """Say how to name a temperature that is probably in another unit."""
+        if source := self._sources.get(channel):
+            return unit_remedy(value_c, source.in_unit)
+        return unit_remedy(value_c, lambda unit: channel.removesuffix('c') + unit.lower())
 
-    def _means(self, channel: str, first: int, last: int) -> FloatArray:
-        """Means of a channel on cells first … last, shape (last - first + 1,), NaN where none."""
-        size = last - first + 1
-        means = np.full(size, np.nan)
-        if channel in self._blocks:
-            cells, sums, counts = map(np.concatenate, zip(*self._blocks[channel], strict=True))
-            inside = (cells >= first) & (cells <= last)
-            at = cells[inside] - first
-            sums, counts = (np.bincount(at, part[inside], size) for part in (sums, counts))
-            np.divide(sums, counts, out=means, where=counts > 0)
+
+class CellSums(NamedTuple):
+    """What the samples of a channel are in cells: numbers, ascending, sums and counts, (n,)."""
+
+    cells: IntArray
+    sums: FloatArray
+    counts: IntArray
+
+    def means(self, first: int, last: int) -> FloatArray:
+        """Means on cells first … last, shape (last - first + 1,), NaN where none."""
+        size, inside = last - first + 1, (self.cells >= first) & (self.cells <= last)
+        at = self.cells[inside] - first
+        sums, counts = (np.bincount(at, part[inside], size) for part in self[1:])
+        means: FloatArray = np.full(size, np.nan)
+        np.divide(sums, counts, out=means, where=counts > 0)
         return means
-
-
-def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, list[str]]:
-    """
-    Doubt specific force, shape (N, 3), whose norm at rest is not gravity's.
-
-    Gives it as measured, NaN in cells without a sample of all three, or None where it can't be
-    gravity; and doubts in sentences.
-    """
-    # At rest a cell is like its neighbour; where it hardly ever is, the quietest half has to do.
-    change = np.linalg.norm(np.diff(force, axis=0, prepend=force[:1]), axis=1)
-    known, subject = change[np.isfinite(change)], f'The specific force of {name} has'
-    if not len(known):
-        missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
-        return None, [f'{subject} {missing}']
-    at_rest = change <= max(_STILL, float(np.median(known)))
-    norm = float(np.median(np.linalg.norm(force[at_rest], axis=1)))
-    off = norm / GRAVITY - 1
-    force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
-    if abs(off) <= _GRAVITY_DOUBT:
-        return force, []
-    if norm >= _LEAST_GRAVITY:
-        doubt = (
-            f'{subject} a norm of {norm:.4g} at rest, {off:+.0%} off {GRAVITY} m/s², which a '
-            'payload takes for its scale. If it is in another unit, that is all; if not, '
-            'calibrate the accelerometer, because a payload is as wrong as it is.'
-        )
-        return force, [doubt]
-    doubt = (
-        f'{subject} a norm of {norm:.3g} at rest, where gravity makes {GRAVITY}; it counts as '
-        'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
-        'linear_acceleration), not the motion alone.'
-    )
-    return None, [doubt]
 
 
 def grid_samples(
@@ -250,7 +219,161 @@ def grid_samples(
     when more samples are unusable, a thermometer or every axis is missing, or the stamps are no
     times of one recording.
     """
-    builder = GridBuilder(name, period_s, max_bad_share, temperatures)
+    if not 1 / NANOSECONDS <= period_s <= PERIODS_S[1]:  # NaN is outside every range
+        raise RecordingError(
+            f'The thermal period must be above 0 and at most {PERIODS_S[1]:g} s; got {period_s} s.'
+        )
+    period_ns = round(period_s * NANOSECONDS)
+    checks, parts = SampleChecks(name, temperatures), defaultdict[str, list[CellSums]](list)
     for block in blocks:
-        builder.add(block)
-    return builder.build()
+        spikes = checks.tallies[block.channels].spikes
+        wrong_starts = spikes.wrong_starts
+        usable = checks.admit(block)
+        if spikes.wrong_starts > wrong_starts:
+            parts.pop(block.channels[0], None)
+        if not len(usable.values):
+            continue
+        # The mean speed of a motion to and fro says nothing.
+        values = usable.values**2 if ROTATION_CHANNEL in usable.channels else usable.values
+        cells = usable.stamps_ns // period_ns
+        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
+        sums = np.add.reduceat(values, starts, axis=0)
+        counts = np.diff(starts, append=len(cells))
+        for column, channel in enumerate(usable.channels):
+            parts[channel].append(CellSums(cells[starts], sums[:, column], counts))
+    found = {
+        channel: CellSums(*map(np.concatenate, zip(*of_channel, strict=True)))
+        for channel, of_channel in parts.items()
+    }
+
+    warnings = []
+    for sentence, is_too_much in checks.judge(max_bad_share):
+        if is_too_much:
+            raise RecordingError(sentence)
+        warnings.append(sentence)
+    thermometers = [j for j in range(100) if temperature_channel(j) in found]
+    if thermometers != list(range(len(thermometers) or 1)):
+        missing = next(j for j in range(100) if j not in thermometers)
+        raise RecordingError(
+            f'{name} holds no usable {temperature_channel(missing)}. Expected a sample in at '
+            'least one thermal cell; record the temperature beside the wrench. A node keeps none '
+            'before all of its thermometers have reported.'
+        )
+    if found.keys().isdisjoint(AXES):
+        raise RecordingError(
+            f'{name} holds no wrench. Expected at least one of {", ".join(AXES)}; got '
+            f'{", ".join(sorted(found))}.'
+        )
+    warnings += _drop_dead_axes(found, name)
+    channels = [temperature_channel(j) for j in thermometers]
+    first = max(int(found[channel].cells[0]) for channel in channels)
+    last = max(int(sums.cells[-1]) for sums in found.values())
+    remedy = '' if temperatures else UNIT_OF_STAMPS
+    warnings += _judge_times(found, channels, name, period_s, (first, last), remedy)
+
+    def table(*channels: str) -> FloatArray:
+        """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
+        nothing: FloatArray = np.broadcast_to(np.nan, (last - first + 1, len(channels)))
+        if found.keys().isdisjoint(channels):
+            return nothing
+        columns = [found[c].means(first, last) if c in found else nothing[:, 0] for c in channels]
+        return np.stack(columns, axis=1)
+
+    temperature_c, before_c = table(*channels), []
+    for channel in channels:
+        # One cell of what lies before the first: it may be years away, by a broken stamp.
+        cells = found[channel].cells
+        begin = int(cells[cells <= first].max())
+        before_c.append(found[channel].means(begin, begin)[0])
+    force = speed = None
+    if not found.keys().isdisjoint(FORCE_CHANNELS):
+        force, doubts = _doubt_gravity(table(*FORCE_CHANNELS), name)
+        warnings += doubts
+    if ROTATION_CHANNEL in found:
+        speed = np.sqrt(found[ROTATION_CHANNEL].means(first, last))
+    return Recording(
+        name=name, period_ns=period_ns, first_cell=first,
+        temperature_c=fill_gaps(temperature_c, np.array(before_c), period_ns),
+        measured=np.isfinite(temperature_c), wrench=table(*AXES),
+        reference=table(*REFERENCE_CHANNELS), warnings=tuple(warnings),
+        specific_force=force, rotation_speed=speed)  # fmt: skip
+
+
+def _drop_dead_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
+    """Drop axes that read exactly 0 while others live, as those that a sensor has not."""
+    axes = [axis for axis in AXES if axis in found]
+    dead = [axis for axis in axes if not found[axis].sums.any()]
+    if not dead or dead == axes:
+        return
+    for axis in dead:
+        del found[axis]
+    yield (
+        f'{", ".join(dead)} of {name}: exactly 0 in every sample, which no sensor reads; counted '
+        'as absent. If the sensor has this axis, it is broken.'
+    )
+
+
+def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs
+    found: Mapping[str, CellSums], thermometers: Sequence[str], name: str, period_s: float,
+    ends: tuple[int, int], remedy: str,
+) -> Iterator[str]:  # fmt: skip
+    """Refuse stamps that are no times of one recording; doubt a long one, and a late start."""
+    axes, (first, last) = [axis for axis in AXES if axis in found], ends
+    for thermometer in thermometers:
+        for axis in axes:
+            one, other = found[thermometer].cells, found[axis].cells
+            apart_s = (max(one[0], other[0]) - min(one[-1], other[-1])) * period_s
+            if apart_s > SAME_CLOCK_S:
+                raise RecordingError(
+                    f'Stamps of {axis} and {thermometer} of {name} are {apart_s:.0f} s apart; '
+                    'both drivers must use one clock. Record both at the same time.'
+                )
+    span_s, most = (last + 1 - first) * period_s, MAX_NUMBERS // (1 + len(thermometers))
+    if last + 1 - first > most:
+        raise RecordingError(
+            f'Stamps of {name} span {span_s:.6g} s; at most {most} thermal cells of '
+            f'{period_s:g} s fit in a recording. Remove the sample with the broken stamp, '
+            f'use a longer thermal period, or split the recording. {remedy}'
+        )
+    if remedy and span_s > _LONG_S:
+        yield f'{name} lasts {span_s / 86_400:.1f} days. {remedy}'
+    cells = np.unique(np.concatenate([found[axis].cells for axis in axes]))
+    lost_s = np.count_nonzero(cells < first) * period_s
+    if lost_s > _LATE_S:
+        late = next(j for j, t in enumerate(thermometers) if found[t].cells[0] == first)
+        yield (
+            f'Thermometer {late + 1} of {name} came after {lost_s:.0f} s of wrenches, of which no '
+            'drift is known: nothing is learnt, judged or tared before it came, and compensate '
+            'writes them with its first drift. The sensor is taken as soaked from there on. If it '
+            'was warming up by then, record again, with all thermometers from the beginning.'
+        )
+
+
+def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, list[str]]:
+    """
+    Doubt specific force, shape (N, 3), whose median norm is not gravity's.
+
+    Gives it as measured, NaN in cells without a sample of all three, or None where it can't be
+    gravity; and doubts in sentences.
+    """
+    known: BoolArray = np.asarray(np.isfinite(force).all(axis=1))
+    subject = f'The specific force of {name} has'
+    if not known.any():
+        missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
+        return None, [f'{subject} {missing}']
+    norm = float(np.median(np.linalg.norm(force[known], axis=1)))
+    off = norm / GRAVITY - 1
+    if norm < _LEAST_GRAVITY:
+        doubt = (
+            f'{subject} a norm of {norm:.3g}, where gravity makes {GRAVITY}; it counts as '
+            'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
+            'linear_acceleration), not the motion alone.'
+        )
+        return None, [doubt]
+    doubt = (
+        f'{subject} a norm of {norm:.4g}, {off:+.0%} off {GRAVITY} m/s², which a payload takes '
+        'for its scale. If it is in another unit, that is all; if not, calibrate the '
+        'accelerometer, because a payload is as wrong as it is.'
+    )
+    force = np.where(known[:, np.newaxis], force, np.nan)
+    return force, [doubt] if abs(off) > _GRAVITY_DOUBT else []

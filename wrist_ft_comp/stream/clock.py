@@ -34,8 +34,6 @@ APART_FOR_S = 30.0
 _LEAST_APART_S = 1.0
 #: Only a wrench that came less than this before, s, is compared with.
 _FRESH_WRENCH_S = 1.0
-#: Stamps stand still after this many looks in a row at the same one.
-_STAMP_LOOKS = 5
 
 
 def leaps(step_ns: int, usual_step_ns: int) -> bool:
@@ -104,7 +102,11 @@ class SourceClocks:
             self.rejected += 1
             return []
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
-        if last_ns is None or not self._leaps(sample.stamp_ns - last_ns, clock):
+        step_ns, last = sample.stamp_ns - (last_ns or 0), clock.last
+        long = leaps(step_ns, clock.step_ns or 0)
+        if long and last and sample.arrival_ns is not None and last.arrival_ns is not None:
+            step_ns -= sample.arrival_ns - last.arrival_ns  # a silence that arrival confirms
+        if last_ns is None or not self._leaps(step_ns, clock):
             self.strays += len(clock.kept)
             clock.kept = []
             if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
@@ -143,11 +145,8 @@ class SourceClocks:
             return None
         if last and first.arrival_ns is not None and last.arrival_ns is not None:
             passed_ns = first.arrival_ns - last.arrival_ns
-            is_silence = not self._leaps(step_ns - passed_ns, clock)
-        else:
-            is_silence = step_ns > 0
-        if is_silence:
-            return None
+        elif step_ns > 0:
+            return None  # a silence
         self._highest_ns = first.stamp_ns
         return Leap(last_ns, first.stamp_ns, passed_ns)
 
@@ -197,36 +196,6 @@ class ClockComparison:
         apart_ns = arrival_ns - self._since_ns.setdefault(source, arrival_ns)
         if apart_ns >= self._patience_ns or abs(ahead_s) > SAME_CLOCK_S:
             self.ahead_s[source] = ahead_s
-
-
-class StampWatch:
-    """Watches the stamps of a source that are used as they come, such as those of a wrench."""
-
-    def __init__(self) -> None:
-        #: How often stamps ran back, and leapt ahead.
-        self.ran_back = self.leapt = 0
-        #: Whether the newest message had no stamp.
-        self.unstamped = False
-        self._stamp_ns: int | None = None
-        self._step_ns = self._same_stamps = 0
-
-    def look_at_stamp(self, stamp_ns: int) -> None:
-        """Compare a stamp, ns, with the one before; 0 is none."""
-        self.unstamped = not stamp_ns
-        if not stamp_ns:
-            return
-        if self._stamp_ns is not None:
-            step_ns = stamp_ns - self._stamp_ns
-            self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
-            self.ran_back += step_ns < 0
-            self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
-            self._step_ns = max(step_ns, 1)
-        self._stamp_ns = stamp_ns
-
-    @property
-    def stamps_stand_still(self) -> bool:
-        """Whether new messages come with an old stamp."""
-        return self._same_stamps >= _STAMP_LOOKS
 
 
 def in_order(stamps_ns: IntArray, last_ns: int) -> BoolArray:

@@ -1,20 +1,31 @@
-"""Corrects a stream of wrenches: drift, limits and tare. No wrench changes the next one."""
+"""
+Corrects a stream of wrenches: drift, limits and tare. No wrench changes the next one.
 
+``Limits`` bounds the correction, whatever a model says: how large it is, and how fast it moves.
+"""
+
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.limits import Limits
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.stream_grid import REPORTS, ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
+
+#: Limits for torques are limits for forces times this lever arm, m.
+TORQUE_LEVER_M = 0.1
+#: Sensitivity drift beyond this is no sensor's; it is clamped.
+MAX_SENSITIVITY = 0.5
+#: Nor does sensitivity move by more than this per second.
+MAX_SENSITIVITY_RATE = 0.01
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
@@ -44,6 +55,47 @@ class StreamSettings:
         check_range('max_drift_n', self.max_drift_n, 0.0)
         for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
             check_range(name, getattr(self, name), 0.0, above=True)
+
+
+def axis_limits(force_limit: float) -> FloatArray:
+    """Spread a limit for forces, N, over the six axes, N and N m, by TORQUE_LEVER_M."""
+    return np.array(
+        [force_limit * (1.0 if axis.startswith('force') else TORQUE_LEVER_M) for axis in AXES]
+    )
+
+
+class Limits:
+    """Keeps a drift within the limits of StreamSettings, and names the axes that are limited."""
+
+    def __init__(self, max_drift_n: float, max_rate_n_s: float) -> None:
+        #: Axes whose drift would be larger.
+        self.too_large: tuple[str, ...] = ()
+        #: Axes whose drift would move faster.
+        self.too_fast: tuple[str, ...] = ()
+        # Zero drift and sensitivity drift, shape (2, 6).
+        self._sizes = np.stack((axis_limits(max_drift_n), np.full(len(AXES), MAX_SENSITIVITY)))
+        self._rates = np.stack(
+            (axis_limits(max_rate_n_s), np.full(len(AXES), MAX_SENSITIVITY_RATE))
+        )
+
+    def saturate(self, target: Drift) -> Drift:
+        """Keep a drift from being too large; what is not a number becomes 0."""
+        wanted = np.stack(target)
+        allowed = np.clip(np.where(np.isnan(wanted), 0.0, wanted), -self._sizes, self._sizes)
+        self.too_large = _differing(wanted, allowed)
+        return Drift(*allowed)
+
+    def rate_limit(self, target: Drift, present: Drift, seconds: float) -> Drift:
+        """Keep a drift from moving too fast: the nearest to the target after some seconds."""
+        wanted, start, reach = np.stack(target), np.stack(present), self._rates * seconds
+        allowed = np.clip(wanted, start - reach, start + reach)
+        self.too_fast = _differing(wanted, allowed)
+        return Drift(*allowed)
+
+
+def _differing(wanted: FloatArray, allowed: FloatArray) -> tuple[str, ...]:
+    """Name the axes on which two drifts, shape (2, 6), differ."""
+    return tuple(AXES[i] for i in np.flatnonzero((wanted != allowed).any(axis=0)))
 
 
 class Compensator:
@@ -77,6 +129,11 @@ class Compensator:
         self.compensation = no_drift()
         #: What is subtracted at the beginning of the ramp, and its stamp, ns.
         self._begun, self._begun_ns = self.compensation, 0
+        #: How long the present ramp lasts, ns, and where one of a seldom report is to end.
+        self._ramp_ns, self._end_ns = period_ns, 0
+        #: Of each thermometer: the drift at its last report, and how far the last ones moved it,
+        #: N and N m, (6,).
+        self._reports: dict[int, tuple[FloatArray, deque[FloatArray]]] = {}
         #: Whether a tare or a change of the model came before the drift begins: the tare takes up
         #: the drift then, so that the output stays.
         self._tare_waits = False
@@ -114,8 +171,18 @@ class Compensator:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        had_drift = self.compensating
+        had_drift, spikes = self.compensating, self.tracker.spikes[thermometer]
+        jumps = spikes.jumps
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        if spikes.jumps > jumps:
+            # It acts for as long as it lasts, whatever the model remembers.
+            jumped = f'thermometer {thermometer + 1} jumped by '
+            self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(jumped)]
+            if spikes.stayed_k:
+                self.doubt_zero(
+                    f'{jumped}{spikes.stayed_k:.1f} K and stayed there; is it loose? Mend it, or '
+                    'tare where it is to stay so'
+                )
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
@@ -124,9 +191,10 @@ class Compensator:
         elif not had_drift:
             self._settle(target, None)
         self._tare_waits = False
-        period_s = self.tracker.grid.period_ns / NANOSECONDS
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        self.compensation = self.limits.rate_limit(target, self._begun, period_s)
+        self._ramp_ns = self._time_of_ramp(cells, target)
+        ramp_s = self._ramp_ns / NANOSECONDS
+        self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()
         return cells
 
@@ -181,7 +249,7 @@ class Compensator:
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
-        self.zero_doubts.clear()
+        self._forget_doubts()
         self._tare_waits = not self.compensating or self.tracker.awaiting_gap
         self._refresh_correction()
         return self.tare
@@ -191,10 +259,15 @@ class Compensator:
         if why not in self.zero_doubts:
             self.zero_doubts.append(why)
 
+    def _forget_doubts(self) -> None:
+        self.zero_doubts.clear()
+        for spikes in self.tracker.spikes:
+            spikes.jumped_k = 0.0
+
     def reset_tare(self) -> None:
         """Forget both tares."""
         self._tare_waits = False
-        self.zero_doubts.clear()
+        self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
     def restore_tare(
@@ -220,9 +293,51 @@ class Compensator:
         self.tracker.resume(memory, by_clock_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
+    def seldom_reports(self) -> dict[int, tuple[float, FloatArray]]:
+        """
+        List the thermometers that report more seldom than each thermal cell, counted from 0.
+
+        Gives how far their reports are apart, s, and how far the drift that is subtracted may be
+        behind, N and N m, (6,): as far as one of the last reports moved it.
+        """
+        grid = self.tracker.grid
+        return {
+            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, np.max(moves, axis=0))
+            for j, (_, moves) in self._reports.items()
+            if grid.spacing(j) > 1 and moves
+        }
+
+    def seldom_doubts(self) -> list[str]:
+        """Say whose seldom reports leave more of the drift than the model does."""
+        sentences, deviation = [], {} if self.model is None else self.model.deviation
+        for j, (spacing_s, behind) in self.seldom_reports().items():
+            excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
+            worst = int(np.argmax(excess / axis_limits(1.0)))
+            if excess[worst] > 0:
+                sentences.append(
+                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
+                    f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '
+                    'let it report each second'
+                )
+        return sentences
+
+    def _time_of_ramp(self, cells: Sequence[ThermalCell], target: Drift) -> int:
+        """Compute how long the ramp lasts: a cell, or until one that reports seldom does again."""
+        grid, longest = self.tracker.grid, 0
+        for j in range(self.thermometers):
+            spacing_ns = grid.spacing(j) * grid.period_ns
+            longest = max(longest, spacing_ns)
+            if any(cell.measured[j] for cell in cells):
+                before, moves = self._reports.get(j, (target.zero, deque(maxlen=REPORTS)))
+                moves.append(np.abs(target.zero - before))
+                self._reports[j] = target.zero, moves
+                if spacing_ns > grid.period_ns:
+                    self._end_ns = self._begun_ns + spacing_ns
+        return max(grid.period_ns, min(self._end_ns - self._begun_ns, longest))
+
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
-        share = (stamp_ns - self._begun_ns) / self.tracker.grid.period_ns
+        share = (stamp_ns - self._begun_ns) / self._ramp_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
     def _reading(self, wrench: Wrench | None) -> _Reading | None:
@@ -237,7 +352,8 @@ class Compensator:
     def _settle(self, target: Drift, reading: _Reading | None) -> None:
         """Jump to a drift; the tares take up the jump of the reading."""
         self.compensation = self._begun = target
-        self.limits.too_fast = ()
+        self.limits.too_fast, self._end_ns = (), 0
+        self._reports.clear()
         if reading is not None:
             raw, *corrected = reading
             self.tare, self.external_tare = (

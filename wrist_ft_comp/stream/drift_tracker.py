@@ -5,19 +5,18 @@ import numpy as np
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import thermometer_prediction
+from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
-from wrist_ft_comp.stream.gap import doubt, longest_gap_cells, slowest_time_constant_s
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.temperature_spikes import SpikeFilter
-from wrist_ft_comp.stream.thermal_memory import Block, blocks_of, History, ThermalMemory
-from wrist_ft_comp.stream.thermometer_prediction import Readings, ThermometerState
+from wrist_ft_comp.stream.thermal_memory import (
+    blocks_of,
+    longest_gap_cells,
+    SPAN_S,
+    ThermalMemory,
+    why_forgotten,
+)
+from wrist_ft_comp.stream.thermometer_faults import SpikeFilter, ThermometerState
 
-#: A saved history is averaged over this time, s, so that it takes a few kilobytes.
-SPAN_S = 60.0
-#: Most cells that the model runs through per temperature, so that none delays the stream for long.
-#: After an outage of six hours the model has caught up with the 12th temperature.
-_CELLS_AT_ONCE = 1800
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
 _REPORTED_GAP_S = 600.0
@@ -59,20 +58,16 @@ class DriftTracker:
         self._silent = (0,) * thermometers
         #: Memory to continue from at the first cell, and its age by the system's clock, s.
         self._awaited: tuple[ThermalMemory, float] | None = None
-        #: What was given last to be saved.
-        self._memory: ThermalMemory | None = None
         self._forget()
 
     def _forget(self) -> None:
         """Let the sensor have soaked at the temperatures of the next cell."""
-        most = max(round(self._history_s * NANOSECONDS / self.grid.period_ns), 1)
-        self.history = History(self._count, most)
+        #: The newest cells, as they were believed, °C, (n, J), for a model that goes live later.
+        self.history_c: FloatArray = np.zeros((0, self._count))
         #: The cell that comes next; None before the first.
         self._next: int | None = None
-        #: Cells that the model has not run through, °C, (n, J).
-        self._waiting: FloatArray = np.zeros((0, self._count))
         #: The cells that the model starts from, °C, (n, J).
-        self._start_c: FloatArray = self._waiting
+        self._start_c: FloatArray = self.history_c
 
     @property
     def _longest_gap_s(self) -> float:
@@ -98,10 +93,21 @@ class DriftTracker:
         return [int(j) for j in np.flatnonzero(self.thermometers.replaced)]
 
     @property
+    def thermometer_doubts(self) -> list[str]:
+        """Say which thermometers are replaced and why, and which are exchanged."""
+        state, model = self.thermometers, self.model
+        if state is None or model is None or model.prediction is None:
+            return []
+        return state.sentences + [
+            f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
+            'plugs or topics exchanged? The drift is wrong until that is mended'
+            for i, j in thermometer_faults.exchanged(model.prediction, state)
+        ]
+
+    @property
     def remembered_jumps_k(self) -> list[float]:
-        """How far each thermometer jumped, K, while the model remembers that; else 0."""
-        time_constant_s = 0.0 if self.model is None else slowest_time_constant_s(self.model)
-        return [spikes.remembered_k(self.end_ns, time_constant_s) for spikes in self.spikes]
+        """How far each thermometer has jumped and stayed since the last tare, K; else 0."""
+        return [spikes.stayed_k for spikes in self.spikes]
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""
@@ -119,7 +125,6 @@ class DriftTracker:
             for cell in self.grid.add(source, at_ns, value_c):
                 self._take(cell)
                 completed.append(cell)
-        self._run(_CELLS_AT_ONCE)
         return completed
 
     def _follow_clock(self, leap: Leap) -> None:
@@ -154,7 +159,7 @@ class DriftTracker:
             )
 
     def _take(self, cell: ThermalCell) -> None:
-        """Let a cell wait for the model, and those of the gap before it."""
+        """Take a cell, and those of the gap before it."""
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
         if gap or self._awaited:
@@ -166,26 +171,32 @@ class DriftTracker:
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
-                state = thermometer_prediction.start(prediction, believed_c, state)
-            readings = Readings(believed_c, np.array(cell.measured), period_s, gap * period_s)
-            self.thermometers = thermometer_prediction.step(prediction, state, readings)
+                state = thermometer_faults.start(prediction, believed_c, state)
+            self.thermometers = thermometer_faults.step(
+                prediction, state, believed_c, np.array(cell.measured), period_s, gap * period_s
+            )
             believed_c = self.thermometers.believed_c
         line_c = believed_c[np.newaxis]
         if gap:
             line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
-        self.history.add(line_c)
+        self._remember(line_c)
         if self.model is not None:
-            self._waiting = np.concatenate((self._waiting, line_c))
+            self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._silent, self._next = cell.silent, cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
+
+    def _remember(self, line_c: FloatArray) -> None:
+        """Add cells, °C, (n, J), to the history, and drop the oldest."""
+        most = max(round(self._history_s * NANOSECONDS / self.grid.period_ns), 1)
+        self.history_c = np.concatenate((self.history_c, line_c))[-most:]
 
     def _cross(self, gap: int) -> None:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
         gap_s = gap * self.grid.period_ns / NANOSECONDS
         memory, by_clock_s = self._awaited or (None, 0.0)
         self._awaited = None
-        problem = doubt(gap_s, self._longest_gap_s, by_clock_s)
+        problem = why_forgotten(gap_s, self._longest_gap_s, by_clock_s)
         if problem:
             self._forget()
         if self.model is None or (0 <= gap_s < _REPORTED_GAP_S and not memory):
@@ -196,22 +207,17 @@ class DriftTracker:
             before_s, self.forgot = max(gap_s, 0.0), False
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
 
-    def _run(self, most: int) -> None:
-        """Run the model through the cells that wait, or through the first ones of them."""
-        model = self.model
-        if model is None or not len(self._waiting):
-            return
-        cells, self._waiting = self._waiting[:most], self._waiting[most:]
+    def _run(self, model: DriftModel, cells_c: FloatArray) -> None:
+        """Run the model through cells, °C, (n, J); the six hours of an outage take it 0.1 s."""
         if self.origin == _NOT_YET:
             self.origin = 'the drift started at the steady state of the first temperatures'
         if self._state is None or len(self._start_c) < model.start_cells:
             # The start is run again with every cell of it, from the mean of those that have come.
-            cells = np.concatenate((self._start_c, cells))
-            self._start_c = cells[: model.start_cells]
+            cells_c = np.concatenate((self._start_c, cells_c))
+            self._start_c = cells_c[: model.start_cells]
             self._state = drift_model.at_rest(model, self._start_c)
-        self._state, drift = drift_model.run(model, self._state, cells, last_only=True)
-        if not len(self._waiting):
-            self.drift = Drift(drift.zero[0], drift.sensitivity[0])
+        self._state, drift = drift_model.run(model, self._state, cells_c, last_only=True)
+        self.drift = Drift(drift.zero[0], drift.sensitivity[0])
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
@@ -221,59 +227,46 @@ class DriftTracker:
             self.grid.rejected = rejected
             self._forget()
         before, self.thermometers = self.thermometers, None
-        self.model, self._state, self._awaited, self._memory = model, None, None, None
+        self.model, self._state, self._awaited = model, None, None
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
-        self._start_c = self._waiting = np.zeros((0, self._count))
-        if model is None or not len(self.history):
+        self._start_c = np.zeros((0, self._count))
+        if model is None or not len(self.history_c):
             return
-        self._waiting = self.history.temperature_c.copy()
-        self._run(len(self._waiting))
-        self.origin = f'the drift was found from {len(self.history)} thermal cells before'
+        self._run(model, self.history_c)
+        self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
         if model.prediction is not None and self.reading_c is not None:
-            past_c = np.stack([block.temperature_c for block in self._blocks()])
-            self.thermometers = thermometer_prediction.start(
+            blocks = blocks_of(self.history_c, self.grid.period_ns)
+            past_c = np.stack([block.temperature_c for block in blocks])
+            self.thermometers = thermometer_faults.start(
                 model.prediction, self.reading_c, before, past_c, SPAN_S
             )
 
-    def _blocks(self) -> tuple[Block, ...]:
-        """Average the history over blocks of SPAN_S."""
-        cells = max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 1)
-        return blocks_of(self.history.temperature_c, cells)
-
     def memory(self, compensation: Drift) -> ThermalMemory | None:
-        """
-        Give what a restarted stream needs to continue; None before there is a state.
-
-        While the model catches up with a long gap, it is what was given before that.
-        """
+        """Give what a restarted stream needs to continue; None before there is a state."""
         if self._awaited is not None:
             return self._awaited[0]
-        if len(self._waiting) > _CELLS_AT_ONCE:
-            return self._memory
-        self._run(_CELLS_AT_ONCE)
         if self._state is None or self.reading_c is None:
             return None
-        self._memory = ThermalMemory(
+        return ThermalMemory(
             self.end_ns, self.grid.period_ns, self.reading_c, self._silent, self._state,
-            compensation, self._start_c, self._blocks(), self.thermometers)  # fmt: skip
-        return self._memory
+            compensation, self._start_c, blocks_of(self.history_c, self.grid.period_ns),
+            self.thermometers)  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """
-        Continue from the memory of another stream, as if its last temperature had been held.
+        Continue from the memory of another stream; until the first cell, what it subtracted stays.
 
         The memory has to belong to this model (``belongs_to``). The gap is ``by_clock_s`` long by
         the system's clock, 0 without one. The first completed cell shows how long it was, and how
-        the temperature changed. Where the clock shows that the memory cannot be used, the drift
-        stays what was subtracted until then.
+        the temperature changed.
         """
         if self.model is None:
             return
         self._awaited = memory, by_clock_s
         self.clocks.expect(memory.end_ns)
         for temperature_c, count in memory.history:
-            self.history.add(np.tile(temperature_c, (count, 1)))
+            self._remember(np.tile(temperature_c, (count, 1)))
         self._next, self._silent = memory.end_ns // memory.period_ns, memory.silent
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
         for spikes, value_c, cells in zip(
@@ -286,12 +279,5 @@ class DriftTracker:
             self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
         self._state, self.drift = memory.filters, memory.compensation
-        if problem := doubt(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s):
-            self.origin, self.forgot = f'{problem}; {_HELD}', True
-            return
-        cells = round(by_clock_s * NANOSECONDS / memory.period_ns)
-        if cells > 0:
-            held_c = np.tile(self.temperature_c, (cells, 1))
-            _, drift = drift_model.run(self.model, self._state, held_c, last_only=True)
-            self.drift = Drift(drift.zero[0], drift.sensitivity[0])
-        self.origin = _HELD
+        problem = why_forgotten(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s)
+        self.origin, self.forgot = f'{problem}; {_HELD}' if problem else _HELD, bool(problem)

@@ -1,6 +1,7 @@
 """The drift of a whole recording at once, offline, and the correction of its wrenches."""
 
 from collections import Counter
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,9 +12,10 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, run_from_rest
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.stream.gap import longest_gap_cells, reporting_cells
-from wrist_ft_comp.stream.thermometer_prediction import judge
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream.thermal_memory import longest_gap_cells, reporting_cells
+from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
 
 class DriftTrack(NamedTuple):
@@ -29,7 +31,7 @@ def simulate_drift(
     model: DriftModel, recording: Recording, before: Recording | None = None
 ) -> Drift:
     """
-    Run the model freely over a recording, from rest and over gaps (``gap``): (N, 6).
+    Run the model freely over a recording, from rest and over gaps (``thermal_memory``): (N, 6).
 
     It starts from rest in the recording ``before``, of the same thermometers and period, where
     this one goes on with that.
@@ -84,9 +86,38 @@ def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, flo
     return {sentence: count / judged for sentence, count in said.items()}
 
 
-def lies(model: DriftModel, recording: Recording) -> list[str]:
-    """Say which thermometers ``simulate_drift`` replaced, and why, in half sentences."""
-    return list(thermometer_doubts(model, recording))
+def judge(
+    model: DriftModel, temperature_c: FloatArray, measured: BoolArray
+) -> Iterator[ThermometerState]:
+    """
+    Judge the thermometers of a file after every cell in which one reports.
+
+    Takes temperatures, °C, held where they were not measured, and where they were, (N, J). Yields
+    nothing where nobody predicts them, or where none reads the same for long.
+    """
+    prediction, period_s = model.prediction, model.period_ns / NANOSECONDS
+    still_cells = max(round(thermometer_faults.STILL_S / period_s), 1)
+    if prediction is None or not _stands_still(temperature_c, still_cells):
+        return
+    cells = reporting_cells(measured, model.period_ns)
+    longest = longest_gap_cells(model, model.period_ns)
+    state, last = thermometer_faults.start(prediction, temperature_c[cells[0]]), int(cells[0]) - 1
+    for cell in cells.tolist():
+        reading_c, missing = temperature_c[cell], cell - last - 1
+        if missing > longest:
+            state, missing = thermometer_faults.start(prediction, reading_c, state), 0
+        state = thermometer_faults.step(
+            prediction, state, reading_c, measured[cell], period_s, missing * period_s
+        )
+        last = cell
+        yield state
+
+
+def _stands_still(temperature_c: FloatArray, cells: int) -> bool:
+    """Whether any of J thermometers, (N, J), reads the same in more cells in a row than some."""
+    changes = np.diff(temperature_c, axis=0) != 0
+    ends = [np.flatnonzero(column) for column in changes.T]
+    return any(np.diff(end, prepend=-1, append=len(changes)).max() >= cells for end in ends)
 
 
 def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:

@@ -1,46 +1,125 @@
 """
-What a stream remembers of the temperatures, for another model and for the time after a restart.
+Silence of all thermometers: what is remembered over it, and for how long that can be used.
 
-The sensor remembers an hour of temperatures, and a restart takes seconds. For the next stream, the
-time between is a gap in the temperatures like any other (``stream/gap.py``).
+One rule for the running stream, for a restarted one and for files:
+
+- A thermometer that is silent while others report keeps its last value.
+- In cells in which no thermometer reports, temperatures are on the straight line between the cells
+  before and after.
+- After an outage of all thermometers, these go on with the first cell by whose end all have
+  reported that do so within some seconds.
+- After a gap of all that is longer than the model's memory, the sensor has soaked at the
+  temperatures after the gap.
+
+The stream differs from a file in one thing: it learns of the cells of a gap when the gap has
+ended, and holds the drift until then. A restart is a gap like any other: the sensor remembers an
+hour of temperatures, and a restart takes seconds.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
-from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.thermometer_prediction import start, ThermometerState
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream.clock import LEAP_S
+from wrist_ft_comp.stream.thermometer_faults import ThermometerState
+
+#: A model's memory in slowest time constants: after three, 5 % of a change are left.
+TIME_CONSTANTS = 3.0
+#: Shortest memory that is assumed of a model, s.
+LEAST_GAP_S = 60.0
+#: Longest memory that is assumed, s; the stream keeps as many cells.
+MOST_GAP_S = 6 * 3600.0
+#: All thermometers were out when none reported for longer, s; and after an outage one is waited
+#: for as long. It is the default of temperature_timeout, which the stream uses.
+OUTAGE_S = 5.0
+#: A saved history is averaged over this time, s, so that it takes a few kilobytes.
+SPAN_S = 60.0
 
 
-class History:
-    """Keeps the newest cells of J thermometers, ``most`` at most."""
+def slowest_time_constant_s(model: DriftModel) -> float:
+    """Find the time, s, after which a model has forgotten all but 1/e: τ = -h / ln |pole|."""
+    radii = np.concatenate([[0.0], *(np.abs(axis.poles) for axis in model.axes.values())])
+    period_s = model.period_ns / NANOSECONDS
+    return float(-period_s / np.log(radii.max())) if radii.max() > 0 else 0.0
 
-    def __init__(self, thermometers: int, most: int) -> None:
-        self._most, self._end = most, 0
-        self._rows: FloatArray = np.zeros((0, thermometers))
 
-    def __len__(self) -> int:
-        return min(self._end, self._most)
+def longest_gap_s(model: DriftModel) -> float:
+    """Compute the longest gap, s, after which a model may continue from its state."""
+    remembered_s = min(TIME_CONSTANTS * slowest_time_constant_s(model), MOST_GAP_S)
+    return max(remembered_s, LEAST_GAP_S, model.start_s)
 
-    @property
-    def temperature_c(self) -> FloatArray:
-        """What was believed, °C, shape (N, J), oldest first."""
-        return self._rows[self._end - len(self) : self._end]
 
-    def add(self, temperature_c: FloatArray) -> None:
-        """Add cells, °C, shape (n, J)."""
-        rows = temperature_c[-self._most :]
-        if self._end + len(rows) > len(self._rows):
-            kept = self.temperature_c
-            self._rows = np.zeros((2 * self._most, rows.shape[1]))
-            self._rows[: len(kept)], self._end = kept, len(kept)
-        self._rows[self._end : self._end + len(rows)] = rows
-        self._end += len(rows)
+def longest_gap_cells(model: DriftModel | None, period_ns: int) -> int:
+    """Compute ``longest_gap_s`` in whole cells; without a model, as many as the stream keeps."""
+    longest_s = MOST_GAP_S if model is None else longest_gap_s(model)
+    return int(longest_s * NANOSECONDS / period_ns)
+
+
+def outage_cells(period_ns: int, outage_s: float = OUTAGE_S) -> int:
+    """Count the cells of the longest silence of all thermometers that is no outage."""
+    return max(1, math.ceil(outage_s * NANOSECONDS / period_ns))
+
+
+def reporting_cells(measured: BoolArray, period_ns: int) -> IntArray:
+    """List the cells in which a thermometer reports, of N; ``measured`` says which do, (N, J)."""
+    longest = outage_cells(period_ns)
+    cells = np.flatnonzero(measured.any(axis=1))
+    reports: BoolArray = np.ones(len(cells), dtype=bool)
+    for end in np.flatnonzero(np.diff(cells) > longest) + 1:
+        first = cells[end]
+        back = measured[first : first + longest + 1]
+        whole = int(back.argmax(axis=0).max())  # one that is not back yet counts as the first
+        reports[end:] &= cells[end:] >= first + whole
+    return cells[reports]
+
+
+def fill_gaps(means_c: FloatArray, before_c: FloatArray, period_ns: int) -> FloatArray:
+    """
+    Fill the cells without a sample by the rule for gaps: temperatures, °C, (N, J).
+
+    ``means_c``, (N, J), is NaN in them; ``before_c``, (J,), was read before the first cell.
+    """
+    measured, cells = np.isfinite(means_c), np.arange(len(means_c))
+    newest = np.maximum.accumulate(np.where(measured, cells[:, np.newaxis], -1), axis=0)
+    held_c = np.where(
+        newest < 0, before_c, np.take_along_axis(means_c, np.maximum(newest, 0), axis=0)
+    )
+    at = reporting_cells(measured, period_ns)
+    return np.stack([np.interp(cells, at, column[at]) for column in held_c.T], axis=1)
+
+
+def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> str:
+    """
+    Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
+
+    The gap is ``gap_s`` long by the stamps and ``by_clock_s`` by the system's clock, s, negative
+    where they ran back, 0 without such a clock. The state can be used for ``longest_s``.
+    """
+    if by_clock_s < -LEAP_S:
+        return (
+            f'the saved state is from {-by_clock_s:.0f} s in the future: the system clock was set '
+            'back'
+        )
+    if gap_s < -LEAP_S:
+        return (
+            f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
+            'another clock, or time ran back'
+        )
+    if gap_s < by_clock_s - LEAP_S:
+        return (
+            f'the stamps of the temperatures moved on by {gap_s:.0f} s while {by_clock_s:.0f} s '
+            'passed since the thermal state was saved: their clock was set'
+        )
+    if gap_s > longest_s:
+        return f'the thermal state is {gap_s:.0f} s old and this model remembers {longest_s:.0f} s'
+    return ''
 
 
 class Block(NamedTuple):
@@ -48,6 +127,21 @@ class Block(NamedTuple):
 
     temperature_c: FloatArray
     cells: int
+
+
+def blocks_of(temperature_c: FloatArray, period_ns: int) -> tuple[Block, ...]:
+    """
+    Average temperatures, °C, shape (N, J), over blocks of SPAN_S.
+
+    The first cell is a block of its own, because a model starts from it.
+    """
+    if not len(temperature_c):
+        return ()
+    cells = max(round(SPAN_S * NANOSECONDS / period_ns), 1)
+    begins = np.array([0, *range(1, len(temperature_c), cells)])
+    counts = np.diff(begins, append=len(temperature_c))
+    means = np.add.reduceat(temperature_c, begins, axis=0) / counts[:, np.newaxis]
+    return tuple(map(Block, means, counts.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,20 +167,6 @@ class ThermalMemory:
     thermometers: ThermometerState | None = None
 
 
-def blocks_of(temperature_c: FloatArray, cells: int) -> tuple[Block, ...]:
-    """
-    Average temperatures, °C, shape (N, J), over blocks of some cells.
-
-    The first cell is a block of its own, because a model starts from it.
-    """
-    if not len(temperature_c):
-        return ()
-    begins = np.array([0, *range(1, len(temperature_c), cells)])
-    counts = np.diff(begins, append=len(temperature_c))
-    means = np.add.reduceat(temperature_c, begins, axis=0) / counts[:, np.newaxis]
-    return tuple(map(Block, means, counts.tolist()))
-
-
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     """Whether a memory, perhaps from a file, has the shapes of a model, so that it can be used."""
     shape, start_c = (model.thermometers,), memory.start_c
@@ -97,16 +177,16 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
         return False
     if _shapes(memory.filters) != _shapes(drift_model.start(model, memory.temperature_c)):
         return False
-    if (memory.thermometers is None) != (model.prediction is None):
+    known = None
+    if model.prediction is not None:
+        known = thermometer_faults.start(model.prediction, memory.temperature_c)
+    if _shapes(memory.thermometers) != _shapes(known):
         return False
-    if memory.thermometers is not None and model.prediction is not None:
-        known = start(model.prediction, memory.temperature_c)
-        if _shapes(vars(memory.thermometers)) != _shapes(vars(known)):
-            return False
     with np.errstate(all='ignore'):
         _, drift = drift_model.step(model, memory.filters, memory.temperature_c)
     return bool(np.isfinite(drift).all())
 
 
-def _shapes(arrays: Mapping[str, Any]) -> dict[str, tuple[int, ...]]:
+def _shapes(state: Mapping[str, Any] | ThermometerState | None) -> dict[str, tuple[int, ...]]:
+    arrays = vars(state) if isinstance(state, ThermometerState) else state or {}
     return {name: np.shape(array) for name, array in arrays.items()}

@@ -1,4 +1,4 @@
-"""Finds wrenches that no healthy sensor gives: frozen, or saturated on some axes."""
+"""Finds wrenches that no healthy sensor gives: frozen, saturated on an axis, stamped strangely."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.stream.clock import StampWatch
+from wrist_ft_comp.stream.clock import leaps
 
 #: A reading is frozen after about this many looks with the same value, 5 s of ten looks a second.
 LOOKS = 50
@@ -16,13 +16,20 @@ _RUN_SHARE = 0.2
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
+#: Stamps stand still after this many looks in a row at the same one.
+_STAMP_LOOKS = 5
 
 
-class SensorWatch(StampWatch):
-    """Watches a sensor's readings; the same value in about ``looks`` looks is suspicious."""
+class SensorWatch:
+    """Watches readings and stamps; the same value in about ``looks`` looks is suspicious."""
 
     def __init__(self, looks: int = LOOKS) -> None:
-        super().__init__()
+        #: How often stamps ran back, and leapt ahead.
+        self.ran_back = self.leapt = 0
+        #: Whether the newest message had no stamp.
+        self.unstamped = False
+        self._stamp_ns: int | None = None
+        self._step_ns = self._same_stamps = 0
         self._looks = looks
         #: Per axis: the newest reading, how often it was the same, and its least and largest.
         self._raw: FloatArray = np.full(len(AXES), np.nan)
@@ -44,7 +51,21 @@ class SensorWatch(StampWatch):
         still = np.append(stuck, held.all())
         change = np.where(still, 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * self._looks)
-        self.look_at_stamp(stamp_ns)
+        self.unstamped = not stamp_ns
+        if not stamp_ns:
+            return
+        if self._stamp_ns is not None:
+            step_ns = stamp_ns - self._stamp_ns
+            self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
+            self.ran_back += step_ns < 0
+            self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
+            self._step_ns = max(step_ns, 1)
+        self._stamp_ns = stamp_ns
+
+    @property
+    def stamps_stand_still(self) -> bool:
+        """Whether new messages come with an old stamp."""
+        return self._same_stamps >= _STAMP_LOOKS
 
     @property
     def frozen(self) -> bool:

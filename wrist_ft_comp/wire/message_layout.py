@@ -9,7 +9,6 @@ have the same lengths at the same bytes: for each one that arrives, or for many 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import importlib
-import math
 from operator import itemgetter
 import re
 import struct
@@ -98,10 +97,6 @@ class Place:
     code: str
     #: None for a single number.
     size: int | None
-
-    def value(self, data: bytes) -> float:
-        """Read the number out of a message."""
-        return float(struct.unpack_from(self.code, data, self.offset)[0])
 
     def values(self, rows: Rows) -> FloatArray:
         """Read the number out of n messages, shape (n,)."""
@@ -215,18 +210,6 @@ class _Follower:
         return 4 + begin
 
 
-@dataclass(frozen=True, eq=False)
-class _Known(Generic[_Made]):
-    """A layout that is remembered: how to tell the messages that have it, and what was made."""
-
-    #: Picks the bytes that all messages of the layout share out of one; and these bytes.
-    pick: Callable[[bytes], object]
-    shared: object
-    #: Where these bytes are.
-    at: IntArray
-    made: _Made
-
-
 class Layouts(Generic[_Made]):
     """
     Remembers what ``make`` made of the layouts of a type's messages.
@@ -241,27 +224,32 @@ class Layouts(Generic[_Made]):
     ) -> None:  # fmt: skip
         self._definitions, self._kind, self._make = definitions, kind, make
         self._same_texts = same_texts
-        self._of_size: dict[int, list[_Known[_Made]]] = {}
+        #: By size of the message: what picks the bytes that all messages of a layout share out of
+        #: one, these bytes, where they are, and what was made.
+        self._of_size: dict[
+            int, list[tuple[Callable[[bytes], object], object, IntArray, _Made]]
+        ] = {}
 
     def find(self, data: bytes) -> _Made:
         """Find what was made of the layout of a message."""
-        return self._find(data).made
+        return self._find(data)[1]
 
-    def _find(self, data: bytes) -> _Known[_Made]:
+    def _find(self, data: bytes) -> tuple[IntArray, _Made]:
+        """Find where the bytes are that messages of one layout share, and what was made of it."""
         of_size = self._of_size.get(len(data), [])
-        for known in of_size:
-            if known.pick(data) == known.shared:
-                return known
+        for known_pick, bytes_, at, made in of_size:
+            if known_pick(data) == bytes_:
+                return at, made
         layout = follow(self._definitions, self._kind, data)
         shared = [slice(0, 2), *layout.lengths]
         shared += layout.texts.values() if self._same_texts else []
-        pick = itemgetter(*shared)
+        pick: Callable[[bytes], object] = itemgetter(*shared)
         at = np.concatenate([np.arange(part.start, part.stop) for part in shared])
-        known = _Known(pick, pick(data), at, self._make(layout))
+        made = self._make(layout)
         if len(self._of_size) >= _MOST_SIZES:
             self._of_size.clear()
-        self._of_size[len(data)] = [known, *of_size][:_MOST_OF_A_SIZE]
-        return known
+        self._of_size[len(data)] = [(pick, pick(data), at, made), *of_size][:_MOST_OF_A_SIZE]
+        return at, made
 
     def group(self, messages: Sequence[bytes]) -> Iterator[tuple[_Made, IntArray, Rows]]:
         """Group messages by layout: what was made of it, their numbers from 0, and their bytes."""
@@ -271,9 +259,9 @@ class Layouts(Generic[_Made]):
             joined = b''.join([messages[number] for number in numbers])
             rows: Rows = np.frombuffer(joined, np.uint8).reshape(len(numbers), size)
             while len(numbers):
-                known = self._find(messages[numbers[0]])
-                alike = (rows[:, known.at] == rows[0, known.at]).all(axis=1)
-                yield known.made, numbers[alike], rows[alike]
+                at, made = self._find(messages[numbers[0]])
+                alike = (rows[:, at] == rows[0, at]).all(axis=1)
+                yield made, numbers[alike], rows[alike]
                 numbers, rows = numbers[~alike], rows[~alike]
 
 
@@ -283,19 +271,9 @@ class NumberReader:
     def __init__(self, definitions: Definitions, kind: str, paths: Sequence[Path]) -> None:
         #: Whether messages of the type have a header.
         self.has_header = any(name == 'header' for name, _ in definitions.get(kind, ()))
-        self._paths = [*_STAMP, *paths]
-        self._layouts = Layouts(definitions, kind, self._find_all)
-
-    def _find_all(self, layout: Layout) -> list[Place | None]:
-        return [layout.find(path) for path in self._paths]
-
-    def read_one(self, data: bytes) -> tuple[int, list[float]]:
-        """Read the stamp, ns, and the numbers of one message, as ``read`` does of many."""
-        seconds, nanoseconds, *numbers = (
-            math.nan if place is None else place.value(data) for place in self._layouts.find(data)
-        )
-        stamp_ns = 0 if math.isnan(seconds) else int(seconds) * NANOSECONDS + int(nanoseconds)
-        return stamp_ns, numbers
+        wanted = [*_STAMP, *paths]
+        self._columns = len(wanted)
+        self._layouts = Layouts(definitions, kind, lambda layout: list(map(layout.find, wanted)))
 
     def read(self, messages: Sequence[bytes]) -> tuple[IntArray, FloatArray]:
         """
@@ -305,7 +283,7 @@ class NumberReader:
         shape (n, P), NaN where a message has none at a path. RecordingError, which names neither
         file nor topic, when a message is none of the type.
         """
-        values = np.full((len(messages), len(self._paths)), np.nan)
+        values = np.full((len(messages), self._columns), np.nan)
         for places, numbers, rows in self._layouts.group(messages):
             for column, place in enumerate(places):
                 if place is not None:

@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stream.compensator import StreamSettings
 

@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.node.inputs import Counts, WrenchInput
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
 
 SECOND = 1_000_000_000
@@ -93,7 +93,6 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
         'thermometer 1 outside the calibrated range; drift is less certain there, and held '
         'further out; thermometer 1 '
     )
-    assert 'thermometer 1 jumped by 10.0 K' in status.message
     # Three halves of a third beyond it: √3.25 times as much.
     assert node.diagnosis('output').values['force_z_drift_deviation'] == '0.1803 N'
 

@@ -16,7 +16,7 @@ from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES

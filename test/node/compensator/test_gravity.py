@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.stream.cell_averager import FORCE
+from wrist_ft_comp.stream.stream_grid import FORCE
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

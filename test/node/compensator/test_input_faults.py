@@ -14,7 +14,7 @@ from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.node.inputs import Counts, WrenchInput
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
 
 SECOND = 1_000_000_000

@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 
 context = Context()
 context.init([])

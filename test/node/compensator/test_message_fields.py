@@ -8,7 +8,7 @@ from sensor_msgs.msg import BatteryState, FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header
 
 from wrist_ft_comp.node.message_fields import TemperatureTopic
-from wrist_ft_comp.ros.part import Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 SECOND = 1_000_000_000

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000

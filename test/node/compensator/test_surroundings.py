@@ -8,8 +8,8 @@ from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.ros import qos
-from wrist_ft_comp.ros.messages import wrench_message
+from wrist_ft_comp.ros import topics as qos
+from wrist_ft_comp.ros.topics import wrench_message
 
 SECOND = 1_000_000_000
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]

@@ -1,15 +1,11 @@
 """What ~/calibrate says where it gives no model, while the wrenches go on."""
 
-from dataclasses import replace
-import errno
 import os
 import signal
 import sys
 
 import numpy as np
 import pytest
-
-from wrist_ft_comp.jobs.entry import answer
 
 START = 1_700_000_000_000_000_000
 pytestmark = pytest.mark.usefixtures('haste')
@@ -101,29 +97,6 @@ def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, w
     node = ready()
     monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     check_refused(node, node.call('calibrate'), words, 'call again')
-
-
-class JobOnAFullDisk:
-    """A calibration in this process, whose disk takes nothing."""
-
-    def __init__(self, job):
-        def refuse(_):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(os, 'fsync', refuse)
-            self._outcome = answer(replace(job, report=None))
-
-    def poll(self):
-        return self._outcome
-
-
-def test_a_full_disk_is_a_sentence_and_leaves_nothing(ready, monkeypatch):
-    node = ready()
-    monkeypatch.setattr('wrist_ft_comp.node.jobs.start_job', JobOnAFullDisk)
-    check_refused(node, node.call('calibrate'), 'cannot be written: No space left on device')
-    assert node.node.live.stored is None
-    assert list((node.directory / 'models').iterdir()) == []
 
 
 def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):

@@ -11,7 +11,7 @@ from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.stream.cell_averager import row_channels
+from wrist_ft_comp.stream.stream_grid import row_channels
 
 DAY, SECOND = 1440, 10**9
 CHANNELS = ('force_x', 'temperature_c')

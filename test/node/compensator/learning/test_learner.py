@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.learning.memory import Memory, memory_path
+from wrist_ft_comp.learning.diary import Memory
 from wrist_ft_comp.node.learner import Learner
 
 #: After all that was heard.
@@ -59,19 +59,6 @@ def test_a_decision_ends_what_was_said_of_an_incident(learner, models):
     assert node.rig.diagnosis('learning', sentence).level == WARN
     assert node.rig.set('model_file', str(models[1].path)).successful
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
-
-
-def test_a_broken_memory_is_a_sentence_and_is_kept(learner, models):
-    node = learner(model_file=str(models[0].path))
-    node.a_day()
-    assert node.rig.set('model_file', str(models[1].path)).successful
-    node.node.destroy_node()
-    path, broken = memory_path(node.rig.directory), '{"format": "wrist_ft_comp learning"}'
-    path.write_text(broken)
-    node = learner(model_file=str(models[0].path))
-    status = node.rig.diagnosis('learning', 'learning.json.kept')
-    assert (status.level, path.with_name('learning.json.kept').read_text()) == (WARN, broken)
-    assert 'set model_file to new.yaml' in status.values['last_change']
 
 
 def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, models):
@@ -160,31 +147,6 @@ def test_auto_goes_live_without_a_step_but_not_while_learning_is_paused(learner,
     assert (learnt['how'], learnt['day']) == ('learnt', 'day_00002.csv'), 'nobody decided'
 
 
-def test_a_day_that_a_restart_with_another_model_ended_is_of_the_model_before(learner, models):
-    old, new = models
-    node = learner(model_file=str(old.path))
-    node.hear(20)
-    node.node.destroy_node()
-    node = learner(model_file=str(new.path))
-    node.wait(lambda: node.node.learning.memory.champion == new.sha256, 'its notice')
-    node.a_day()
-    before, after = node.asked()[-1]['learning']['history']
-    assert (before['path'], before['day']) == (str(old.path), '')
-    assert (after['path'], after['day']) == (str(new.path), 'day_00001.csv')
-
-
-def test_a_kill_between_offering_and_adopting_ends_in_the_adoption(learner, models, monkeypatch):
-    old, new = models
-    node = learner(model_file=str(old.path), mode='auto')
-    node.find(new)
-    monkeypatch.setattr(node.node.live, 'take', lambda *_: pytest.fail('killed'))
-    with pytest.raises(pytest.fail.Exception):
-        node.a_day()
-    node = learner(model_file=str(old.path), mode='auto')
-    node.wait(lambda: node.node.live.sha256 == new.sha256, 'the adoption')
-    assert node.node.live.history[-1].how == 'learnt', 'nobody decided'
-
-
 def test_a_model_that_cannot_be_made_live_is_only_offered(learner, models, monkeypatch):
     node = learner(model_file=str(models[0].path), mode='auto')
     node.find(models[1])
@@ -219,17 +181,10 @@ def test_a_calibration_goes_first(learner, models):
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
-def test_a_job_waits_while_another_sensor_learns_and_one_that_fails_is_a_warning(
-    learner, monkeypatch
-):
+def test_a_job_that_fails_is_a_warning_until_the_next_day(learner):
     node = learner()
-    node.answer(success=False, later=True, message='another sensor is learning')
-    node.a_day()
-    assert node.node.learning.memory.judged == ''
-    node.rig.diagnosis('learning', 'another sensor is learning')
     node.answer(success=False, message='no temperature was seen')
-    monkeypatch.setattr(node.node.learning, '_wait_until', 0.0)
-    node.judged(2)
+    node.a_day()
     assert node.node.learning.memory.judged == 'day_00001.csv'
     assert node.rig.diagnosis('learning', 'no temperature was seen').level == WARN
     node.answer(success=True, message='no better model')
@@ -248,17 +203,3 @@ def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models,
     assert str(path) in sentence
     assert sentence.endswith('The running model stays.')
     assert node.node.live.sha256 == models[0].sha256
-
-
-def test_the_newest_model_that_nobody_adopted_is_kept(learner, models):
-    old, new = models
-    node = learner(model_file=str(old.path))
-    for message in ('better', 'best'):
-        node.find(new, message=message)
-        node.a_day()
-        offered = node.node.learning.offered
-        offered.with_suffix('.html').write_text('a report')
-    kept = {file.name for file in offered.parent.iterdir()}
-    assert kept == {'old.yaml', 'new.yaml', offered.name, offered.with_suffix('.html').name}
-    assert node.rig.call('adopt').success
-    assert offered.exists()

@@ -7,20 +7,15 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.cross_validation import bin_means, tare
+from wrist_ft_comp.fit.folds import bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
+from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.learn_at_work import payloads_of
-from wrist_ft_comp.payload.learnt_payloads import LearntPayloads
-from wrist_ft_comp.payload.mass_and_center import CONTRAST
-from wrist_ft_comp.payload.separation import (
-    separate,
-    separate_again,
-    slow_drift,
-    SLOW_S,
-)
-from wrist_ft_comp.payload.weight_gains import contrast, COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.payload_states import contrast, COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.separation import separate, separate_again, slow_drift, SLOW_S
+from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, differ, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
 from wrist_ft_comp.stream.offline import simulate_drift
 
@@ -40,8 +35,6 @@ class Day:
     #: The same with the payload's weight as the reference, without contacts and steps.
     drift: Recording
     steps: list[Step]
-    #: Whether gravity moved enough in the sensor's frame to tell weight from drift.
-    moved: bool
     #: Share of the time in contact.
     contact: float
     #: Share of the changes between poses that no payload explains.
@@ -79,7 +72,6 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
         recording=separation.recordings[0],
         drift=separation.drift[0],
         steps=separation.steps[0],
-        moved=moved,
         contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
         unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
         noise=fit.noise,
@@ -101,9 +93,6 @@ def describe(day: Day) -> DayEntry:
         first_ns=recording.first_cell * recording.period_ns,
         hours=recording.duration_s / 3600,
         temperature_c=tuple(zip(low.tolist(), high.tolist(), strict=True)),
-        still_s=tuple(
-            float(np.sum(run) * recording.period_s) for run in longest_stills(recording)
-        ),
         known=known_cells(recording),
         left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
@@ -133,15 +122,3 @@ def known_cells(recording: Recording) -> frozenset[Cell]:
     numbers = np.floor(coarse_c / _COARSE_K).astype(int)
     cells, counts = np.unique(numbers, axis=0, return_counts=True)
     return frozenset(map(tuple, cells[counts * recording.period_s >= _LEAST_TIME_S].tolist()))
-
-
-def longest_stills(recording: Recording) -> list[BoolArray]:
-    """Mark the longest time, (N,), in which a thermometer kept one value or was silent."""
-    marks = []
-    for values, measured in zip(recording.temperature_c.T, recording.measured.T, strict=True):
-        changed = np.zeros(len(values), dtype=bool)
-        at = np.flatnonzero(measured)
-        changed[at[1:]] = differ(values[at[1:]], values[at[:-1]])
-        runs = np.cumsum(changed)
-        marks.append(runs == np.bincount(runs).argmax())
-    return marks

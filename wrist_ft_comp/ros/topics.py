@@ -1,14 +1,34 @@
-"""The type of a topic, as the ROS graph knows it once there is a publisher."""
+"""
+Topics: their quality of service with its reasons, their types, and what is said where one fails.
 
+The type of a topic is known to the ROS graph once there is a publisher.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from copy import copy
 import difflib
 from importlib import import_module
 import re
 from typing import Any
 
+from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    qos_profile_services_default,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.serialization import serialize_message
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.message_layout import define_installed, follow, Path
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
@@ -20,6 +40,57 @@ _PROPOSED_FIELDS = 3
 _LEAST_SIMILARITY = 0.8
 #: Letters of a type's hash in a sentence: RIHS01_ and eight that tell versions apart.
 _HASH_LETTERS = 15
+
+# A topic is given a copy of a profile: rclpy writes what parameters override into the one given.
+_profile: Any = QoSProfile  # its constructor carries no types
+#: Drivers publish best effort. Sensor-data QoS keeps only 5 messages, which a pause of a
+#: millisecond overruns at 8 kHz; 1000 are an eighth of a second there.
+FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
+SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: Where only the newest message counts, which is polled.
+NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: What is sent once and kept for those who come later: static transforms.
+LATCHED: QoSProfile = _profile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+#: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
+OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+#: As any service's, but twenty calls at once overrun the usual queue of 10 without an error.
+SERVICE: QoSProfile = copy(qos_profile_services_default)
+SERVICE.depth = 1000
+
+
+def overridable() -> QoSOverridingOptions:
+    """Let parameters override history, depth and reliability; a depth that holds nothing can't."""
+
+    def check(profile: QoSProfile) -> SetParametersResult:
+        holds = profile.depth > 0 or profile.history == HistoryPolicy.KEEP_ALL
+        reason = f'depth must be an integer of at least 1; got {profile.depth}'
+        return SetParametersResult(successful=holds, reason='' if holds else reason)
+
+    return QoSOverridingOptions.with_default_policies(callback=check)
+
+
+#: What rclpy raises for a topic, for its name, or for an override of its quality of service.
+_REFUSALS = (
+    RuntimeError, ValueError, NameValidationException, InvalidQosOverridesError,
+    ParameterException,
+)  # fmt: skip
+
+
+@contextmanager
+def opening(topic: str) -> Iterator[None]:
+    """Turn rclpy's errors about a topic into a SettingsError."""
+    try:
+        yield
+    except _REFUSALS as error:
+        # rcl ends its message with ", at FILE:LINE" of its sources; rclpy draws below its own.
+        reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
+        raise SettingsError(
+            f'The topic {topic} cannot be used: {reason}. Check its name, its qos_overrides, and '
+            'that nothing in this process uses it with another type.'
+        ) from error
 
 
 def types_on(node: Node, topic: str) -> list[str]:
@@ -100,18 +171,22 @@ def no_temperature(node: Node, topic: str) -> str:
     problem = wrong_type(node, topic, TEMPERATURE)
     if not problem:
         return ''
-    paths = _numbers_on(node, topic)
+    paths = list[Path]()
+    with suppress(WristFtCompError):  # of a type that cannot be loaded none is known
+        (kind, *_) = types_on(node, topic)
+        empty = serialize_message(load_type(topic, kind)())
+        paths = numbers_in(follow(define_installed(topic, kind), kind, empty))
     likely = [path for path in paths if may_be_temperature(path)] or paths
     entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED_FIELDS])
     return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
 
 
-def _numbers_on(node: Node, topic: str) -> list[Path]:
-    """List the numbers in an empty message of a topic's type; none where it cannot be loaded."""
-    (kind, *_) = types_on(node, topic)
-    try:
-        empty = serialize_message(load_type(topic, kind)())
-        definitions = define_installed(topic, kind)
-        return numbers_in(follow(definitions, kind, empty))
-    except WristFtCompError:
-        return []
+def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:
+    """Build a message of six numbers, N and N m, axis order AXES."""
+    message = WrenchStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    message.header.frame_id = frame_id
+    for axis, value in zip(AXES, values, strict=True):
+        part, component = axis.split('_')
+        setattr(getattr(message.wrench, part), component, float(value))
+    return message

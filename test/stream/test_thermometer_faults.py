@@ -1,0 +1,259 @@
+"""Thermometers that are not believed: strange readings left out, dead and frozen ones replaced."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.stream import offline
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.offline import simulate_drift, thermometer_doubts
+from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
+
+SECOND = 1_000_000_000
+LONG = [20.0] * 300
+
+
+def counted(values_c, step_s=1.0):
+    spikes = SpikeFilter()
+    stamps_ns = [round(k * step_s * SECOND) for k in range(len(values_c))]
+    admitted = [spikes.admit(*pair) for pair in zip(stamps_ns, values_c, strict=True)]
+    return [value_c for value_c, counts in zip(values_c, admitted, strict=True) if counts], spikes
+
+
+@pytest.mark.parametrize(
+    ('values_c', 'expected', 'dropped', 'jumps'),
+    [
+        ([85.0, 20.1, 20.2], [20.1, 20.2], 1, 0),
+        ([85.0, 20.1, -40.0, 20.2], [20.1, 20.2], 2, 0),
+        ([22.3, 24.6, 26.9, 29.2, *[29.2] * 50], [29.2] * 19, 35, 1),
+        ([40.0] * 100, [40.0] * 11, 89, 1),
+        ([85.0, 60.0, 60.1, 20.0], [20.0], 3, 0),
+        ([0.0] * 80 + [20.0], [20.0], 80, 0),
+    ],
+    ids=['a spike', 'two', 'a fast ramp', 'a step', 'a loose contact', 'a bus error'],
+)
+def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped, jumps):
+    found, spikes = counted(LONG + values_c)
+    assert found == LONG + expected
+    assert (spikes.dropped, spikes.jumps) == (dropped, jumps)
+    assert spikes.first == (300 * SECOND, values_c[0])
+    assert not spikes.leaves_out
+
+
+def test_a_jump_is_told_until_it_comes_back_or_a_tare():
+    """However little the model remembers; the sentence is one of the zero's doubts."""
+    compensator, at = Compensator(1), 0
+
+    def doubts(celsius, seconds):
+        nonlocal at
+        for _ in range(seconds):
+            compensator.add_temperature(0, at * SECOND, celsius)
+            at += 1
+        return compensator.zero_doubts
+
+    assert doubts(20.0, 300) == []
+    (doubt,) = doubts(40.0, 5000)
+    assert doubt.startswith('thermometer 1 jumped by 20.0 K and stayed there; is it loose?')
+    assert compensator.tracker.remembered_jumps_k == [20.0]
+    assert doubts(20.5, 200) == []
+    assert len(doubts(30.0, 200)) == 1
+    compensator.set_tare(np.zeros(6), at * SECOND)
+    assert (doubts(30.0, 10), compensator.tracker.remembered_jumps_k) == ([], [0.0])
+
+
+@pytest.mark.parametrize('wrong_c', [0.0, 85.0])
+@pytest.mark.parametrize('wrong_s', [1, 15])
+def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s):
+    right_c = 21.0 + np.arange(40) / 100
+    found, spikes = counted([wrong_c] * wrong_s + right_c.tolist())
+    assert found == [wrong_c] * wrong_s + right_c[wrong_s:].tolist()
+    assert (spikes.wrong_starts, spikes.first) == (1, (0, wrong_c))
+    blocks = SpikeFilter()
+    _, found_c = blocks.admit_all(
+        np.arange(wrong_s + 40) * SECOND, np.concatenate(([wrong_c] * wrong_s, right_c))
+    )
+    np.testing.assert_array_equal(found_c, right_c[wrong_s:])
+    assert blocks.dropped == spikes.dropped == 2 * wrong_s
+
+
+@settings(deadline=None, derandomize=True)
+@given(
+    steps=st.lists(st.tuples(st.integers(1, 9 * SECOND), st.floats(-50, 150)), max_size=40),
+    cuts=st.sets(st.integers(1, 39)),
+)
+def test_blocks_of_any_size_give_what_samples_one_by_one_give(steps, cuts):
+    one, many = SpikeFilter(), SpikeFilter()
+    stamps_ns = np.cumsum([0, *(step for step, _ in steps)])[1:]
+    values_c = np.array([value_c for _, value_c in steps], dtype=float)
+    expected, found = [], []
+    for pair in zip(stamps_ns.tolist(), values_c.tolist(), strict=True):
+        starts = one.wrong_starts
+        counts = one.admit(*pair)
+        expected = ([] if one.wrong_starts > starts else expected) + [pair] * counts
+    ends = [*sorted(cut for cut in cuts if cut < len(steps)), len(steps)]
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        if end > begin:
+            starts = many.wrong_starts
+            taken = many.admit_all(stamps_ns[begin:end], values_c[begin:end])
+            found = [] if many.wrong_starts > starts else found
+            found += zip(*(part.tolist() for part in taken), strict=True)
+    assert found == expected
+    assert (many.dropped, many.first) == (one.dropped, one.first)
+
+
+PERIOD_S, CELLS, BEGIN = 10.0, 1080, 400
+FORCE_Z = 2
+METHOD = IdentificationSettings('filtered_pls')
+FIRST_NS = 1_700_000_000_000_000_000
+
+
+def lagged(values, tau_s):
+    pole = np.exp(-PERIOD_S / tau_s)
+    return lfilter([1 - pole], [1, -pole], values, zi=[pole * values[0]])[0]
+
+
+def temperatures(seed):
+    """A motor, a flange behind it and a sensor between both, °C, (N, 3)."""
+    rng = np.random.default_rng(seed)
+    heat = 22.0 + 25.0 * np.repeat(rng.random(CELLS // 90), 90)
+    motor = lagged(heat, 300.0)
+    flange = lagged(motor, 900.0)
+    middle = 0.5 * lagged(motor, 200.0) + 0.5 * flange
+    return np.stack((motor, flange, middle), axis=1) + rng.normal(0, 0.02, (CELLS, 3))
+
+
+def drift(temperature_c):
+    """Zero drift of force z, N: mostly of the flange's temperature."""
+    return 0.8 * (temperature_c[:, 1] - 22.0) + 0.3 * (lagged(temperature_c[:, 0], 200.0) - 22.0)
+
+
+@pytest.fixture(scope='module')
+def make_day(make_recording):
+    def make(seed, thermometers=3):
+        values = temperatures(seed)
+        noise = np.random.default_rng(seed + 99).normal(0, 0.05, CELLS)
+        wrench = {'force_z': drift(values) + noise}
+        return make_recording(values[:, :thermometers], wrench, first_cell=FIRST_NS // 10**10)
+
+    return make
+
+
+@pytest.fixture(scope='module')
+def learn(make_day):
+    found = {}
+
+    def calibration(thermometers):
+        if thermometers not in found:
+            days = [make_day(seed, thermometers) for seed in (1, 2, 3)]
+            found[thermometers] = calibrate(days, CalibrationSettings(identification=METHOD))
+        return found[thermometers]
+
+    return calibration
+
+
+def failing(day, fault, j=1, begin=BEGIN, end=CELLS):
+    """Let a thermometer die or freeze for some cells; what it reads then is held."""
+    temperature_c, measured = day.temperature_c.copy(), day.measured.copy()
+    temperature_c[begin:end, j] = temperature_c[begin - 1, j]
+    measured[begin:end, j] = fault == 'frozen'
+    return replace(day, temperature_c=temperature_c, measured=measured)
+
+
+def stream(compensator, day, begin=0, end=CELLS):
+    """Send a day, cell by cell; drift of force z after each, of several at once after the last."""
+    seen = {}
+    for k in range(begin, end):
+        for j in np.flatnonzero(day.measured[k]):
+            stamp_ns = FIRST_NS + round((k + 0.3 + 0.1 * j) * PERIOD_S * 1e9)
+            for cell in compensator.add_temperature(j, stamp_ns, day.temperature_c[k, j])[-1:]:
+                seen[cell.number - day.first_cell] = compensator.tracker.drift.zero[FORCE_Z]
+    return seen
+
+
+def findings(compensator):
+    return compensator.tracker.thermometers.sentences
+
+
+def left(day, model):
+    true = drift(temperatures(7))
+    error = true - simulate_drift(model, day).zero[:, FORCE_Z]
+    return np.sqrt(np.mean((error - error[:6].mean()) ** 2))
+
+
+FAULTS = [(2, 'dead'), (2, 'frozen'), (3, 'dead'), (3, 'frozen')]
+
+
+@pytest.mark.parametrize(('thermometers', 'fault'), FAULTS)
+def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
+    learn, make_day, thermometers, fault
+):
+    model, day = learn(thermometers).model, failing(make_day(7, thermometers), fault)
+    (found,) = list(thermometer_doubts(model, day))
+    assert found.startswith('thermometer 2 ')
+    assert left(day, model) < 0.5 * left(day, replace(model, prediction=None))
+
+
+def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
+    """Also where they are judged in every cell."""
+    monkeypatch.setattr(offline, '_stands_still', lambda *_: True)
+    for thermometers in (2, 3):
+        model = learn(thermometers).model
+        for seed in range(10, 15):
+            assert thermometer_doubts(model, make_day(seed, thermometers)) == {}
+
+
+def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
+    day = make_day(7)
+    rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
+    assert not thermometer_doubts(learn(3).model, failing(rest, 'dead', begin=500, end=512))
+
+
+@pytest.mark.parametrize('fault', ['dead', 'frozen'])
+def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fault):
+    model, healthy = learn(3).model, make_day(7)
+    day = failing(healthy, fault, end=700)
+    compensator = Compensator(3, model=model)
+    seen = stream(compensator, day, end=870)
+    assert len(findings(compensator)) == 1
+    seen |= stream(compensator, day, 870)
+    assert findings(compensator) == []
+    ((_, share),) = thermometer_doubts(model, day).items()
+    assert 480 / CELLS > share > 400 / CELLS
+    usual = simulate_drift(model, healthy).zero[:, FORCE_Z]
+    assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
+
+
+@pytest.mark.parametrize('pair', [(0, 1), (1, 2), (0, 2)])
+def test_two_that_are_exchanged_are_named(learn, make_day, pair):
+    model, healthy, found = learn(3).model, make_day(7), []
+    order = np.arange(3)
+    order[list(pair)] = pair[::-1]
+    temperature_c = healthy.temperature_c.copy()
+    temperature_c[BEGIN:] = temperature_c[BEGIN:, order]
+    for day in (healthy, replace(healthy, temperature_c=temperature_c)):
+        compensator, said = Compensator(3, model=model), []
+        for k in range(0, CELLS, 10):
+            stream(compensator, day, k, k + 10)
+            said.append(compensator.tracker.thermometer_doubts)
+        found.append(said)
+    assert not any(found[0])
+    sentence = f'thermometers {pair[0] + 1} and {pair[1] + 1} read what is expected of each other'
+    times = [k for k, said in enumerate(found[1]) if any(sentence in doubt for doubt in said)]
+    assert len(times) > 10
+
+
+def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):
+    model, day = learn(3).model, failing(make_day(7), 'frozen')
+    compensator = Compensator(3, model=model)
+    stream(compensator, day, end=800)
+    believed_c = compensator.tracker.temperature_c
+    compensator.go_live(replace(model, day_limits={}))
+    assert compensator.tracker.replaced == [1]
+    stream(compensator, day, 800, 810)
+    assert compensator.tracker.temperature_c == pytest.approx(believed_c, abs=2.0)

@@ -1,0 +1,316 @@
+"""
+Thermometers that are not believed: readings where metal cannot have gone, dead and frozen ones.
+
+A bad contact, a bus error, or the first conversions of a digital thermometer give readings far
+from those before. They are left out until metal could have got there: 0 °C instead of 25 °C for
+115 s. What stays for longer is believed then, as if it had been reached on a straight line. The
+first readings may be the wrong ones: where others agree with each other for longer than all that
+was believed until then, the thermometer begins anew with them.
+
+What the others predict takes the place of one that died or froze, until it agrees again.
+
+    dead      silent while others report, for longer than a healthy one is
+    frozen    silent, or the same to the last bit, while its prediction moves by more than that of
+              a healthy one does meanwhile
+    believed  it reports, has moved, and was near its prediction for half an hour
+
+Both are one rule for the running stream and for files. No earlier cell is changed: the drift
+follows a wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+import math
+
+import numpy as np
+
+from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
+
+#: A thermometer in metal does not change by more than this from sample to sample, K ...
+_JUMP_K = 2.0
+#: ... plus this for every second between them, K/s.
+_JUMP_K_S = 0.2
+
+#: A thermometer has to read the same for this time before it is taken for frozen, s. A coarse one
+#: that is read once a minute does so on healthy days.
+STILL_S = 180.0
+#: A thermometer that was replaced has to agree for this time before it is believed, s.
+AGREED_S = 1800.0
+#: Two may be exchanged where both are farther from their predictions than this many times what a
+#: healthy one is.
+EXCHANGED = 2.0
+#: Predictions are compared after a relaxation with this time constant, s, against their noise.
+_SMOOTHING_S = 60.0
+#: A start takes the body as soaked at the temperatures after this time, s, because a first reading
+#: may be of nothing.
+_START_S = 10.0
+#: A gap of all thermometers counts as silence of one for this time at most, s.
+_MOST_COUNTED_S = 60.0
+
+#: Stamp, ns, and temperature, °C.
+Reading = tuple[int, float]
+
+
+def jumps(steps_k: FloatArray | float, elapsed_s: FloatArray | float) -> BoolArray:
+    """Say which changes, K, are too fast for metal, by the seconds that each took; any shape."""
+    return np.asarray(np.abs(steps_k) > _JUMP_K + _JUMP_K_S * elapsed_s)
+
+
+def _apart(one: Reading, other: Reading) -> bool:
+    """Whether temperature cannot have gone from one sample to the other, in whole seconds."""
+    elapsed_s = abs(other[0] // NANOSECONDS - one[0] // NANOSECONDS)
+    return bool(jumps(other[1] - one[1], elapsed_s))
+
+
+class SpikeFilter:
+    """Leaves out the readings of a thermometer that metal cannot have gone to."""
+
+    def __init__(self) -> None:
+        #: How many were left out, and the first of them.
+        self.dropped = 0
+        self.first: Reading | None = None
+        #: The newest that was left out, °C, and what was believed instead.
+        self.strange_c = self.believed_c = math.nan
+        #: How often the first readings were the wrong ones.
+        self.wrong_starts = 0
+        #: How often a reading that had been left out was believed, and how far the thermometer has
+        #: jumped by that since the last tare, K.
+        self.jumps, self.jumped_k = 0, 0.0
+        #: By how much the clock of the stamps was set since the start.
+        self.shift_ns = 0
+        #: The first and the last reading that were believed, and how many.
+        self._begin_ns: float = -math.inf
+        self._last: Reading | None = None
+        self._count = 0
+        #: The first and the last one left out since then, of those that agree with each other.
+        self._other_begin_ns = 0
+        self._other: Reading | None = None
+
+    @property
+    def stayed_k(self) -> float:
+        """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
+        return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether the newest reading was left out."""
+        return self._other is not None
+
+    def go_on(self, stamp_ns: int, temperature_c: float) -> None:
+        """Continue from a temperature that was believed before."""
+        self._begin_ns, self._other = -math.inf, None
+        self._last = stamp_ns - self.shift_ns, temperature_c
+
+    def admit(self, stamp_ns: int, temperature_c: float) -> bool:
+        """Take a sample; whether it counts."""
+        stamp_ns -= self.shift_ns
+        sample, last, other = (stamp_ns, temperature_c), self._last, self._other
+        agrees = other is not None and not _apart(other, sample)
+        if last is None:
+            self._begin_ns, is_jump = stamp_ns, False
+        elif _apart(last, sample):
+            self._other = sample
+            if not agrees:
+                self._other_begin_ns = stamp_ns
+            if stamp_ns - self._other_begin_ns <= last[0] - self._begin_ns:
+                self.dropped += 1
+                self.first = self.first or sample
+                self.strange_c, self.believed_c = temperature_c, last[1]
+                return False
+            self.wrong_starts += 1
+            self.dropped += self._count
+            self.first = int(self._begin_ns), last[1]
+            self.strange_c, self.believed_c = last[1], temperature_c
+            is_jump = last[0] - self._begin_ns > _START_S * NANOSECONDS  # which is the wrong one?
+            self._begin_ns, self._count = self._other_begin_ns, 0
+        else:
+            is_jump = agrees
+        if last is not None and is_jump:
+            self.jumps += 1
+            self.jumped_k += temperature_c - last[1]
+        self._last, self._other = sample, None
+        self._count += 1
+        return True
+
+    def admit_all(
+        self, stamps_ns: IntArray, temperature_c: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
+        """Take samples, (n,), as ``admit`` does; those before a new beginning are out, too."""
+        before_ns, before_c = self._last or (stamps_ns[0], temperature_c[0])
+        elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before_ns // NANOSECONDS)
+        jumped = jumps(np.diff(temperature_c, prepend=before_c), elapsed_s)
+        if not self.leaves_out and not jumped.any():
+            if self._last is None:
+                self._begin_ns = int(stamps_ns[0])
+            self._last = int(stamps_ns[-1]), float(temperature_c[-1])
+            self._count += len(stamps_ns)
+            return stamps_ns, temperature_c
+        counted = np.zeros(len(stamps_ns), dtype=bool)
+        for k, sample in enumerate(zip(stamps_ns.tolist(), temperature_c.tolist(), strict=True)):
+            starts = self.wrong_starts
+            counted[k] = self.admit(*sample)
+            if self.wrong_starts > starts:
+                counted[:k] = False
+        return stamps_ns[counted], temperature_c[counted]
+
+
+@dataclass(frozen=True, eq=False)
+class ThermometerState:
+    """What the last cell left of J thermometers."""
+
+    #: As they were read last, °C, (J,).
+    reading_c: FloatArray
+    #: What all of them read when each was last read anew, °C, (J, J).
+    together_c: FloatArray
+    #: Temperatures behind the K relaxations of the prediction, °C, (K, J).
+    relaxed_c: FloatArray
+    #: What each should read, °C, (J,), and the same without its noise.
+    predicted_c: FloatArray
+    smooth_c: FloatArray
+    #: Range of the latter since the thermometer read something else, °C, (J,).
+    lowest_c: FloatArray
+    highest_c: FloatArray
+    #: For how long each has been silent, has read the same, and has agreed, s, (J,).
+    silent_s: FloatArray
+    still_s: FloatArray
+    agreed_s: FloatArray
+    #: Time since the start, s.
+    age_s: float
+    #: Why each is replaced by its prediction, (J,); empty for those that are believed.
+    reasons: tuple[str, ...]
+
+    @property
+    def replaced(self) -> BoolArray:
+        """Which thermometers are replaced by their predictions, (J,)."""
+        return np.array([bool(why) for why in self.reasons])
+
+    @property
+    def believed_c(self) -> FloatArray:
+        """What the drift follows, °C, (J,)."""
+        return np.where(self.replaced, self.predicted_c, self.reading_c)
+
+    def reports(self, prediction: ThermometerPrediction) -> BoolArray:
+        """Which thermometers are neither silent nor frozen, (J,)."""
+        moved_k = self.highest_c - self.lowest_c
+        silent = self.silent_s > prediction.silence_s
+        return np.asarray(~silent & (moved_k <= prediction.still_k))
+
+    @property
+    def sentences(self) -> list[str]:
+        """Say which thermometers are replaced and why, and what the drift follows."""
+        return [
+            f'thermometer {number} {why}; what the others predict of it is used until it agrees '
+            'again'
+            for number, why in enumerate(self.reasons, start=1)
+            if why
+        ]
+
+
+def start(
+    prediction: ThermometerPrediction,
+    reading_c: FloatArray,
+    before: ThermometerState | None = None,
+    past_c: FloatArray | None = None,
+    time_s: float = 0.0,
+) -> ThermometerState:
+    """
+    Begin as the thermometers read, (J,): soaked, or after a past of means over some time, (n, J).
+
+    Those that were replaced in a state before stay so.
+    """
+    past_c = reading_c[np.newaxis] if past_c is None else past_c
+    relaxed_c = np.tile(past_c[0], (len(prediction.time_constants_s), 1))
+    for mean_c in past_c:
+        relaxed_c = prediction.relax(relaxed_c, mean_c, time_s)
+    predicted_c, reasons = prediction.predict(relaxed_c), ('',) * len(reading_c)
+    if before is not None:
+        reasons = before.reasons
+        relaxed_c[:, before.replaced] = predicted_c[before.replaced]
+    none = np.zeros(len(reading_c))
+    return ThermometerState(
+        reading_c=reading_c, together_c=np.tile(reading_c, (len(reading_c), 1)),
+        relaxed_c=relaxed_c, predicted_c=predicted_c, smooth_c=predicted_c, lowest_c=predicted_c,
+        highest_c=predicted_c, silent_s=none, still_s=none, agreed_s=none,
+        age_s=len(past_c) * time_s, reasons=reasons)  # fmt: skip
+
+
+def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
+    prediction: ThermometerPrediction, before: ThermometerState, reading_c: FloatArray,
+    heard: BoolArray, period_s: float, gap_s: float,
+) -> ThermometerState:  # fmt: skip
+    """
+    Judge the thermometers after a thermal cell of ``period_s`` in which one was heard.
+
+    They were read last as ``reading_c``, (J,); ``heard``, (J,), are those of this cell. None was
+    heard for ``gap_s`` before.
+    """
+    replaced = before.replaced
+    lost = replaced & ~before.reports(prediction)
+
+    # Advance the predictions. Those that are lost are predicted from those that report. Several
+    # that are lost would be predicted from each other, which can run away: they move along with
+    # the others since they were last read anew.
+    inputs_c = np.where(lost, before.predicted_c, reading_c)
+    relaxed_c = before.relaxed_c
+    if gap_s > 0:
+        relaxed_c = prediction.relax(relaxed_c, (before.believed_c + inputs_c) / 2, gap_s)
+    relaxed_c = prediction.relax(relaxed_c, inputs_c, period_s)
+    predicted_c = prediction.predict(relaxed_c)
+    if lost.sum() > 1 and not lost.all():
+        change_k = (reading_c - before.together_c)[:, ~lost].mean(axis=1)
+        predicted_c = np.where(lost, before.reading_c + change_k, predicted_c)
+    rough = np.exp(-period_s / _SMOOTHING_S)
+    smooth_c = predicted_c + rough * (before.smooth_c - predicted_c)
+
+    # Count for how long each is silent, and has stood still while its prediction moved.
+    time_s = min(gap_s + period_s, max(period_s, _MOST_COUNTED_S))
+    silent_s = np.where(heard, 0.0, before.silent_s + time_s)
+    changed = heard & (reading_c != before.reading_c)
+    together_c = np.where(changed[:, np.newaxis], reading_c, before.together_c)
+    still_s = np.where(changed, 0.0, before.still_s + time_s)
+    lowest_c = np.where(changed, smooth_c, np.minimum(before.lowest_c, smooth_c))
+    highest_c = np.where(changed, smooth_c, np.maximum(before.highest_c, smooth_c))
+    age_s = before.age_s + gap_s + period_s
+    state = ThermometerState(
+        reading_c, together_c, relaxed_c, predicted_c, smooth_c, lowest_c, highest_c, silent_s,
+        still_s, before.agreed_s, age_s, before.reasons)  # fmt: skip
+    if age_s < _START_S:
+        return replace(start(prediction, reading_c, before), age_s=age_s)
+
+    # Replace those that are dead or frozen, where another one is there to predict them. Believe
+    # those that have agreed.
+    reports = state.reports(prediction)
+    wrong = ~replaced & ~reports & ((still_s >= STILL_S) | (silent_s > prediction.silence_s))
+    agrees = replaced & reports & (np.abs(reading_c - smooth_c) <= prediction.agree_k)
+    agreed_s = np.where(agrees, before.agreed_s + time_s, 0.0)
+    reasons = list(before.reasons)
+    if (heard & ~replaced & ~wrong).any():
+        for j in np.flatnonzero(wrong).tolist():
+            reasons[j] = 'is silent'
+            if silent_s[j] < min(STILL_S, prediction.silence_s[j]):
+                reasons[j] = (
+                    f'stands still at {reading_c[j]:.1f} °C while the others show that it moved '
+                    f'by {highest_c[j] - lowest_c[j]:.1f} K'
+                )
+    for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
+        reasons[j] = ''
+    return replace(state, agreed_s=agreed_s, reasons=tuple(reasons))
+
+
+def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> list[tuple[int, int]]:
+    """
+    Find pairs of thermometers, counted from 0, that read what is expected of each other.
+
+    Both are far from what the others predict of them, and near it if they are taken for each
+    other, as where plugs were exchanged.
+    """
+    off_k, pairs = np.abs(state.reading_c - state.predicted_c), list[tuple[int, int]]()
+    for pair in combinations(np.flatnonzero(off_k > EXCHANGED * prediction.agree_k).tolist(), 2):
+        order = np.arange(len(off_k))
+        order[list(pair)] = pair[::-1]
+        expected_c = prediction.predict(state.relaxed_c[:, order])
+        near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
+        if near[list(pair)].all():
+            pairs.append(pair)
+    return pairs
