@@ -4,33 +4,34 @@ import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
+from functools import partial
 import os
 from pathlib import Path
 import subprocess
 import sys
 from tempfile import mkdtemp, NamedTemporaryFile
-import time
 from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import evaluate, options
 from wrist_ft_comp.cli.output import print_result, progress_bar, Result, waiting
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.operate import Operator, Watch
+    from wrist_ft_comp.cli.operate import Operator, Stamps
 
 _Process = subprocess.Popen[bytes]
 #: ROS domains whose ports Linux does not use for others; people choose from the other end.
 _DOMAINS = range(60, 101)
 #: A program that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 10.0
-#: The demonstration is given up where nothing is recorded for this time, s.
+#: The sensor is given up where it is silent for this time, s.
 _SILENCE_S = 30.0
-#: From the beginning of the first day to that of the second, s.
-_NIGHT_S = 86_400.0
+#: From the end of the first day to the beginning of the second, s.
+_NIGHT_S = 36_000
 #: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
 _TOOL_KG, _MASS_SHARE = 1.4, 0.05
 #: The drift of force_z has to become smaller by this factor; at work weight and contacts disturb.
@@ -151,7 +152,7 @@ def _judge(
 def _play(arguments: argparse.Namespace, folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(_surroundings())
-    from wrist_ft_comp.cli.operate import ask, operating, Watch  # noqa: PLC0415 -- rclpy
+    from wrist_ft_comp.cli.operate import ask, operating, Stamps, Watch  # noqa: PLC0415 -- rclpy
 
     learns: dict[str, object] = {'calibration.reference': 'recorded'}
     if arguments.at_work:
@@ -164,12 +165,12 @@ def _play(arguments: argparse.Namespace, folder: Path) -> None:
             NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False)
         )
         operator = stack.enter_context(operating())
-        begin_s = time.time()
+        stamps = Stamps(operator, 'temperature')
         for number, day in enumerate((_LEARNT, _JUDGED)):
             starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
             parameters: dict[str, object] = {
                 'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
-                'start_stamp_s': begin_s + number * _NIGHT_S,
+                'start_stamp_s': stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0,
                 'wrench_rate': 500.0,
                 'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
                 'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
@@ -181,7 +182,7 @@ def _play(arguments: argparse.Namespace, folder: Path) -> None:
                 watch = Watch(operator, name)
                 ask(operator, name, 'record', watch)
                 with _process('simulated_sensor', parameters, log) as sensor:
-                    _listen(operator, watch, day, {'compensator': compensator, 'sensor': sensor})
+                    _listen(operator, stamps, day, {'compensator': compensator, 'sensor': sensor})
                 ask(operator, name, 'stop', watch)
                 if day is _LEARNT:
                     with waiting('the node calibrates'):
@@ -189,27 +190,24 @@ def _play(arguments: argparse.Namespace, folder: Path) -> None:
 
 
 def _listen(
-    operator: 'Operator', watch: 'Watch', day: _Day, programs: Mapping[str, _Process]
+    operator: 'Operator', stamps: 'Stamps', day: _Day, programs: Mapping[str, _Process]
 ) -> None:
-    """Wait until the node has recorded a day, in cells of 1 s, while both programs live."""
-    cells, grown_s = 0, time.monotonic()
+    """Wait until a day has passed in the stamps, as long as both programs are alive."""
+    first_ns, before_ns = 0, stamps.latest_ns
     with progress_bar(f'recording {day.what}') as progress:
-        while cells < day.length_s:
-            watch.reports = 0
-            operator.wait_for(lambda: watch.reports, _SILENCE_S / 10)
+        while not first_ns or before_ns < first_ns + day.length_s * NANOSECONDS:
+            heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
             for program, process in programs.items():
                 if process.poll() is not None:
                     raise RecordingError(
                         f'The {program} of the demonstration ended early, with exit code '
                         f'{process.returncode}; see its log.'
                     )
-            status = watch.statuses.get('calibration')
-            now = int(status.values.get('recorded_cells', '0')) if status else 0
-            if now > cells:
-                cells, grown_s = now, time.monotonic()
-            elif time.monotonic() - grown_s > _SILENCE_S:
-                raise RecordingError(f'Nothing was recorded for {_SILENCE_S:.0f} s; see the log.')
-            progress(min(cells / day.length_s, 1.0))
+            if not heard:
+                raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
+            before_ns = stamps.latest_ns
+            first_ns = first_ns or before_ns
+            progress(min((before_ns - first_ns) / (day.length_s * NANOSECONDS), 1.0))
 
 
 def _surroundings() -> dict[str, str]:

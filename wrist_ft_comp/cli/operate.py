@@ -9,12 +9,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.node import Node
+from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.running import make_executor
-from wrist_ft_comp.ros.topics import OUTPUT
+from wrist_ft_comp.ros.topics import OUTPUT, SLOW_SENSOR
+from wrist_ft_comp.series import NANOSECONDS
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0
@@ -183,3 +185,19 @@ def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
     if not answer.success:
         raise NodeError(str(answer.message))
     return str(answer.message)
+
+
+class Stamps:
+    """The newest stamp of a thermometer's topic."""
+
+    def __init__(self, operator: Operator, topic: str) -> None:
+        self.latest_ns = 0
+        operator.node.create_subscription(Temperature, topic, self._take, SLOW_SENSOR)
+
+    def later_than(self, stamp_ns: int) -> bool:
+        """Whether a later one than this has come."""
+        return self.latest_ns > stamp_ns
+
+    def _take(self, message: Any) -> None:
+        stamp = message.header.stamp
+        self.latest_ns = max(self.latest_ns, stamp.sec * NANOSECONDS + stamp.nanosec)

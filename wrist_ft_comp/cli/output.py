@@ -122,10 +122,13 @@ def content_words(content: ReportContent, *, verbose: bool) -> list[str | Table]
 
 
 def filled(sentence: str, begin: str = '') -> str:
-    """Break a sentence at the width; what follows is indented. Paths and commands stay whole."""
-    return textwrap.fill(
-        begin + sentence, WIDTH, subsequent_indent=' ' * (len(begin) or 4),
+    """Break a sentence at the width, what follows is indented; a command in lines below is not."""
+    indent = ' ' * (len(begin) or 4)
+    head, *commands = sentence.splitlines() or ['']
+    whole = textwrap.fill(
+        begin + head, WIDTH, subsequent_indent=indent,
         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return '\n'.join([whole, *(indent + command for command in commands)])
 
 
 def rich_table(table: Table) -> 'RichTable':

@@ -21,6 +21,9 @@ from wrist_ft_comp.series import FloatArray
 WORKING_RANGE_C = (15.0, 50.0)
 #: Width of the bins in which time is counted, K.
 BIN_K = 1.0
+#: Temperatures that were not seen over at least this much are named, K: a model that knows both
+#: sides of less does not guess.
+_HOLE_K = 3.0
 #: Rise and fall are counted between means over this time, s, so that noise does not count.
 _TREND_S = 300.0
 #: A recording should last for this many slowest time constants.
@@ -92,7 +95,7 @@ def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
     return [
         (start, end)
         for start, end in [(coldest, low), *holes, (high, hottest)]
-        if end - start >= BIN_K
+        if end - start >= _HOLE_K
     ]
 
 
@@ -161,7 +164,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
     return (
         f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
-        f'Calibrate with {" ".join(options)}'
+        f'Calibrate with\n{" ".join(options)}'
     )
 
 
@@ -212,7 +215,7 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         )
     elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
         yield (
-            'The model holds on these recordings. Run it: ros2 run wrist_ft_comp compensator '
+            'The model holds on these recordings. Run it:\nros2 run wrist_ft_comp compensator '
             f'--ros-args -p model_file:={shlex.quote(str(case.model))}'
         )
     unseen = [f'{start:.0f} to {end:.0f}' for start, end in unseen_temperatures(case.coverage)]
