@@ -25,7 +25,7 @@ from wrist_ft_comp import ONE_THREAD
 
 #: Rooms, and the tests beside their own that go through a door to what only that door shows.
 ROOMS = {
-    'drift': ('test/stream/test_offline.py', 'test/stream/test_thermometer_faults.py'),
+    'drift': ('test/stream/test_compensator.py', 'test/stream/test_thermometer_faults.py'),
     'stream': ('test/test_gaps.py', 'test/recordings/test_recordings.py'),
     'payload': (
         'test/learning',

@@ -263,7 +263,7 @@ def work(messages, by):
     for k in range(1200):
         at, tilt = T0 + k * 10**8, (0.3 * np.sin(k / 100), 0.2 * np.cos(k / 130))
         x, y = np.sin(tilt)
-        yield '/ft/wrench', messages.wrench_type, at, messages.wrench(at, [x, y, 0, 0, 0, 0], 'ft')
+        yield '/ft/wrench', messages.wrench_type, at, messages.wrench(at, [x, y, 1, 1, 1, 1], 'ft')
         yield '/ft/heat', messages.temperature_type, at, messages.temperature(at, 25 + k / 100)
         if by == 'imu':
             yield '/cart/imu', IMU, at, messages.imu(at, [0, 0, 9.81], [0, 0, 0])

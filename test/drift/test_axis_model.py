@@ -127,14 +127,6 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
     np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
 
 
-def test_poles_are_those_of_the_parts_and_the_range_is_that_of_the_thermometers(make_axis):
-    axis = make_axis()
-    expected = [pole for part in (*FILTERS, *LATENTS) for pole in part.poles]
-    np.testing.assert_allclose(np.sort_complex(axis.poles), np.sort_complex(expected))
-    seen = (axis.reference_c, axis.lower_c, axis.upper_c)
-    np.testing.assert_array_equal(seen, ([30.0, 25.0], LOWER_C, UPPER_C))
-
-
 class TestBeyondTheRange:
     def test_the_excess_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
         span, beyond_range = UPPER_C - LOWER_C, make_axis().beyond_range

@@ -21,17 +21,6 @@ def test_powers_are_ordered_by_power_then_thermometer():
     assert features.thermometers == 2
 
 
-@pytest.mark.parametrize('shape', [(2,), (5, 2), (3, 4, 2)])
-def test_every_leading_shape_is_expanded_row_by_row(shape):
-    temperature = np.random.default_rng(0).uniform(-10, 60, shape)
-    powers = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 50.0), degree=2)
-    for features in (powers, hats([0.0, 20.0, 50.0], [10.0, 40.0])):
-        whole = features.expand(temperature)
-        assert whole.shape[:-1] == shape[:-1]
-        for index in np.ndindex(shape[:-1]):
-            np.testing.assert_array_equal(whole[index], features.expand(temperature[index]))
-
-
 def test_hats_interpolate_coefficients_and_are_exact_at_the_knots():
     knots = [-40.0, -15.0, 0.0, 20.0, 100.0]
     features = hats(knots)

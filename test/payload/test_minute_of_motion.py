@@ -110,8 +110,8 @@ def test_a_minute_of_ordinary_motion_gives_mass_and_center(contacts):
 
 def test_without_noise_the_payload_and_the_turn_are_found(everywhere):
     found = identify(everywhere, CELL_S, LEVEL)
-    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
-    np.testing.assert_allclose(found.payload.center_m, TOOL.center_m, atol=1e-7)
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-5)
+    np.testing.assert_allclose(found.payload.center_m, TOOL.center_m, atol=1e-6)
     np.testing.assert_allclose(found.frame.rotation, CROOKED.rotation, atol=1e-6)
     assert (found.contact, found.fast) == (0.0, 0.0)
 
@@ -120,7 +120,7 @@ def test_bias_and_scale_that_a_calibration_has_found_are_kept(everywhere):
     bias, scale = np.array([0.3, -0.2, 0.1]), np.array([1.1, 1.12, 1.08])
     biased = changed(everywhere, force=everywhere[:, 6:9] * scale + bias)
     found = identify(biased, CELL_S, ForceFrame(np.eye(3), bias, scale))
-    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-5)
     np.testing.assert_array_equal(found.frame.bias, bias)
     np.testing.assert_array_equal(found.frame.scale, scale)
     np.testing.assert_allclose(found.frame.rotation, CROOKED.rotation, atol=1e-6)
@@ -130,7 +130,7 @@ def test_cells_that_turn_fast_are_left_out(everywhere):
     fast = np.arange(100) < 30
     wrench = np.where(fast[:, None], 100.0, everywhere[:, :6])
     found = identify(changed(everywhere, wrench=wrench, speed=0.8 * fast), CELL_S, LEVEL)
-    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-6)
+    assert found.payload.mass_kg == pytest.approx(1.5, rel=1e-5)
     assert found.fast == pytest.approx(0.3)
 
 

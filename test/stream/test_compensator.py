@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift
-from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
@@ -379,3 +379,12 @@ def test_a_thermometer_of_no_such_number_is_refused(make_model, thermometer):
     compensator = Compensator(1, model=make_model({'force_z': (1.0, 0.0, 10.0)}))
     with pytest.raises(SettingsError, match=f'from 0 to 0; got {thermometer}'):
         compensator.add_temperature(thermometer, 10**9, 20.0)
+
+
+def test_a_recording_that_does_not_fit_is_refused(make_model, make_recording, warm_up):
+    recording = make_recording(warm_up(60, 1), {'force_z': 1.0})
+    slow, two = make_model(TRUTH), make_model(TRUTH, period_s=10.0, thermometers=2)
+    with pytest.raises(RecordingError, match=r'^run is on .* 10\.0 s, .* on 1\.0 s\. .* model\.$'):
+        track_drift(slow, recording)
+    with pytest.raises(RecordingError, match=r'^run has 1 therm.*, .* expects 2\. .* with\.$'):
+        track_drift(two, recording)

@@ -167,16 +167,3 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
     expected = never.compensation.zero[2]
     assert again.compensation.zero[2] == pytest.approx(expected, rel=0.03)
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
-
-
-def test_a_first_reading_of_nothing_after_a_restart_does_not_heat_the_gap(model):
-    """Of a thermometer that was off, too: on a line to 85 °C a minute's gap would be hot."""
-    killed = ran(model, 700)
-    again = restarted(model, killed)
-    again.add_temperature(0, START + 760 * SECOND, 85.0)
-    feed(again, 761, 764)
-    expected = restarted(model, killed)
-    feed(expected, 760, 764)
-    difference = again.compensation.zero - expected.compensation.zero
-    np.testing.assert_allclose(difference, 0.0, atol=0.05)
-    assert again.tracker.spikes[0].dropped == 1

@@ -12,7 +12,6 @@ from wrist_ft_comp.wire.temperature_source import (
     parse_source,
     parse_sources,
     path_text,
-    split_scale,
     TemperatureSource,
     to_celsius,
     unit_remedy,
@@ -176,7 +175,7 @@ def test_a_field_may_be_a_temperature_by_its_name(name, telling):
 @pytest.mark.parametrize('text', ['a*', 'a*x', 'a*0', 'a*nan', 'a*inf', 'a*1e999', 'a*:K'])
 def test_a_factor_is_a_number_and_not_zero(text):
     with pytest.raises(SettingsError, match=r'A factor is a number'):
-        split_scale(text)
+        parse_source(f'/topic:{text}')
 
 
 def test_a_reading_in_another_unit_gets_its_remedy():

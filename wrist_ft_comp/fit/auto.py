@@ -121,23 +121,19 @@ def _left_of_fold(
     i = next(i for i, folds in enumerate(data.folds) if (folds == fold).any())
     rows = np.flatnonzero((data.folds[i] == fold) & (data.sums[i].count > 0))
     left = data.regression(i, rows, _columns(seen, relaxed_c[i][rows])) @ gains.T
-    return LeftOfFold(
-        i, fold, np.asarray((rows + 0.5) * data.cells - 0.5), tare(left, data.period_s),
-        _compared(left, data.period_s))  # fmt: skip
-
-
-def _compared(left: FloatArray, period_s: float) -> FloatArray:
-    """Mean square of errors, (n, C), around a constant and a start transient: (C,)."""
-    time_s = np.arange(len(left)) * period_s
+    # Fits are compared around a constant and a start transient.
+    time_s = np.arange(len(left)) * data.period_s
     transients = np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S))
     phi = np.concatenate((np.ones((len(left), 1)), transients), axis=1)
     precision = np.full(phi.shape[1], len(left) / _TRANSIENT_VARIANCE)
     precision[0] = 0.0
     level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ left)
     rest = left - phi @ level
-    width = max(1, min(round(_COMPARED_S / period_s), len(rest) // BINS_PER_FOLD))
+    width = max(1, min(round(_COMPARED_S / data.period_s), len(rest) // BINS_PER_FOLD))
     means = bin_means(rest, np.arange(len(rest)), width)
-    return np.asarray((means**2).mean(axis=0) + precision @ level**2 / len(left))
+    compared = (means**2).mean(axis=0) + precision @ level**2 / len(left)
+    middles = np.asarray((rows + 0.5) * data.cells - 0.5)
+    return LeftOfFold(i, fold, middles, tare(left, data.period_s), np.asarray(compared))
 
 
 def _weigh(left: Sequence[LeftOfFold]) -> FloatArray:

@@ -30,7 +30,7 @@ from wrist_ft_comp.fit.named_methods import (
     identify_lags,
     identify_paper_method,
 )
-from wrist_ft_comp.fit.result import AxisFit, Calibration, SURE_SHARE
+from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
@@ -104,15 +104,11 @@ def calibrate(
         *skipped,
         *unknown,
         *silent,
-        *(
-            f'{jump} Its readings there count for the range and the model; record again, or leave '
-            'that part out.'
-            for jump in jumping_thermometers(recordings)
-        ),
+        *jumping_thermometers(recordings),
         *idle_thermometers(recordings),
         *(follows_gravity(recordings, reference) if not settings.moves else ()),
         *(work.warnings if work else ()),
-        *_doubts(recordings, fits, settings),
+        *_doubts(fits, settings),
     ]
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c,
@@ -184,30 +180,14 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     return identify_paper_method(data, settings, settings.method)
 
 
-def _doubts(
-    recordings: Sequence[Recording], fits: dict[str, AxisFit], settings: CalibrationSettings
-) -> list[str]:
+def _doubts(fits: dict[str, AxisFit], settings: CalibrationSettings) -> list[str]:
     """Say what a person should doubt in the fits, in sentences."""
-    doubts = []
-    longest_s = max(recording.duration_s for recording in recordings)
-    searched = [
-        (tau, axis)
-        for axis, fit in fits.items()
-        for tau, error in zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
-        if np.isfinite(error)
-    ]
-    slowest_s, axis = max(searched, default=(0.0, ''))
-    if slowest_s > SURE_SHARE * longest_s:
-        doubts.append(
-            f'The slowest time constant, {slowest_s:.0f} s of {axis}, is more than half of the '
-            f'longest recording ({longest_s:.0f} s); record at least '
-            f'{4 * slowest_s / 3600:.1f} h to be sure of it.'
-        )
     unexplained = [
         f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
         for axis, fit in fits.items()
         if fit.rms_after > max(fit.rms_before / 2, moving_limit(axis))
     ]
+    doubts = list[str]()
     if unexplained and not settings.moves:
         doubts.append(
             'Most of what these readings do is not explained by temperature, RMS: '

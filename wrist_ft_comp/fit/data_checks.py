@@ -157,8 +157,8 @@ def drop_stuck_cells(
     if dead == len(axes):
         names = ', '.join(recording.name for recording in recordings)
         raise CalibrationRefusedError(
-            f'Every axis of {names} keeps one value throughout, which no sensor does that '
-            'measures. Check that the sensor streams, and record again.'
+            f'Every axis of {names} keeps one value throughout, so the sensor does not measure. '
+            'Check that it streams, and record again.'
         )
     return sound, sentences
 
@@ -201,8 +201,8 @@ def drop_unknown_temperatures(
                 wrench[first:last] = np.nan
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
                 raise CalibrationRefusedError(
-                    f'{what}: for most of the wrenches nobody knows its temperature. Record '
-                    'again, or leave that thermometer out.'
+                    f'{what}: its temperature is unknown for most of the wrenches. Record again, '
+                    'or leave that thermometer out.'
                 )
             if runs:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')

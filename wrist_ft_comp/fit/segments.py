@@ -120,7 +120,14 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     """Take steps of the zero out of a recording, and name them."""
     columns = [AXES.index(axis) for axis in recording.axes_present]
-    noise = np.array([_noise(recording.wrench[:, column]) for column in columns])
+    noise: FloatArray = np.zeros(len(columns))
+    for n, column in enumerate(columns):
+        # The noise of a reading is at least that of its rounding; a constant has none.
+        values = recording.wrench[:, column][np.isfinite(recording.wrench[:, column])]
+        moves = np.abs(np.diff(values))
+        moves = moves[moves > ROUNDING * np.abs(values).max()]
+        rounding = float(moves.min()) / np.sqrt(12) if len(moves) else 0.0
+        noise[n] = max(noise_level([values]), rounding)
     columns = [column for column, of_axis in zip(columns, noise, strict=True) if of_axis > 0]
     raw, noise = recording.wrench[:, columns], noise[noise > 0]
     counts = np.asarray(np.isfinite(raw).all(axis=1))
@@ -172,11 +179,3 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
         )
     cells = sorted({*recording.steps, *(step.cell for step in steps)})
     return replace(recording, wrench=wrench, steps=tuple(cells)), sentences
-
-
-def _noise(values: FloatArray) -> float:
-    """Estimate the noise of a reading, at least that of its rounding; 0 of a constant."""
-    present = values[np.isfinite(values)]
-    steps = np.abs(np.diff(present))
-    steps = steps[steps > ROUNDING * np.abs(present).max()]
-    return max(noise_level([values]), float(steps.min()) / np.sqrt(12) if len(steps) else 0.0)

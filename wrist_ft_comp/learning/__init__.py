@@ -1,1 +1,1 @@
-"""A model that learns day by day; read ``model_choice`` first, then ``schedule`` and ``day``."""
+"""A model that learns day by day; read ``model_choice`` first, then ``separated_day``."""

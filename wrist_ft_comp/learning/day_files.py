@@ -50,7 +50,9 @@ class _DayWriter(CsvRecordingWriter):
         """Write the cells of a row."""
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
         stamp = f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.')
-        return (stamp, *('' if isnan(value) else f'{value:.6g}' for value in values))
+        # NaN is written as nothing.
+        short = ['' if isnan(v) else f'{v:.5g}' if abs(v) < 100 else f'{v:.3f}' for v in values]
+        return (stamp, *short)
 
     def sync(self) -> None:
         """Do nothing: the operating system writes."""

@@ -44,7 +44,7 @@ _SPARE_MB = 10.0
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
 #: Forces and torques, in the axis order.
-FORCES, TORQUES = slice(0, 3), slice(3, 6)
+FORCES, TORQUES = slice(3), slice(3, None)
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.

@@ -18,6 +18,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import drop_unknown_temperatures, jumping_thermometers
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     DayEntry,
@@ -31,6 +32,8 @@ from wrist_ft_comp.learning.diary import (
     ZERO,
 )
 from wrist_ft_comp.learning.separated_day import Day
+from wrist_ft_comp.payload.mass_and_center import LEVER_M
+from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import differ, FloatArray, NANOSECONDS
 
@@ -61,18 +64,10 @@ _MOST_CONTACT = 0.6
 #: Ordinary days had up to 0.01, a day in contact for 0.9 of the time 0.16: half of it finds the
 #: same days, twice of it overlooks that one.
 _MOST_UNEXPLAINED = 0.1
-#: Gains are the same where they differ by less than this share of themselves: 3 % of the mass,
-#: 5 mm at a distance of 0.1 m, or a rotation of 2 degrees. From day to day they differed by up to
-#: 0.0035, on a day in contact by 0.023, with another tool by 0.13.
-_SAME_GAINS = 0.03
-#: Torques are compared with forces at this lever, m: where a tool's centre of mass is.
-_LEVER_M = 0.1
 #: A day scatters too much from this many times the median noise of the good days on. On ordinary
 #: days it was up to 1.9 times that; half of it would refuse such days.
 _LEAST_NOISE_RATIO = 3.0
-#: A thermometer has stopped where it stands still, or is silent, for longer than this, s, ...
-_LEAST_STILL_S = 900.0
-#: ... or all day, while another thermometer moves by more than this, K.
+#: A thermometer has stopped that keeps one value all day while another moves by more than this, K.
 _LEAST_CHANGE_K = 1.0
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
@@ -136,7 +131,7 @@ def _thermometer_trouble(recording: Recording) -> str:
         if not differ(values_c, values_c[0]).any() and spans_k.max() > _LEAST_CHANGE_K:
             return f'Thermometer {j + 1} read {values_c[0]:.1f} °C all day.'
     try:
-        _, sentences = drop_unknown_temperatures([recording], _LEAST_STILL_S)
+        _, sentences = drop_unknown_temperatures([recording], CalibrationSettings().max_gap_s)
     except CalibrationRefusedError as error:
         return str(error)
     return ' '.join([*sentences, *jumping_thermometers([recording])])
@@ -177,15 +172,20 @@ def _gains(entry: DayEntry) -> list[FloatArray]:
     """Make the gains of a day's payloads, kg, (6, 3), torques divided by a lever."""
     found = []
     for mass_kg, *center_m in entry.payloads if entry.rotation else ():
-        lever = np.cross(np.array(center_m) / _LEVER_M, np.eye(3)).T
+        lever = np.cross(np.array(center_m) / LEVER_M, np.eye(3)).T
         gains = mass_kg * np.concatenate((np.eye(3), lever))
         found.append(gains @ np.reshape(entry.rotation, (3, 3)))
     return found
 
 
 def _are_same(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two gains are those of one payload."""
-    return bool(np.linalg.norm(one - other) < _SAME_GAINS * np.linalg.norm(other))
+    """
+    Whether two gains are those of one payload.
+
+    SAME_SHARE is 3 % of the mass, 5 mm at a distance of 0.1 m, or a rotation of 2 degrees. From
+    day to day gains differed by up to 0.0035, in contact by 0.023, with another tool by 0.13.
+    """
+    return bool(np.linalg.norm(one - other) < SAME_SHARE * np.linalg.norm(other))
 
 
 def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | None:

@@ -51,9 +51,9 @@ _CLEARLY_WORSE = 1.25
 FEWEST_DAYS = 2
 #: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
 MOST_DAYS = 12
-#: A model is learnt when the number of good days has grown by this share: on the 2nd, 3rd, 4th,
+#: A model is learnt when the number of good days has grown by a third: on the 2nd, 3rd, 4th,
 #: 6th, 8th, 11th, 15th, 20th … good day.
-_GROWTH = 1 / 3
+_GROWTH_PARTS = 3
 #: One is learnt after a day on which the live model left more than this many times what it leaves
 #: on the median day ...
 _BAD_RATIO = 2.0
@@ -238,7 +238,7 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
             f'A person chose the live model; {new} of {DAYS_TO_AGREE} good days have come since.'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
-    grown, awaited = len(good) - 1 - last, _GROWTH * (last + 1)
+    grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
     if not live:
         return True, 'no model is live'
     if grown >= awaited:

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level, robust_weight
+from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 
 #: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
 CONTRAST = 0.3
@@ -40,12 +41,8 @@ _UNIT_RATIO = 3.0
 #: Noise of a norm, m/s². It is far above that of an IMU, because errors of neighbouring samples
 #: are alike, and a recording would else seem to determine bias and scale exactly.
 _NORM_NOISE = 0.2
-#: Width of the robust weight of a norm, in median errors.
-_WIDTH = 4
-#: Least median error, m/s².
-_LEAST_ERROR = 0.005
-#: Rounds of the fit to norms.
-_ROUNDS = 6
+#: Errors of a norm above this many times that noise count less: the robot was pushed, or braked.
+_OUTLIER_SIGMA = 0.5
 
 
 @dataclass(frozen=True)
@@ -156,29 +153,23 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     norms = np.linalg.norm(force, axis=1)
     common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0
     near = np.abs(norms - common * GRAVITY) < _OUTLIER_SHARE * common * GRAVITY
-    force, theta = force[near], theta[near]
-    thermometers = theta.shape[1]
-    widths = np.repeat([_BIAS, _SCALE, *[_BIAS_PER_K] * thermometers], 3)
+    force, theta = force[near] / common, theta[near]
+    widths = np.repeat([_BIAS, _SCALE, *[_BIAS_PER_K] * theta.shape[1]], 3)
     prior = np.diag(widths**2)
     # Half of a scale's variance is common to all axes.
     prior[3:6, 3:6] = _SCALE**2 * (np.eye(3) + 1) / 2
-    found, covariance = np.zeros(len(prior)), prior
-    weights: FloatArray = np.ones(len(force))
-    for _ in range(_ROUNDS if len(force) else 0):
-        bias, scale, drift = found[:3], found[3:6], found[6:].reshape(-1, 3)
-        corrected = (force / common - bias - theta @ drift) * (1 - scale)
-        norm = np.linalg.norm(corrected, axis=1, keepdims=True)
-        n = corrected / norm
-        warm = [n * theta[:, [j]] for j in range(thermometers)]
-        x = np.concatenate((n, GRAVITY * n**2, *warm), axis=1)
-        y = norm[:, 0] - GRAVITY + x @ found
-        normal = (x * weights[:, None]).T @ x / _NORM_NOISE**2 + np.linalg.inv(prior)
-        covariance = np.linalg.inv(normal)
-        found = covariance @ (x.T @ (weights * y)) / _NORM_NOISE**2
-        error = np.abs(y - x @ found)
-        weights = robust_weight((error / (_WIDTH * max(_LEAST_ERROR, np.median(error)))) ** 2)
-    frame = ForceFrame(bias=found[:3] * common, scale=common / (1 - found[3:6]))
-    return frame, found[6:].reshape(-1, 3) * common, covariance[3:6, 3:6]
+    roots = np.linalg.cholesky(np.linalg.inv(prior)).T
+
+    def errors(found: FloatArray) -> FloatArray:
+        """Compare norms with gravity, and bias, scale and bias per kelvin with what is usual."""
+        corrected = (force - found[:3] - theta @ found[6:].reshape(-1, 3)) * (1 - found[3:6])
+        apart = np.linalg.norm(corrected, axis=1) - GRAVITY
+        return np.concatenate((apart / _NORM_NOISE, roots @ found))
+
+    fit = least_squares(errors, np.zeros(len(prior)), loss='cauchy', f_scale=_OUTLIER_SIGMA)
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)[3:6, 3:6]
+    frame = ForceFrame(bias=fit.x[:3] * common, scale=common / (1 - fit.x[3:6]))
+    return frame, fit.x[6:].reshape(-1, 3) * common, covariance
 
 
 def _frozen(recording: Recording) -> BoolArray:

@@ -17,9 +17,6 @@ from wrist_ft_comp.series import NANOSECONDS
 DURATION_S = 60.0
 #: Length of a cell, over which wrenches are averaged, s.
 CELL_S = 0.25
-#: Numbers in a cell: wrench less drift, specific force, and the square of the speed of rotation.
-_NUMBERS = 10
-
 #: Mean wrench less drift, N and N m, mean specific force, m/s², and RMS speed of rotation, rad/s,
 #: NaN where unknown.
 MotionCell = tuple[float, ...]
@@ -63,7 +60,8 @@ class MotionCollector:
     def __init__(self) -> None:
         #: Complete cells.
         self.cells: list[MotionCell] = []
-        self._sums = [0.0] * _NUMBERS
+        #: Of wrenches, specific forces, and squares of the speed of rotation.
+        self._sums: list[float] = []
         self._count = self._first_ns = self._cell = 0
 
     @property
@@ -76,14 +74,15 @@ class MotionCollector:
     ) -> bool:
         """Add a wrench, its specific force, and its speed or NaN; True when all is collected."""
         if not self._count or stamp_ns < self._first_ns:  # the first one, or the clock was set
-            self.cells, self._sums, self._count = [], [0.0] * _NUMBERS, 0
+            self.cells, self._count = [], 0
             self._first_ns, self._cell = stamp_ns, 0
         cell = int((stamp_ns - self._first_ns) / (CELL_S * NANOSECONDS))
         if cell != self._cell:
             *means, square = (total / self._count for total in self._sums)
             self.cells.append((*means, math.sqrt(square)))
-            self._sums, self._count, self._cell = [0.0] * _NUMBERS, 0, cell
+            self._count, self._cell = 0, cell
         row = (*wrench, *force, speed * speed)
-        self._sums = [total + number for total, number in zip(self._sums, row, strict=True)]
+        before = self._sums if self._count else [0.0] * len(row)
+        self._sums = [total + number for total, number in zip(before, row, strict=True)]
         self._count += 1
         return cell * CELL_S >= DURATION_S

@@ -26,6 +26,8 @@ LIGHTEST_KG = 0.02
 MISFIT = 0.1
 #: Standard error of the gain of a sensor's axis, by its own calibration.
 _SENSOR_GAIN = 0.01
+#: Torques are compared with forces at this lever, m: where a tool's centre of mass is.
+LEVER_M = 0.1
 #: Smaller squares, of contrasts, m²/s⁴, of wrenches and of weights, are rounding errors.
 _ROUNDING = 1e-12
 #: Standard errors come from the scatter of at least this many parts of the recordings.

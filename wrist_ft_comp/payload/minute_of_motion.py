@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY, LARGEST
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import CONTRAST, fit_norm, turning_speed
+from wrist_ft_comp.payload.mass_and_center import LEVER_M
 from wrist_ft_comp.payload.payload_states import (
     bodies_of,
     Cells,
@@ -33,8 +34,6 @@ CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1
 _LEAST_SLOW_S = 10.0
 #: Least share of these cells that has to be free of contact.
 _LEAST_FREE = 0.4
-#: Larger numbers are no wrench and no acceleration, N, N m and m/s².
-_LARGEST = 1e6
 #: A specific force with a smaller norm is not that of gravity, m/s².
 _LEAST_NORM = 0.5
 #: The calibrated bias and scale of the accelerometer are used while the norm that they give is
@@ -42,14 +41,8 @@ _LEAST_NORM = 0.5
 _MOST_NORM_ERROR = 0.02
 #: Fits of which the best one is the start.
 _DRAWS = 300
-#: Cells that one trial fit takes: one more than it has unknowns per axis.
-_DRAWN_CELLS = 5
-#: Ridge that keeps gains small where the drawn cells are of one pose, m²/s⁴.
-_RIDGE = 1e-3
 #: Cells whose directions differ by less, rad, are of one pose.
 _ONE_POSE_RAD = 0.2
-#: An error of a torque counts as that of a force at a lever of 0.1 m.
-_LEVERS_M = np.repeat([1.0, 0.1], 3)
 #: Smaller errors, N, are noise; which fit has the smallest ones does not count.
 _NOISE_N = 0.1
 
@@ -87,7 +80,7 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
 
     """
     wrench, force, speed = cells[:, : len(AXES)], cells[:, len(AXES) : -1], cells[:, -1]
-    finite = np.all(np.abs(cells[:, :-1]) < _LARGEST, axis=1)
+    finite = np.all(np.abs(cells[:, :-1]) < LARGEST, axis=1)
     finite_force = np.where(finite[:, np.newaxis], force, 0.0)
     by_force = turning_speed(finite_force, period_s)[: len(finite_force)]
     speed = np.where(np.isnan(speed), by_force, speed)
@@ -130,10 +123,13 @@ def _start(cells: Cells) -> Fit:
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     rarity = 1 / np.sum(up @ up.T > np.cos(_ONE_POSE_RAD), axis=1)
     rarity /= rarity.sum()
-    drawn = np.random.default_rng(0).choice(len(x), (_DRAWS, _DRAWN_CELLS), p=rarity)
+    # One cell more than a fit has unknowns per axis; a ridge keeps the gains of one pose small.
+    unknowns = x.shape[1]
+    drawn = np.random.default_rng(0).choice(len(x), (_DRAWS, unknowns + 1), p=rarity)
     across = np.swapaxes(x[drawn], 1, 2)
-    fits = np.linalg.solve(across @ x[drawn] + _RIDGE * np.eye(4), across @ wrench[drawn])
-    errors = np.linalg.norm((wrench - x @ fits) / _LEVERS_M, axis=2)
+    fits = np.linalg.solve(across @ x[drawn] + 1e-3 * np.eye(unknowns), across @ wrench[drawn])
+    # An error of a torque counts as that of a force at a lever.
+    errors = np.linalg.norm((wrench - x @ fits) / np.repeat([1.0, LEVER_M], 3), axis=2)
     best = int(np.argmin(np.log(errors + _NOISE_N) @ rarity))
     level, gains = fits[best, 0], fits[best, 1:]
     weights = 1.0 * (errors[best] <= np.quantile(errors[best], _LEAST_FREE))[np.newaxis]

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import combinations, pairwise
+import math
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from wrist_ft_comp.payload.mass_and_center import (
     rigid_bodies,
     RigidBodies,
 )
+from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 
@@ -56,28 +58,21 @@ _QUIET_SHARE = 0.2
 #: The noise of cells is at most this many times the noise of differences between neighbours: what
 #: is larger is contact, or a specific force that is not the sensor's.
 _MOST_NOISE_RATIO = 4.0
-#: Least noise, as a share of the wrench's RMS. Without it, an axis without noise would decide all.
-_LEAST_NOISE_SHARE = 1e-4
 #: Differences between poses need an explanation from this many standard deviations on.
 _SIGNIFICANT_SIGMA = 10.0
 #: Width of the robust weight in the last rounds, in standard deviations of an axis.
 WIDTH = 4.0
-#: Widths of a fit's first rounds, in the same unit, where nothing is known before.
-_NARROWING = (40.0, 24.0, 14.0, 9.0, 5.0)
-#: Fewest rounds with WIDTH ...
-_LEAST_ROUNDS = 3
-#: ... and most, as long as a gain still moves by more than a share of the largest one: cells of
-#: 10 s, half of which hold contact or motion, settle slowly.
-_MOST_ROUNDS = 8
-_SETTLED_SHARE = 1e-3
+#: Width in the first round of a fit, in the same unit, where nothing is known before; each further
+#: round has half of it.
+_WIDEST = 40.0
+#: Rounds with WIDTH: cells of 10 s, half of which hold contact or motion, settle slowly.
+_ROUNDS = 5
 #: Most payloads that are distinguished.
 _MOST_STATES = 4
 #: Share of the cells that another state was not fitted to, and has to explain. Where a payload is
 #: changed within a cell, the cell shows a mean of two. In 24 runs with cells of 10 s, such means
 #: gained up to 0.05, so that at 0.02 five runs had a payload too many; real payloads gain 0.13.
 _LEAST_GAIN = 0.06
-#: Two states weigh the same where their gains differ by a smaller share.
-_SAME_GAINS_SHARE = 0.03
 #: Payloads are searched for in this time, s, spread over all recordings. In six development runs
 #: of 36 000 s, all of it finds the same.
 _SEARCHED_S = 21600.0
@@ -199,8 +194,7 @@ def find_states(cells: Cells) -> Fit:
         noise = np.minimum(fit.noise, more.noise)
         gained = _unexplained(held_out, noise, fit) - _unexplained(held_out, noise, more)
         alike = any(
-            np.linalg.norm(one - other)
-            < max(_SAME_GAINS_SHARE * float(np.linalg.norm(one)), LIGHTEST_KG)
+            np.linalg.norm(one - other) < max(SAME_SHARE * float(np.linalg.norm(one)), LIGHTEST_KG)
             for one, other in combinations(more.gains, 2)
         )
         # A state also explains a press that returns in the same pose, but no rigid body does.
@@ -208,7 +202,7 @@ def find_states(cells: Cells) -> Fit:
         if gained < _LEAST_GAIN or alike or pressed:
             break
         fit = more
-    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), _NARROWING)
+    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), _WIDEST)
 
 
 def fit_again(cells: Cells, fit: Fit) -> Fit:
@@ -236,31 +230,24 @@ def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
     return starts
 
 
-def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = _MOST_ROUNDS) -> Fit:
+def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = _ROUNDS) -> Fit:
     """Fit ``count`` states by turns, from states to start with; ``rounds`` are as in _settle."""
     weights = cells.usable.astype(float)
     gains = solve(cells, states, weights, count)
     fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
     fit = replace(fit, levels=_present_levels(cells, fit))
-    return _settle(cells, fit, _NARROWING, rounds)
+    return _settle(cells, fit, _WIDEST, rounds)
 
 
-def _settle(
-    cells: Cells, fit: Fit, widths: Sequence[float] = (), rounds: int = _MOST_ROUNDS
-) -> Fit:
-    """Fit states, weights, levels and gains by turns: with each width, then until they settle."""
-    for number, width in enumerate((*widths, *[WIDTH] * rounds)):
-        before = fit.gains
+def _settle(cells: Cells, fit: Fit, widest: float = WIDTH, rounds: int = _ROUNDS) -> Fit:
+    """Fit states, weights, levels and gains by turns, in ever narrower widths and then rounds."""
+    narrowing = math.ceil(math.log2(widest / WIDTH))
+    for number in range(narrowing + rounds):
+        width = max(widest / 2**number, WIDTH)
         fit = with_new_noise(cells, fit)
         starts = _levels_by_state(cells, fit) if number % 4 == 0 else ()
         fit = _assign(cells, fit, width, [_present_levels(cells, fit), *starts], 4)
         fit = replace(fit, gains=solve(cells, fit.states, fit.weights, len(fit.gains)))
-        moved = np.abs(fit.gains - before).max()
-        if (
-            number + 1 >= len(widths) + _LEAST_ROUNDS
-            and moved < _SETTLED_SHARE * np.abs(fit.gains).max()
-        ):
-            break
     return with_new_noise(cells, fit)
 
 
@@ -420,7 +407,8 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
     """
     residual = cells.wrench - fit.levels - payload_wrench(cells, fit)
     square = np.einsum('nb,nbi->i', fit.weights, residual**2) / max(fit.weights.sum(), 1e-9)
-    least = _LEAST_NOISE_SHARE * np.sqrt(np.mean(cells.wrench**2, axis=(0, 1))) + 1e-15
+    # Without a least share of the wrench, an axis without noise would decide all.
+    least = 1e-4 * np.sqrt(np.mean(cells.wrench**2, axis=(0, 1))) + 1e-15
     square = square + least**2
     norm = np.sqrt(np.sum(residual**2 / square, axis=2) / cells.axes)[cells.usable]
     # The norm of standard normal variables, per axis, at the same quantile (of a χ² distribution).

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.recording import Topics
@@ -22,10 +23,10 @@ MOST_KG = 1000.0
 FARTHEST_M = 10.0
 #: A rotation by less counts as none, degrees.
 _LEAST_TURN_DEG = 3.0
-#: A smaller bias counts as none, m/s².
-_LEAST_BIAS = 0.02
-#: A smaller error of the scale counts as none.
-_LEAST_SCALE_ERROR = 0.002
+#: A smaller error of the accelerometer counts as none, m/s².
+_LEAST_ERROR = 0.02
+#: Two payloads may be the same where mass, or gains, differ by a smaller share.
+SAME_SHARE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +98,8 @@ class ForceFrame:
     def does_nothing(self) -> bool:
         """Whether measured specific force is in the wrench's frame already, as that by TF is."""
         turned = self.apart_deg(ForceFrame()) > _LEAST_TURN_DEG
-        biased = np.abs(self.bias).max() > _LEAST_BIAS
-        return not (turned or biased or np.abs(self.scale - 1).max() > _LEAST_SCALE_ERROR)
+        error = np.abs(self.bias) + GRAVITY * np.abs(self.scale - 1)
+        return not (turned or error.max() > _LEAST_ERROR)
 
     def __str__(self) -> str:
         r = self.rotation
@@ -138,7 +139,7 @@ def same_payload(one: Payload, other: Payload) -> bool:
     errors_kg = np.nan_to_num([one.mass_error_kg, other.mass_error_kg])
     errors_m = np.nan_to_num([one.center_error_m, other.center_error_m])
     apart_kg, apart_m = abs(one.mass_kg - other.mass_kg), np.abs(one.center_m - other.center_m)
-    alike = apart_kg < max(0.03 * one.mass_kg, 3 * float(np.hypot(*errors_kg)))
+    alike = apart_kg < max(SAME_SHARE * one.mass_kg, 3 * float(np.hypot(*errors_kg)))
     return alike and bool((apart_m < np.maximum(0.005, 3 * np.hypot(*errors_m))).all())
 
 

@@ -357,7 +357,6 @@ class Hub(Node):
         return answer
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
-        """Allow or refuse parameters, changing nothing that runs."""
         try:
             for part in self._hearing['check_parameters']:
                 self.call(part, part.check_parameters, parameters)
@@ -392,5 +391,4 @@ class Hub(Node):
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> bool:
-        """End all parts; True when a caller was answered just now."""
         return any([self.do(part, part.end) for part in self.parts])  # noqa: C419 -- all of them

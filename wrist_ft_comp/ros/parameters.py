@@ -163,7 +163,6 @@ def converted(row: Parameter, value: Any) -> Value:
 
 
 def _converted_scalar(row: Parameter, value: Any) -> Any:
-    """Convert and check a scalar, or one element of an array."""
     if type(value) is bool and 'off' in row.choices:  # YAML reads off and on as truth values
         value = 'on' if value else 'off'
     if row.element_type is float and type(value) is int:
@@ -206,7 +205,6 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
 
 
 def _ros_parameter(row: Parameter, value: Value) -> RosParameter:
-    """Wrap a converted value for rclpy."""
     untyped: Any = RosParameter
     plain = list(value) if isinstance(value, tuple) else value
     return cast('RosParameter', untyped(row.name, row.ros_type, plain))

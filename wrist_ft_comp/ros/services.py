@@ -90,5 +90,4 @@ class DeferredService:
         return response
 
     def _on_header(self, response: Any, header: Any) -> None:
-        """Keep the header until the answer is there."""
         self._replies.pop(id(response)).arrive(header)

@@ -16,7 +16,6 @@ import numpy as np
 from wrist_ft_comp.channels import (
     AXES,
     FORCE_CHANNELS,
-    GRAVITY,
     LARGEST,
     PLAUSIBLE_C,
     REFERENCE_CHANNELS,
@@ -39,9 +38,7 @@ MAX_NUMBERS = 4_200_000
 _LONG_S = 7 * 86_400
 #: A thermometer that reports later is warned of, s: a warm-up is fastest at its beginning.
 _LATE_S = 60
-#: The median norm of specific force is doubted where it differs from gravity by a larger share.
-_GRAVITY_DOUBT = 0.1
-#: A smaller norm is not that of gravity in any unit; in g it is 1.
+#: A smaller median norm of specific force is not that of gravity in any unit; in g it is 1.
 _LEAST_GRAVITY = 0.5
 #: No force/torque sensor samples faster: the fastest that robots carry do 8 kHz, Hz.
 _FASTEST_HZ = 50_000.0
@@ -65,12 +62,10 @@ def why_unusable(channel: str, value: float) -> str:
 
 
 def _limits(channel: str) -> tuple[float, float]:
-    """Return what a channel can read, exclusive."""
     return PLAUSIBLE_C if _is_temperature((channel,)) else (-LARGEST, LARGEST)
 
 
 def _is_temperature(channels: tuple[str, ...]) -> bool:
-    """Whether a group is a thermometer."""
     return channels[0].startswith('temperature')
 
 
@@ -202,6 +197,11 @@ class CellSums(NamedTuple):
         np.divide(sums, counts, out=means, where=counts > 0)
         return means
 
+    def newest_at(self, cell: int) -> float:
+        """Mean of the newest cell until some cell; those before may be years away."""
+        newest = int(self.cells[self.cells <= cell].max())
+        return float(self.means(newest, newest)[0])
+
 
 def grid_samples(
     blocks: Iterable[Samples],
@@ -279,21 +279,25 @@ def grid_samples(
         columns = [found[c].means(first, last) if c in found else nothing[:, 0] for c in channels]
         return np.stack(columns, axis=1)
 
-    temperature_c, before_c = table(*channels), []
-    for channel in channels:
-        # One cell of what lies before the first: it may be years away, by a broken stamp.
-        cells = found[channel].cells
-        begin = int(cells[cells <= first].max())
-        before_c.append(found[channel].means(begin, begin)[0])
+    temperature_c = table(*channels)
+    before_c = np.array([found[channel].newest_at(first) for channel in channels])
     force = speed = None
     if not found.keys().isdisjoint(FORCE_CHANNELS):
-        force, doubts = _doubt_gravity(table(*FORCE_CHANNELS), name)
-        warnings += doubts
+        force = table(*FORCE_CHANNELS)
+        norms = np.linalg.norm(force, axis=1)
+        known: BoolArray = np.asarray(np.isfinite(norms))
+        force = np.where(known[:, np.newaxis], force, np.nan)
+        if not known.any() or np.median(norms[known]) < _LEAST_GRAVITY:
+            force = None
+            warnings.append(
+                f'The accelerometer of {name} does not feel gravity, and counts as absent. Record '
+                'all three of linear_acceleration (sensor_msgs/Imu), not the motion alone.'
+            )
     if ROTATION_CHANNEL in found:
         speed = np.sqrt(found[ROTATION_CHANNEL].means(first, last))
     return Recording(
         name=name, period_ns=period_ns, first_cell=first,
-        temperature_c=fill_gaps(temperature_c, np.array(before_c), period_ns),
+        temperature_c=fill_gaps(temperature_c, before_c, period_ns),
         measured=np.isfinite(temperature_c), wrench=table(*AXES),
         reference=table(*REFERENCE_CHANNELS), warnings=tuple(warnings),
         specific_force=force, rotation_speed=speed)  # fmt: skip
@@ -308,8 +312,8 @@ def _drop_dead_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
     for axis in dead:
         del found[axis]
     yield (
-        f'{", ".join(dead)} of {name}: exactly 0 in every sample, which no sensor reads; counted '
-        'as absent. If the sensor has this axis, it is broken.'
+        f'{", ".join(dead)} of {name}: exactly 0 in every sample; counted as absent. Where such '
+        'an axis exists, it is broken.'
     )
 
 
@@ -342,38 +346,7 @@ def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs
     if lost_s > _LATE_S:
         late = next(j for j, t in enumerate(thermometers) if found[t].cells[0] == first)
         yield (
-            f'Thermometer {late + 1} of {name} came after {lost_s:.0f} s of wrenches, of which no '
-            'drift is known: nothing is learnt, judged or tared before it came, and compensate '
-            'writes them with its first drift. The sensor is taken as soaked from there on. If it '
-            'was warming up by then, record again, with all thermometers from the beginning.'
+            f'Thermometer {late + 1} of {name} came {lost_s:.0f} s after the first wrench. What '
+            'was before it is not used. If the sensor was warming up by then, record again, with '
+            'all thermometers from the beginning.'
         )
-
-
-def _doubt_gravity(force: FloatArray, name: str) -> tuple[FloatArray | None, list[str]]:
-    """
-    Doubt specific force, shape (N, 3), whose median norm is not gravity's.
-
-    Gives it as measured, NaN in cells without a sample of all three, or None where it can't be
-    gravity; and doubts in sentences.
-    """
-    known: BoolArray = np.asarray(np.isfinite(force).all(axis=1))
-    subject = f'The specific force of {name} has'
-    if not known.any():
-        missing = 'no cell with linear_acceleration_x, _y and _z; it counts as absent.'
-        return None, [f'{subject} {missing}']
-    norm = float(np.median(np.linalg.norm(force[known], axis=1)))
-    off = norm / GRAVITY - 1
-    if norm < _LEAST_GRAVITY:
-        doubt = (
-            f'{subject} a norm of {norm:.3g}, where gravity makes {GRAVITY}; it counts as '
-            'absent. Record an accelerometer that feels gravity (sensor_msgs/Imu, '
-            'linear_acceleration), not the motion alone.'
-        )
-        return None, [doubt]
-    doubt = (
-        f'{subject} a norm of {norm:.4g}, {off:+.0%} off {GRAVITY} m/s², which a payload takes '
-        'for its scale. If it is in another unit, that is all; if not, calibrate the '
-        'accelerometer, because a payload is as wrong as it is.'
-    )
-    force = np.where(known[:, np.newaxis], force, np.nan)
-    return force, [doubt] if abs(off) > _GRAVITY_DOUBT else []

@@ -69,6 +69,13 @@ class _Clock:
     kept: list[Sample] = field(default_factory=list)
 
 
+def _passed_ns(before: Sample | None, after: Sample) -> int | None:
+    """Time between two samples by their arrival, ns; None where it is not known."""
+    if before is None or before.arrival_ns is None or after.arrival_ns is None:
+        return None
+    return after.arrival_ns - before.arrival_ns
+
+
 class SourceClocks:
     """
     Checks the stamps of several sources, each against its own last one.
@@ -103,10 +110,10 @@ class SourceClocks:
             return []
         last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
         step_ns, last = sample.stamp_ns - (last_ns or 0), clock.last
-        long = leaps(step_ns, clock.step_ns or 0)
-        if long and last and sample.arrival_ns is not None and last.arrival_ns is not None:
-            step_ns -= sample.arrival_ns - last.arrival_ns  # a silence that arrival confirms
-        if last_ns is None or not self._leaps(step_ns, clock):
+        usual_ns = clock.step_ns or 0
+        if leaps(step_ns, usual_ns) and (passed_ns := _passed_ns(last, sample)):
+            step_ns -= passed_ns  # a silence that arrival confirms
+        if last_ns is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
             self.strays += len(clock.kept)
             clock.kept = []
             if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
@@ -120,7 +127,7 @@ class SourceClocks:
         clock.kept.append(sample)
         if len(clock.kept) == 1:
             return []
-        if not leaps(sample.stamp_ns - clock.kept[-2].stamp_ns, clock.step_ns or 0):
+        if not leaps(sample.stamp_ns - clock.kept[-2].stamp_ns, usual_ns):
             self.strays += len(clock.kept) - 2
             clock.kept = clock.kept[-2:]
         elif clock.step_ns is not None and len(clock.kept) < _CONFIRMING_SAMPLES:
@@ -130,28 +137,22 @@ class SourceClocks:
         self.restarts += self.leap is not None and self.leap.to_ns < self.leap.from_ns
         return self._take(clock, clock.kept)
 
-    def _leaps(self, step_ns: int, clock: _Clock) -> bool:
-        return step_ns < -self._patience_ns or leaps(step_ns, clock.step_ns or 0)
-
     def _leap(self, clock: _Clock, last_ns: int) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
-        first, last, passed_ns = clock.kept[0], clock.last, None
-        step_ns = first.stamp_ns - last_ns
+        first = clock.kept[0]
+        step_ns, passed_ns = first.stamp_ns - last_ns, _passed_ns(clock.last, first)
         if step_ns > 0:
             follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
         else:
             follows_others = clock.kept[-1].stamp_ns >= self._highest_ns - self._patience_ns
         if follows_others:
             return None
-        if last and first.arrival_ns is not None and last.arrival_ns is not None:
-            passed_ns = first.arrival_ns - last.arrival_ns
-        elif step_ns > 0:
+        if passed_ns is None and step_ns > 0:
             return None  # a silence
         self._highest_ns = first.stamp_ns
         return Leap(last_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
-        """Give samples of a source, and continue from them."""
         for sample in samples:
             clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
             clock.last = sample

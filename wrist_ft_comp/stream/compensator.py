@@ -94,7 +94,6 @@ class Limits:
 
 
 def _differing(wanted: FloatArray, allowed: FloatArray) -> tuple[str, ...]:
-    """Name the axes on which two drifts, shape (2, 6), differ."""
     return tuple(AXES[i] for i in np.flatnonzero((wanted != allowed).any(axis=0)))
 
 

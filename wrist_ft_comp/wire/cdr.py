@@ -86,7 +86,6 @@ def locate(data: bytes, count: int) -> Layout:
 
 @lru_cache(_MAX_LAYOUTS)
 def _layout(size: int, encapsulation: bytes, frame_length: bytes, count: int) -> Layout:
-    """Lay out messages of some size that begin like this."""
     if size < _FRAME:
         raise RecordingError(
             f'Expected a CDR message with a header and {count} doubles; got {size} bytes.'

@@ -193,7 +193,6 @@ class _Follower:
             self.message(kind, path)
 
     def _length(self) -> int:
-        """Read the length of the array or text that follows."""
         offset = self._step(4, 4)
         where = slice(offset, offset + 4)
         self.layout.lengths.append(where)

@@ -51,23 +51,6 @@ _FORM = (
 )
 
 
-def split_scale(text: str) -> tuple[str, float, str]:
-    """
-    Split ``NAME*FACTOR:UNIT`` into name, factor, 1 without one, and unit, '' without one.
-
-    SettingsError when the factor is no finite number, or 0.
-    """
-    scaled, _, unit = text.partition(':')
-    name, star, written = scaled.partition('*')
-    try:
-        factor = float(written) if star else 1.0
-    except ValueError:
-        factor = math.nan
-    if not math.isfinite(factor) or factor == 0:
-        raise SettingsError(f'A factor is a number, such as *9.81; got {text!r}.')
-    return name, factor, unit
-
-
 def to_celsius(numbers: _Number, unit: str) -> _Number:
     """Convert a number, or an array of numbers, from C, K or F to °C."""
     factor, offset = TEMPERATURE_UNITS[unit]
@@ -158,7 +141,14 @@ def parse_source(entry: str) -> TemperatureSource:
         )
     if not colon:
         return TemperatureSource(topic, entry=entry)
-    name, factor, unit = split_scale(inside)
+    scaled, _, unit = inside.partition(':')
+    name, star, written = scaled.partition('*')
+    try:
+        factor = float(written) if star else 1.0
+    except ValueError:
+        factor = math.nan
+    if not math.isfinite(factor) or factor == 0:
+        raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
     if inside in TEMPERATURE_UNITS:
         raise SettingsError(
             f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
