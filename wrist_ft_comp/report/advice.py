@@ -118,6 +118,8 @@ class Case:
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
+    #: Of an evaluation: axes whose errors are above the limit that the calibration stated.
+    beyond: Sequence[str] = ()
 
 
 def advise(case: Case) -> tuple[str, ...]:
@@ -212,6 +214,12 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         yield (
             f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
             'Calibrate again with these recordings among the others.'
+        )
+    elif case.beyond:
+        yield (
+            f'{_enumerate(case.beyond)}: errors above the limit. See in the report (--report) '
+            'when that began. If nothing was tared, touched or exchanged then, calibrate again with '
+            'these recordings among the others.'
         )
     elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
         yield (

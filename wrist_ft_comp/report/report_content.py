@@ -293,6 +293,7 @@ def evaluation_content(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths,
         stored.sensor.get('temperature_topics', ()), model=stored.path,
+        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
