@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 from wrist_ft_comp.report.report_content import MOST_ADVICE, ReportContent
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.series import Progress
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.stored.own_file import to_plain
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -218,8 +218,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     elif case.beyond:
         yield (
             f'{_enumerate(case.beyond)}: errors above the limit. See in the report (--report) '
-            'when that began. If nothing was tared, touched or exchanged then, calibrate again with '
-            'these recordings among the others.'
+            'when that began. If nothing was tared, touched or exchanged then, calibrate again '
+            'with these recordings among the others.'
         )
     elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
         yield (
