@@ -25,7 +25,7 @@ from rosbags.typesys import get_typestore, Stores
 from stand import keep, make_model, message, Sensor, write_warm_up
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.cli.tables import days_text
+from wrist_ft_comp.cli.show import days_text
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.learning.diary import (
     DayEntry,
