@@ -19,7 +19,7 @@ BESIDE_S = 120.0
 #: ... and at least by this number of readings on either side: half of what is fitted to an axis.
 _LEAST_BESIDE = 6
 #: Smallest step, in standard deviations of a reading, over all axes.
-_SMALLEST_SIGMA = 15.0
+SMALLEST_SIGMA = 15.0
 #: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s ...
 _HEAT_S = np.geomspace(5.0, 160.0, 11)
 #: ... of which those below this many cells are left out: means over cells do not show them.
@@ -28,7 +28,7 @@ _LEAST_HEAT_CELLS = 2.0
 #: n times the logarithm of the ratio of squares that heat and step leave.
 _LEAST_EVIDENCE = 18.0
 #: Where a contact of at least this time hides what happened, s, heat and step explain it alike. A
-#: jump of at least four times _SMALLEST_SIGMA is taken for a step then, but not called certain:
+#: jump of at least four times SMALLEST_SIGMA is taken for a step then, but not called certain:
 #: with cells of 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that
 #: were none; at 100, jumps of 2 N were missed. That also is the time around a possible step in
 #: which it and sudden heat may begin, and over whose median the level before it is taken.
@@ -93,7 +93,7 @@ def find_steps(
     first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
     sizes = _line_jumps(time_s, values, first, last)
     steps: list[Step] = []
-    while sizes.max() > _SMALLEST_SIGMA:
+    while sizes.max() > SMALLEST_SIGMA:
         at = int(sizes.argmax())
         near = slice(int(first[at]), int(last[at]))
         found = _explain(time_s[near], values[near], at - near.start, period_s)
@@ -171,7 +171,7 @@ def _explain(
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
     jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
     hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE
-    smallest = _SMALLEST_SIGMA if certain else 4 * _SMALLEST_SIGMA if hidden else np.inf
+    smallest = SMALLEST_SIGMA if certain else 4 * SMALLEST_SIGMA if hidden else np.inf
     if np.linalg.norm(jump) < smallest:
         return None
     after = int(firsts[first])

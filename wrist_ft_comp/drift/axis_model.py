@@ -22,7 +22,7 @@ from wrist_ft_comp.series import FloatArray
 _UNIT_GAIN_TOLERANCE = 1e-6
 #: Smallest calibrated range of a thermometer that counts: one that hardly moved during the
 #: calibration is not outside its range for a hundredth of a degree, K.
-_LEAST_RANGE_K = 1.0
+LEAST_RANGE_K = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,5 +161,5 @@ class AxisModel:
         below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
         excess = np.maximum(np.maximum(below, above), 0.0)
         return np.asarray(
-            (excess / np.maximum(self.upper_c - self.lower_c, _LEAST_RANGE_K)).max(axis=-1)
+            (excess / np.maximum(self.upper_c - self.lower_c, LEAST_RANGE_K)).max(axis=-1)
         )
