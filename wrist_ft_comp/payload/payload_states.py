@@ -13,7 +13,7 @@ to WIDTH_SIGMA. Another state is added where it explains more of blocks that it 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -25,15 +25,13 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.accelerometer import CONTRAST, rotation_speed
 from wrist_ft_comp.payload.mass_and_center import (
     information,
-    LIGHTEST_KG,
     MISFIT,
     rigid_bodies,
     RigidBodies,
 )
-from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
-from wrist_ft_comp.steps import WIDTH_SIGMA
+from wrist_ft_comp.steps import SMALLEST_SIGMA, WIDTH_SIGMA
 
 #: Length of a block, s, in which a parabola follows the drift. It would follow a press of two
 #: minutes, too: where the drift is roughly known already, blocks are three times as long.
@@ -55,8 +53,6 @@ LEAST_FREE_SHARE = 0.2
 #: The noise of cells is at most this many times the noise of differences between neighbours: what
 #: is larger is contact, or a specific force that is not the sensor's.
 _MOST_NOISE_RATIO = 4.0
-#: Differences between poses need an explanation from this many standard deviations on.
-_SIGNIFICANT_SIGMA = 10.0
 #: Rounds with WIDTH_SIGMA: cells of 10 s, half of which hold contact or motion, settle slowly.
 _ROUNDS = 5
 #: Share of the cells that another state was not fitted to, and has to explain. Where a payload is
@@ -183,13 +179,9 @@ def find_states(cells: Cells) -> Fit:
         more = _settle(learnt, more)
         noise = np.minimum(fit.noise, more.noise)
         gained = _unexplained(held_out, noise, fit) - _unexplained(held_out, noise, more)
-        alike = any(
-            np.linalg.norm(one - other) < max(SAME_SHARE * float(np.linalg.norm(one)), LIGHTEST_KG)
-            for one, other in combinations(more.gains, 2)
-        )
         # A state also explains a press that returns in the same pose, but no rigid body does.
         pressed = _misfit(learnt, more) > MISFIT >= _misfit(learnt, fit)
-        if gained < _LEAST_GAIN or alike or pressed:
+        if gained < _LEAST_GAIN or pressed:
             break
         fit = more
     return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), 10 * WIDTH_SIGMA)
@@ -444,5 +436,6 @@ def unexplained_contrast(cells: Cells, fit: Fit) -> float:
         np.nanmedian(np.where(cells.usable, norm, np.nan)[used], axis=1)
         for norm in (np.linalg.norm(values / fit.noise, axis=2) for values in (rest, whole))
     )
-    least = _SIGNIFICANT_SIGMA * np.sqrt(cells.axes)
+    # Smaller differences between poses need no explanation.
+    least = SMALLEST_SIGMA * np.sqrt(cells.axes)
     return float(np.median(unexplained / np.maximum(changes, least)))
