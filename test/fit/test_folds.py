@@ -5,13 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import relaxation
-from wrist_ft_comp.drift.arx_pls import ArxPls
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds, fold_bins, FOLDS, part_errors, unexplained
+from wrist_ft_comp.fit.folds import assign_folds, fold_bins, FOLDS, part_errors
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 
@@ -62,26 +58,7 @@ class TestFolds:
 
 
 ROWS = 720
-NOISY_LOAD = 30 * np.random.default_rng(0).standard_normal(ROWS)
 TEMPERATURE_C = np.linspace(20, 40, ROWS)
-
-
-def test_the_remainder_is_the_measurement_minus_the_free_run(make_axis_data, lagged):
-    features = Features('powers', np.array([20.0]), np.zeros(1), np.full(1, 99.0))
-    noise = np.random.default_rng(4).standard_normal(ROWS)
-    moved = lagged(TEMPERATURE_C - 20, 300.0)
-    sensitivity = 0.01 + 2e-3 * moved
-    raw = (1 + sensitivity) * NOISY_LOAD + 0.5 * moved + noise
-    data = make_axis_data([TEMPERATURE_C], [raw], [NOISY_LOAD])
-    np.testing.assert_array_equal(unexplained(data, None)[0], data.residual[0])
-    for outputs, remainder in ((2, noise), (1, noise + sensitivity * NOISY_LOAD)):
-        loadings, mean = np.array([[0.5], [2e-3]]), np.array([0.0, 0.01])
-        dynamics = ArxPls(
-            np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
-            loadings[:outputs], np.ones(outputs), mean[:outputs],
-        )  # fmt: skip
-        model = AxisModel(features, dynamics)
-        np.testing.assert_allclose(unexplained(data, model)[0], remainder, atol=1e-9)
 
 
 @pytest.mark.parametrize('tared', [True, False])

@@ -10,13 +10,10 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit import named_methods
-from wrist_ft_comp.fit.calibrate import identify_axis
 from wrist_ft_comp.fit.folds import FoldBins, simplest_good
 from wrist_ft_comp.fit.named_methods import anchor, compete
-from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 200
-PLATEAU_CELLS = 50
 
 
 @pytest.fixture(scope='module')
@@ -103,45 +100,3 @@ def test_a_sensor_soaked_at_the_reference_has_no_drift_but_the_least_squares_gai
     anchored, soaked_c = anchor(problem, lag(len(expected), mean=5.0)), np.array([30.0])
     drift = anchored.step(anchored.start(soaked_c), soaked_c)[1]
     assert drift == pytest.approx(expected, abs=1e-12 if error is None else 1e-6)
-
-
-@pytest.fixture(scope='module')
-def chamber(make_axis_data):
-    """Plateaus with the same steps of load at each, and silence between them."""
-
-    def make(plateaus_c, zero, gain, noise=0.05):
-        rng = np.random.default_rng(0)
-        temperature_c = np.repeat(plateaus_c, PLATEAU_CELLS).astype(float)
-        load = np.tile(np.repeat(np.linspace(-50, 50, 10), PLATEAU_CELLS // 10), len(plateaus_c))
-        raw = zero(temperature_c) + (1 + gain(temperature_c)) * load
-        raw = raw + noise * rng.standard_normal(len(raw))
-        # The last fifth of a plateau is the way to the next.
-        raw[np.arange(len(raw)) % PLATEAU_CELLS >= PLATEAU_CELLS * 4 // 5] = np.nan
-        data = make_axis_data([temperature_c], [raw], [load])
-        assert len(data.fold_numbers) == len(plateaus_c)
-        assert not data.tared
-        return data
-
-    return make
-
-
-def drift_at(fit, celsius):
-    """Zero and gain drift of a sensor that has soaked, (n, M)."""
-    rows = np.array(celsius, dtype=float)[:, np.newaxis]
-    return np.stack([fit.model.step(fit.model.start(row), row)[1] for row in rows])
-
-
-def test_piecewise_linear_zero_drift_is_learnt_and_the_gain_left_alone(chamber):
-    data = chamber(
-        [0, 30, 60], lambda t: 0.5 * t + 0.3 * np.maximum(t - 30, 0), lambda t: 1e-3 * (t - 30)
-    )
-    fit = identify_axis(data, IdentificationSettings())
-    assert (fit.chosen, fit.model.outputs) == ('zero drift in hats', 1)
-    drift = drift_at(fit, [0, 15, 30, 45, 60])[:, 0]
-    np.testing.assert_allclose(drift - drift[0], [0, 7.5, 15, 27, 39], atol=0.5)
-
-
-def test_noise_is_left_alone(chamber):
-    data = chamber([0, 20, 40, 60], lambda t: 0 * t, lambda t: 0 * t, noise=1.0)
-    fit = identify_axis(data, IdentificationSettings())
-    assert (fit.model, fit.chosen) == (None, 'none')

@@ -20,27 +20,6 @@ shapes = pytest.mark.parametrize(
 )
 
 
-@shapes
-def test_scores_are_orthogonal_and_explain_their_part_of_the_inputs(inputs, outputs, latents):
-    x, y = made_up(60, inputs, outputs)
-    pls = fit_pls(x, y, latents)
-    assert len(pls.inner) == latents
-    gram = pls.scores.T @ pls.scores
-    assert np.diagonal(gram).min() > 0
-    np.testing.assert_allclose(gram, np.diag(np.diagonal(gram)), atol=1e-10 * gram.max())
-    for directions in (pls.weights, pls.output_loadings):
-        np.testing.assert_allclose(np.linalg.norm(directions, axis=0), 1, rtol=1e-12)
-    remainder = x - pls.scores @ pls.loadings.T  # eq. 3
-    np.testing.assert_allclose(pls.scores.T @ remainder, 0, atol=1e-10)
-    assert np.sum(remainder**2) < np.sum(x**2)
-    if latents == inputs:
-        np.testing.assert_allclose(remainder, 0, atol=1e-10)
-    np.testing.assert_allclose(x @ pls.rotations, pls.scores, atol=1e-10)  # eq. 4
-    np.testing.assert_allclose(
-        x @ pls.coefficients, pls.scores * pls.inner @ pls.output_loadings.T
-    )
-
-
 @pytest.mark.parametrize('outputs', [1, 2, 3])
 def test_full_rank_pls_is_least_squares(outputs):
     x, y = made_up(50, 4, outputs)
