@@ -16,8 +16,8 @@ from typing import Any
 
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from stream import keep, make_model
 from stream_roles import wrench_bytes
-from warm_up import keep, make_model
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.series import NANOSECONDS
@@ -40,7 +40,7 @@ def live_a_second(node: Any, second: int, rate_hz: int) -> None:
         stamp_ns = (START_S + second) * NANOSECONDS + k * step_ns
         if k % thermal == 0:
             degrees = 25.0 + 10.0 * abs(1 - second % 7200 / 3600)
-            node.inputs.on_temperature(0, wrench_bytes(stamp_ns, struct.pack('<2d', degrees, 0.0)))
+            node.inputs.by_topic[0].read(wrench_bytes(stamp_ns, struct.pack('<2d', degrees, 0.0)))
         node._on_wrench(wrench_bytes(stamp_ns))  # noqa: SLF001 - as the executor does
     node._diagnose()  # noqa: SLF001
 

@@ -115,3 +115,13 @@ def test_wrenches_before_a_late_thermometer_get_its_first_drift_and_are_not_tare
     assert np.ptp(removed[:90]) < 1e-9
     assert removed[90] == pytest.approx(removed[0])
     assert abs(force[90:150].mean()) < 0.1
+
+
+def test_a_picture_shows_it_and_replaces_pictures_only(run, done, drift_csv, model, tmp_path):
+    picture, words = tmp_path / 'p.png', ['compensate', model, drift_csv]
+    done(*words, '-o', tmp_path / 'a.csv', '--tare', 5, '--picture', picture)
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    (tmp_path / 'other.png').write_bytes(b'of somebody else')
+    foreign = '-o', tmp_path / 'b.csv', '--picture', tmp_path / 'other.png'
+    assert 'is no picture of this package' in run(*words, *foreign).sentence
+    assert not (tmp_path / 'b.csv').exists()

@@ -36,7 +36,6 @@ def played(monkeypatch, make):
         if arguments.at_work:
             tool = Payload(1.41, np.zeros(3))
             add_payloads(model.with_name(PAYLOADS), 'day', [tool], ForceFrame())
-        return 'force_z: learnt'
 
     monkeypatch.setattr(options, 'find_spec', lambda _: object())
     monkeypatch.setattr(demo, '_play', play)
@@ -48,9 +47,8 @@ def test_the_report_is_kept_and_named_and_so_is_what_to_do_next(run, done, tmp_p
     report = tmp_path / 'out/demo.html'
     assert outcome.code == 0, outcome
     assert report.read_text().startswith('<!doctype html>')
-    assert outcome.out.count('force_z: learnt') == 1
-    assert f'open {report} in a browser' in outcome.out
-    assert 'wrist_ft_comp show BAG' in outcome.out
+    assert f'Open {report} in a browser' in outcome.out
+    assert 'wrist_ft_comp show RECORDING' in outcome.out
     assert outcome.out.splitlines()[-1].startswith('PASS: drift of force_z fell ')
     (folder,) = (tmp_path / 'out').glob('demo_*')
     assert f'are in {folder}' in outcome.out

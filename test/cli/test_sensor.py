@@ -96,11 +96,6 @@ def test_another_frame_is_a_warning(apply_model, bag):
     assert 'frame_id ft_sensor in model.yaml, right_ft in other' in warning
 
 
-def test_the_same_names_written_otherwise_are_the_same_sensor(apply_model, bag):
-    words = named('ft/temperature:temperature', 'arm/state:motors.1.celsius:C', wrench='ft/wrench')
-    assert 'sensor' not in ' '.join(warnings(apply_model(bag('again', 1), *words, '--json')))
-
-
 def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_path):
     other = bag('other', 1, frame='right_ft')
     argv = 'calibrate', day, other, '-o', tmp_path / 'm.yaml', '--method', 'pls', *named()
@@ -165,12 +160,3 @@ def test_a_day_that_was_saved_again_in_other_digits_is_no_second_day(begin_s, ru
     assert 'two.csv holds the readings of one.csv' in run('calibrate', one, two, *words).sentence
     other = make.csv(tmp_path / 'other.csv', make.drifting(seed=5))
     assert run('calibrate', one, other, *words).code == 0
-
-
-def test_days_of_few_samples_are_not_alike_for_their_empty_cells(done, make, tmp_path):
-    days = []
-    for seed in (1, 2):
-        day = make.drifting(seed=seed)
-        day['stamp_s'] = [20 * stamp for stamp in day['stamp_s']]
-        days.append(make.csv(tmp_path / f'{seed}.csv', day))
-    done('calibrate', *days, '-o', tmp_path / 'model.yaml', '--method', 'pls')

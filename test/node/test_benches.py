@@ -24,9 +24,3 @@ def test_nothing_wrong_comes_out_while_faults_come_in(run_bench):
     assert sum(figures['faults'].values()) >= 4
     assert not [what for what in figures['counts'] if what.startswith('wrong')], printed
     assert figures['tracebacks'] == 0
-
-
-def test_a_hostile_robot_finds_nothing_in_a_few_lives(run_bench):
-    code, printed = run_bench('faults/hostile.py', '--steps', '150')
-    assert code == 0, printed
-    assert 'no finding' in printed

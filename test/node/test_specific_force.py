@@ -66,25 +66,6 @@ def true_force(seconds):
     return Rotation.from_euler('x', seconds).inv().apply([0, 0, GRAVITY])
 
 
-@pytest.mark.usefixtures('with_tf2')
-def test_tf_gives_the_mounting_of_an_imu_once_it_has_both_frames(start, messages):
-    part, hub = start('imu', frame='')
-    assert list(hub.topics) == ['imu', '/tf_static']
-    turned = Rotation.from_rotvec([0.1, -0.2, 1.0])
-    hub.topics['/tf_static'](messages.transforms(0, [('tool', 'here', turned.as_quat())]))
-    hub.topics['/tf_static'](b'nonsense')
-    assert part.unreadable == 1
-    hub.frame = 'tool'
-    assert part.mount() is None
-    hub.topics['imu'].messages += [messages.imu(START, [1, 2, 9], [0, 0, 0]), b'nonsense']
-    part.poll()
-    np.testing.assert_allclose(part.mount().rotation, turned.as_matrix(), atol=1e-12)
-    for frame in ('', 'elsewhere'):
-        hub.frame = frame
-        assert part.mount() is None
-    assert start('tf')[0].mount().rotation.tolist() == np.eye(3).tolist()
-
-
 @pytest.mark.usefixtures('without_tf2')
 def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(start, messages):
     part, hub = start('imu')
@@ -152,9 +133,7 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     assert part.doubt().startswith('imu is not heard: a publisher offers less reliability')
     hub.incompatible = {}
     part.on_imu(b'nonsense')
-    assert (
-        part.doubt() == '1 messages of the IMU or transforms could not be read, or hold no numbers'
-    )
+    assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
     assert list(start('none')[1].topics) == []
 

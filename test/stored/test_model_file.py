@@ -227,22 +227,6 @@ def test_every_key_of_a_model_file_is_needed(document, load):
     assert removed > 40
 
 
-def test_a_model_may_start_at_its_first_cell_and_be_held_beyond_its_range(
-    calibration, document, load
-):
-    document['start_s'] = 0.0
-    for entry in document['axes'].values():
-        if entry['model']:
-            entry['model']['features']['beyond'] = 'clamped'
-    axes = {
-        axis: replace(axis_model, features=replace(axis_model.features, beyond='clamped'))
-        for axis, axis_model in calibration.model.axes.items()
-    }
-    before = replace(calibration.model, axes=axes, start_s=0.0)
-    np.testing.assert_array_equal(run(load(document)), run(before))
-    assert (run(before)[0] != run(calibration.model)[0])[:, :3:2].any(axis=0).all()
-
-
 def test_arrays_have_the_shape_that_fits_the_others(document, load):
     tried = 0
     for path in places(document):

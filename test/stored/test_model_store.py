@@ -125,8 +125,7 @@ def test_a_relative_name_is_looked_up_in_the_folder_first(store, tmp_path, monke
 def test_the_list_is_readable_by_people_and_keeps_what_was_given(store):
     model = store.directory / 'models/a.yaml'
     history = entries(model)
-    store.activate([], given='abc')
-    store.activate(history)
+    store.activate(history, given='abc')
     text = (store.directory / 'active.json').read_text()
     said = {
         'path': 'models/a.yaml', 'sha256': 'a' * 64, 'since': '2026-01-05T06:00:00+00:00',
@@ -153,18 +152,6 @@ def test_the_history_says_what_ran_on_a_day_and_when_a_person_decided_last():
     assert day_of_choice([]) == ''
 
 
-def test_a_list_without_a_format_is_read_and_replaced(store):
-    """So it was written before the list had one."""
-    store.activate(entries(None), 'abc')
-    path = store.directory / 'active.json'
-    plain = json.loads(path.read_text())
-    path.write_text(json.dumps({name: plain[name] for name in ('history', 'given')}, indent=1))
-    assert (store.history(), store.given()) == (entries(None), 'abc')
-    store.activate([])
-    assert json.loads(path.read_text())['version'] == 1
-    assert not path.with_name('active.json.kept').exists()
-
-
 def test_leftovers_of_killed_processes_are_swept(store):
     """A process that is killed while it writes can't remove its temporary file."""
     store.activate([HistoryEntry(None)])
@@ -179,10 +166,11 @@ def test_leftovers_of_killed_processes_are_swept(store):
     assert subprocess.run([sys.executable, '-c', source, str(path)], check=False).returncode == -9
     assert path.read_text() == before
     (leftover,) = [file for file in store.directory.iterdir() if file != path]
-    assert store.sweep() == 0, 'it may be somebody else in the middle of writing'
+    assert store.take() == 0, 'it may be somebody else in the middle of writing'
+    store.release()
     os.utime(leftover, (0, 0))
     (store.directory / '.kept.tmp').write_text('not ours')
-    assert store.sweep() == 1
+    assert store.take() == 1
     assert sorted(file.name for file in store.directory.iterdir()) == [
         '.kept.tmp', 'active.json', 'lock',
     ]  # fmt: skip

@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 import errno
+from functools import partial
 import os
 from pathlib import Path
+import threading
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,12 +17,18 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import beginning, Output, remove_leftovers, replace_file
+from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, ModelStore
+from wrist_ft_comp.stored.own_file import (
+    beginning,
+    from_plain,
+    Output,
+    remove_leftovers,
+    replace_file,
+)
 from wrist_ft_comp.stored.payload_file import load_payloads
-from wrist_ft_comp.stored.plain_values import from_plain
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 
+TIMEOUT_S = 20.0
 STATE = SavedState(1, None, np.zeros(6), None)
 
 
@@ -220,9 +228,41 @@ def test_a_record_comes_back_from_plain_values():
         ({'table': [10**400]}, 'finite numbers'), ({'pairs': [{'number': 1.5}]}, 'pairs/0/number'),
         ({'pairs': [{'text': 'x'}]}, 'named values with number'), ({'ends': [1.0]}, '2 values'),
         ({'cells': [['1']]}, 'cells/0/0 must be an integer'), ({'by_name': {'x': 1}}, 'true or'),
-        ({'path': 'a\0b'}, 'path must be a path'), ({'more': 1}, 'more must be none of kind'),
+        ({'path': 'a\0b'}, 'path must be a path'), ({'more': 1}, 'must be without more'),
     ],
 )  # fmt: skip
 def test_values_of_another_type_are_named_with_their_place(change, sentence):
     with pytest.raises(ValueError, match=sentence):
         from_plain(Sheet, {**PLAIN, **change})
+
+
+def test_a_slow_disk_delays_nobody_and_of_a_file_the_newest_is_written(tmp_path, monkeypatch):
+    """The disk answers when the test lets it; put returns before."""
+    answers, asked, fsync, told = threading.Event(), threading.Event(), os.fsync, []
+
+    def slow(handle):
+        asked.set()
+        assert answers.wait(TIMEOUT_S)
+        fsync(handle)
+
+    monkeypatch.setattr(os, 'fsync', slow)
+    writer, path = FileWriter(), tmp_path / 'a.txt'
+    for number in range(10):
+        writer.put('a', partial(replace_file, path, str(number)), told.append)
+        assert asked.wait(TIMEOUT_S)
+    assert not writer.end(0.0)
+    assert not writer.poll()
+    answers.set()
+    assert writer.end(TIMEOUT_S)
+    assert writer.poll()
+    assert (writer.written, path.read_text(), told) == (2, '9', [''] * 10)
+    refused = Output(name='sheet', endings='', begins='x')
+    for write in (partial(refused.write, path, ''), lambda: 1 / 0):
+        writer.put('a', write, told.append)
+    assert 'a.txt cannot be written: it exists and is no sheet' in told[-2]
+    assert 'by a fault of this program: ZeroDivisionError' in told[-1]
+    assert told[-1] == writer.problems['a']
+    ended = FileWriter()
+    assert ended.end(0.0)
+    ended.put('a', partial(replace_file, path, 'last'), told.append)
+    assert (path.read_text(), told[-1]) == ('last', ''), 'after the end at once'

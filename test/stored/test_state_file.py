@@ -2,10 +2,8 @@
 
 from dataclasses import replace
 import json
-import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
-import threading
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
@@ -14,11 +12,10 @@ import pytest
 
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory
 from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
-TIMEOUT_S = 20.0
 number = st.floats(-1e99, 1e99)
 six = st.lists(number, min_size=6, max_size=6).map(np.array)
 filters = st.lists(number, max_size=12).map(np.array)
@@ -76,12 +73,6 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
         for axis, values in state.thermal.filters.items():
             assert back.thermal.filters[axis].shape == values.shape
     assert [file.name for file in path.parent.iterdir()] == ['state.json']
-
-
-def test_a_state_without_an_external_tare_is_what_earlier_versions_read_and_wrote(load):
-    document = plain(example())
-    assert 'external_tare' not in document
-    assert not load(document).external_tare.any()
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
@@ -172,27 +163,3 @@ def test_a_file_cut_or_flipped_anywhere_is_refused_or_whole(tmp_path):
             load_state(path)
         except StateFileError:
             continue
-
-
-def test_a_slow_disk_delays_nobody_and_what_was_overtaken_is_left_out(tmp_path, monkeypatch):
-    """The disk answers when the test lets it; put returns before."""
-    answers, asked = threading.Event(), threading.Event()
-    fsync = os.fsync
-
-    def slow(handle):
-        asked.set()
-        assert answers.wait(TIMEOUT_S)
-        fsync(handle)
-
-    monkeypatch.setattr(os, 'fsync', slow)
-    writer = StateWriter(tmp_path / 'state.json')
-    writer.put(example(0))
-    assert asked.wait(TIMEOUT_S)
-    for end_ns in range(1, 10):
-        writer.put(example(end_ns))
-    assert not writer.end(0.0)
-    answers.set()
-    assert writer.end(TIMEOUT_S)
-    assert writer.written == 2
-    assert writer.took_s > 0
-    assert plain(load_state(tmp_path / 'state.json')) == plain(example(9)), 'the newest one'

@@ -13,8 +13,7 @@ from tempfile import mkdtemp, NamedTemporaryFile
 from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import evaluate, options
-from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import print_result, Result
+from wrist_ft_comp.cli.output import print_result, progress_bar, Result, waiting
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS
@@ -51,12 +50,12 @@ class _Day:
 
 #: The sensor warms up, rests, works and cools.
 _LEARNT = _Day(
-    'day 1, which is learnt from',
+    'day 1 of the simulated robot',
     ((0.0, 0.0), (300.0, 0.9), (3600.0, 0.0), (5700.0, 0.5), (8100.0, 1.0), (9600.0, 0.0)), 11400,
 )  # fmt: skip
 #: It works otherwise.
 _JUDGED = _Day(
-    'day 2, on which the model is judged',
+    'day 2 of the simulated robot',
     ((0.0, 0.0), (1200.0, 0.7), (3600.0, 0.2), (5400.0, 1.0), (7200.0, 0.0), (8100.0, 0.6)), 9600,
 )  # fmt: skip
 
@@ -74,21 +73,11 @@ examples:
   wrist_ft_comp demo --seed 2 --output /tmp/demo
   wrist_ft_comp demo --json
 """
-_WORDS = """\
-The node's answer to ~/calibrate, after day 1:
-
-{answer}
-
-Day 2, which the model does not know:
-
-{judged}
-
-Next: open {report} in a browser. The node's files, with the model and
-both recordings, are in {folder}. Of your own bag,
-  wrist_ft_comp show BAG
-prints the commands that learn from it.
-
-{sentence}"""
+_NEXT = """\
+Open {report} in a browser: it shows day 2 before and after.
+The node's model, its recordings and its log are in {folder}.
+The same with your own recording, which prints the commands that learn from it:
+  wrist_ft_comp show RECORDING"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,25 +106,26 @@ def run(arguments: argparse.Namespace) -> int:
     report = arguments.output / 'demo.html'
     REPORT.check_target(report)
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
-    answer = _play(arguments, folder)
+    _play(arguments, folder)
     store = ModelStore(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]
     if model is None:
         raise RecordingError(f'The node did not keep its model; see its log in {folder}.')
-    with progress_bar('judging') as progress:
+    with progress_bar('judging day 2') as progress:
         evaluation = evaluate.evaluate_recordings(
-            model, [day_2], reference='recorded', progress=progress
+            model, [day_2], wanted='recorded', progress=progress
         )
     REPORT.write(report, page(evaluation.content))
     payloads = load_payloads(model.with_name(PAYLOADS)) if arguments.at_work else {}
     masses_kg = {name: payload.mass_kg for name, (payload, _) in payloads.items()}
     reached, sentence = _judge(evaluation, masses_kg, at_work=arguments.at_work)
-    result = evaluation.result(report)
-    words = _WORDS.format(
-        answer=answer, judged=result.words, report=report, folder=folder, sentence=sentence
-    )
+    judged = evaluation.result(None, verbose=False)
+    words = [
+        'Day 2, which the model does not know:', '', *judged.words, '',
+        *_NEXT.format(report=report, folder=folder).splitlines(), '', *sentence.splitlines(),
+    ]  # fmt: skip
     more = {'masses_kg': masses_kg, 'reached': reached, 'report': report, 'folder': folder}
-    result = Result(words, {**result.document, **more})
+    result = Result(words, {**judged.document, **more})
     print_result(result, as_json=arguments.json)
     return 0 if reached else 1
 
@@ -159,8 +149,8 @@ def _judge(
     return reached, f'{"PASS" if reached else "FAIL"}: {sentence}'
 
 
-def _play(arguments: argparse.Namespace, folder: Path) -> str:
-    """Let the node record, calibrate and record again; gives its answer to ~/calibrate."""
+def _play(arguments: argparse.Namespace, folder: Path) -> None:
+    """Let the node record, calibrate and record again."""
     os.environ.update(_surroundings())
     from wrist_ft_comp.cli.operate import ask, operating, Stamps, Watch  # noqa: PLC0415 -- rclpy
 
@@ -177,8 +167,15 @@ def _play(arguments: argparse.Namespace, folder: Path) -> str:
         operator = stack.enter_context(operating())
         stamps = Stamps(operator, 'temperature')
         for number, day in enumerate((_LEARNT, _JUDGED)):
-            begin_s = stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0
-            parameters = {'run': number, 'start_stamp_s': begin_s, **_sensor(arguments, day)}
+            starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
+            parameters: dict[str, object] = {
+                'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
+                'start_stamp_s': stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0,
+                'wrench_rate': 500.0,
+                'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
+                'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
+                'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
+            }  # fmt: skip
             # The node is started anew on the second day, and takes the model by itself.
             with _process('compensator_node', {**node, **learns}, log) as compensator:
                 name = operator.find()
@@ -188,20 +185,8 @@ def _play(arguments: argparse.Namespace, folder: Path) -> str:
                     _listen(operator, stamps, day, {'compensator': compensator, 'sensor': sensor})
                 ask(operator, name, 'stop', watch)
                 if day is _LEARNT:
-                    with progress_bar('calibrating'):
-                        answer = ask(operator, name, 'calibrate', watch)
-    return answer
-
-
-def _sensor(arguments: argparse.Namespace, day: _Day) -> dict[str, object]:
-    """Give the parameters of the simulated sensor."""
-    starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
-    return {
-        'seed': arguments.seed, 'speed': arguments.speed, 'wrench_rate': 500.0,
-        'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
-        'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
-        'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
-    }  # fmt: skip
+                    with waiting('the node calibrates'):
+                        ask(operator, name, 'calibrate', watch)
 
 
 def _listen(

@@ -11,7 +11,8 @@ import sys
 
 import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
-from wrist_ft_comp.cli.options import did_you_mean, Parser, print_json
+from wrist_ft_comp.cli.options import did_you_mean, Parser
+from wrist_ft_comp.cli.output import print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
 EXAMPLES = """\
@@ -22,6 +23,10 @@ examples:
 
 Run "wrist_ft_comp COMMAND --help" for the options of a command.
 """
+_EXIT_CODES = """\
+exit code: 0 done, 1 refused or failed, in one sentence on standard error,
+2 wrong usage, 130 interrupted.
+"""
 
 
 def build_parser() -> Parser:
@@ -29,14 +34,15 @@ def build_parser() -> Parser:
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog=EXAMPLES,
+        epilog=f'{EXAMPLES}\n{_EXIT_CODES}',
     )
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
-        texts = {'description': command.DESCRIPTION, 'epilog': command.EXAMPLES}
-        name = command.__name__.rpartition('.')[2]
-        subparser = commands.add_parser(name, help=command.HELP, **texts)
+        subparser = commands.add_parser(
+            command.__name__.rpartition('.')[2], help=command.HELP,
+            description=command.DESCRIPTION,
+            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}')  # fmt: skip
         subparser.set_defaults(run=command.run, command=subparser)
         command.add_arguments(subparser)
     parser.commands = dict(commands.choices)
@@ -49,7 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = takewhile(lambda word: word != '--', words)
     refuse = partial(_refuse, as_json=any(re.fullmatch('--js(o(n)?)?', word) for word in options))
     try:
-        _prepare_streams()
+        # Write any character, such as "°", in a narrow locale, too, and to closed streams nothing.
+        for name in ('stdout', 'stderr'):
+            stream = getattr(sys, name)
+            if stream is None:  # closed by whoever started us
+                setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
+            elif isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors='backslashreplace')
         return _run(words)
     except WristFtCompError as error:
         return refuse(error.kind(), str(error), 2 if isinstance(error, UsageError) else 1)
@@ -93,16 +105,6 @@ def _refuse(kind: str, sentence: str, code: int, *, as_json: bool) -> int:
     except OSError:
         _abandon_output()
     return code
-
-
-def _prepare_streams() -> None:
-    """Write any character, such as "°", in a narrow locale, too, and to closed streams nothing."""
-    for name in ('stdout', 'stderr'):
-        stream = getattr(sys, name)
-        if stream is None:  # closed by whoever started us
-            setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors='backslashreplace')
 
 
 def _abandon_output() -> None:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from importlib.util import find_spec
-import json
 import math
 from pathlib import Path
 import re
@@ -17,10 +16,9 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, Wri
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.open_recording import BAG, kind_of, TABLE
+from wrist_ft_comp.recordings.read import BAG, files_of, kind_of, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
-from wrist_ft_comp.stored.plain_values import to_plain
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Options that only bags have a use for.
@@ -29,7 +27,10 @@ _OF_BAGS = (
     'output_topic',
 )  # fmt: skip
 Number = TypeVar('Number', int, float)
-RECORDING_HELP = 'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV (docs/files.md)'
+RECORDING_HELP = (
+    'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV; two tables with one clock '
+    'are force.csv+temperature.csv (docs/files.md)'
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,7 +40,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         #: Parsers of the commands, by name.
         self.commands: dict[str, Parser] = {}
-        # Let "--hat-temperatures -40,0,20" be an option and its value.
+        # Let "-o -1" be an option and its value.
         self._negative_number_matcher = re.compile(r'-\.?\d')
 
     def error(self, message: str) -> NoReturn:
@@ -166,18 +167,13 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
     """Warn of options that have no effect for recordings of these kinds."""
     kinds = {kind_of(path) for path in recordings}
-    if BAG not in kinds:
-        warn_of(arguments, _OF_BAGS, 'nothing that was named is a bag')
-    if TABLE not in kinds:
-        warn_of(arguments, ('columns', 'time'), 'nothing that was named is a table')
-
-
-def warn_of(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
-    """Warn of those options that were given, that they do nothing, and why."""
-    for name in sorted(names):
-        if name in arguments and getattr(arguments, name) != arguments.command.get_default(name):
-            option = f'--{name.replace("_", "-")}'
-            print(f'warning: {option} does nothing here: {why}.', file=sys.stderr)
+    for kind, names in ((BAG, _OF_BAGS), (TABLE, ('columns', 'time'))):
+        for name in () if kind in kinds else names:
+            default = arguments.command.get_default(name)
+            if getattr(arguments, name, default) != default:
+                option = f'--{name.replace("_", "-")}'
+                what = f'nothing that was named is a {kind}'
+                print(f'warning: {option} does nothing here: {what}.', file=sys.stderr)
 
 
 def check_model(path: Path) -> None:
@@ -196,7 +192,7 @@ def check_recordings(paths: Sequence[Path], topics: Topics | None = None) -> Non
     named = topics or Topics()
     resolved = [path.resolve() for path in paths]
     for path in paths:
-        if not path.exists():
+        if not all(file.exists() for file in files_of(path)[0]):
             imu = [named.imu] if named.imu else ['/tf', '/tf_static'] * bool(named.gravity_frame)
             thermometers = [source.topic for source in parse_sources(named.temperatures)]
             made = ['ros2', 'bag', 'record', '-s', 'mcap', '-o', 'warm_up', named.wrench]
@@ -235,14 +231,12 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
     """Add the forms of output."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
+    parser.add_argument(
+        '--verbose', action='store_true', help='say of each axis why, and all that could be done'
+    )
     add_json(parser)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the form of output that scripts read."""
     parser.add_argument('--json', action='store_true', help='print JSON for scripts')
-
-
-def print_json(value: object) -> None:
-    """Print JSON for scripts; numbers that are not finite become null."""
-    print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))

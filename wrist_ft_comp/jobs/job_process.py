@@ -20,7 +20,7 @@ from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.model_store import HistoryEntry
-from wrist_ft_comp.stored.plain_values import from_plain, parse_json, to_plain
+from wrist_ft_comp.stored.own_file import from_plain, parse_json, to_plain
 
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0

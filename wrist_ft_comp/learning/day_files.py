@@ -15,11 +15,10 @@ from typing import NamedTuple
 from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.drift.drift_model import differences
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.csv_writer import (
+from wrist_ft_comp.recordings.read_options import origin_column, sensor_in
+from wrist_ft_comp.recordings.table_form import (
     CsvRecordingWriter,
     nanoseconds,
-    origin_column,
-    sensor_in,
 )
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning, writing

@@ -19,8 +19,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind, writing
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.stored.own_file import Kind, to_plain, writing
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2, keeps=True,

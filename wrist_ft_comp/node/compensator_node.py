@@ -10,37 +10,39 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.channels import LARGEST, SensorNames
-from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.node.calibrate import CalibrateService
-from wrist_ft_comp.node.correction_topic import CorrectionTopic
-from wrist_ft_comp.node.drift_topic import DriftTopic
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
-from wrist_ft_comp.node.identify_payload import IdentifyService
-from wrist_ft_comp.node.inputs import Counts, Newest, TemperatureInput, WrenchInput
-from wrist_ft_comp.node.jobs import JobMaker
+from wrist_ft_comp.node.jobs import CalibrateService, IdentifyService, JobMaker
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder, RecordService
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
+from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
+from wrist_ft_comp.node.wrench_topics import (
+    Counts,
+    DriftTopic,
+    Newest,
+    WrenchInput,
+)
 from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
-from wrist_ft_comp.stored.model_store import ModelStore, node_directory
-from wrist_ft_comp.stored.state_file import StateWriter
+from wrist_ft_comp.stored.model_store import FileWriter, ModelStore, node_directory
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
-from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Every feature of the node, in the order of the diagnostics. Their constructors are called in
+#: Every feature of the node, in the order of the diagnostics; at the end the files are written
+#: (StateKeeper) before the folder is left (LiveModel). Their constructors are called in
 #: ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
-    CalibrateService, DriftTopic, CorrectionTopic, TareService, SpecificForceInput,
+    WrenchInput, TemperatureInput, StateKeeper, LiveModel, Recorder, RecordService,
+    CalibrateService, DriftTopic, TareService, SpecificForceInput,
     ExternalWrench, IdentifyService, Learner,
 )  # fmt: skip
 _STREAM = StreamSettings()
@@ -99,17 +101,28 @@ class CompensatorNode(Hub):
     def __init__(self, **options: Any) -> None:
         super().__init__(NODE_NAME, PARAMETERS, **options)
         chosen = self.chosen()
-        self._silent = chosen['uncalibrated'] == 'silent'
-        self._newest: Newest | None = None
-        self._sources = self._thermometers(chosen['temperature_topics'])
-        self._topics = tuple(self.resolve_topic_name(source.topic) for source in self._sources)
+        if not chosen['temperature_topics']:
+            raise SettingsError(
+                'temperature_topics must name at least one topic; got none. The first is the '
+                'thermometer inside the sensor.'
+            )
+        sources = parse_sources(chosen['temperature_topics'], self._full_name)
+        self.thermometers = [
+            Thermometer(source, self.resolve_topic_name(source.topic)) for source in sources
+        ]
         self._raw_topic = self.resolve_topic_name('wrench_raw')
-        self._check_topics()
+        for name in ('wrench', 'wrench_external'):
+            if self._raw_topic == self.resolve_topic_name(name):
+                raise SettingsError(
+                    f'wrench_raw and {name} are both {self._raw_topic}: the node would hear '
+                    f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
+                )
+        self._newest: Newest | None = None
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
         self.counts = Counts()
         self.compensator = Compensator(
-            len(self._sources),
+            len(sources),
             StreamSettings(
                 temperature_timeout_s=chosen['temperature_timeout'],
                 max_drift_n=chosen['max_drift'],
@@ -119,31 +132,39 @@ class CompensatorNode(Hub):
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
         self._raw = self.subscribe(WrenchStamped, 'wrench_raw', self._on_wrench, FAST_SENSOR)
         self.run(self._make_parts(chosen))
-        self.add_post_set_parameters_callback(self._follow_uncalibrated)
-        later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *self._topics)
+        topics = (thermometer.topic for thermometer in self.thermometers)
+        later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *topics)
         warn_of_unknown(self, later, self.log)
 
     def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
         """Make one of each of PARTS; they meet here, and begin in ``run``."""
         store, compensator, counts = self.store, self.compensator, self.counts
-        writer = StateWriter(store.directory / 'state.json')
-        writer.problem = store.check_writable()
-        source = chosen['gravity.source']
+        writer, drivers = FileWriter(), set[str]()
+        self.writer = writer
+        writer.problems['state.json'] = store.check_writable()
         self.live = live = LiveModel(
-            store=store, sensor=self.sensor, swap=self._swap, writer=writer
+            store=store,
+            sensor=self.sensor,
+            swap=lambda model: compensator.go_live(model, self._newest and self._newest[:2]),
+            writer=writer,
         )
         self.state_keeper = StateKeeper(
-            compensator=compensator, live_sha256=lambda: live.sha256, writer=writer
-        )
-        self.specific_force = SpecificForceInput(chosen)
-        self.wrench_input = WrenchInput(counts, self.newest, 'wrench_raw')
-        self.inputs = TemperatureInput(
-            sources=self._sources, topics=self._topics, compensator=compensator,
-            wrenches=self.wrench_input, specific_force=self.specific_force, live=live,
-            state_keeper=self.state_keeper,
+            compensator=compensator, live_sha256=lambda: live.sha256, writer=writer,
+            path=store.directory / 'state.json', drivers=drivers,
         )  # fmt: skip
+        self.specific_force = SpecificForceInput(chosen)
+        self.wrench_input = WrenchInput(
+            counts, self.newest, lambda: compensator.model.axes if compensator.model else ()
+        )
+        self.inputs = TemperatureInput(
+            thermometers=self.thermometers, compensator=compensator, wrenches=self.wrench_input,
+            specific_force=self.specific_force, live=live, state_keeper=self.state_keeper,
+        )  # fmt: skip
+        source = chosen['gravity.source']
         self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
-        self.recording = RecordService(self.recorder, store, counts, self.log)
+        self.recording = RecordService(
+            recorder=self.recorder, store=store, counts=counts, writer=writer
+        )
         files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
             compensator=compensator, files=files, specific_force=self.specific_force,
@@ -160,35 +181,16 @@ class CompensatorNode(Hub):
         calibrated = partial(live.take, why='a person called ~/calibrate')
         self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
         self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
-        self.drift_topic = DriftTopic(compensator, counts)
-        self.correction_topic = CorrectionTopic(compensator, self.newest)
+        self.drift_topic = DriftTopic(compensator, counts, self.newest, drivers)
         return (
-            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
-            self.recording, self.calibration, self.drift_topic, self.correction_topic, self.tare,
+            self.wrench_input, self.inputs, self.state_keeper, live, self.recorder,
+            self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip
-
-    def _thermometers(self, entries: Sequence[str]) -> tuple[TemperatureSource, ...]:
-        if not entries:
-            raise SettingsError(
-                'temperature_topics must name at least one topic; got none. The first is the '
-                'thermometer inside the sensor.'
-            )
-
-        return parse_sources(entries, self._full_name)
 
     def _full_name(self, topic: str) -> str:
         with opening(topic):
             return self.resolve_topic_name(topic)
-
-    def _check_topics(self) -> None:
-        """Refuse remaps that make the node hear itself."""
-        for name in ('wrench', 'wrench_external'):
-            if self._raw_topic == self.resolve_topic_name(name):
-                raise SettingsError(
-                    f'wrench_raw and {name} are both {self._raw_topic}: the node would hear '
-                    f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
-                )
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""
@@ -212,20 +214,18 @@ class CompensatorNode(Hub):
             self._newest = stamp_ns, raw, data
             for part in self._listeners:
                 self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
-        except Exception as error:  # the next wrench goes on
-            self._note_fault(error)
-
-    def _note_fault(self, error: Exception) -> None:
-        """Count a wrench that was lost by a fault of this program; log a new fault once."""
-        fault = f'{type(error).__name__}: {error}'
-        if fault != self.counts.fault:
-            self.log.error('A wrench was lost:\n' + ''.join(traceback.format_exception(error)))
-        self.counts.failed, self.counts.fault = self.counts.failed + 1, fault
+        except Exception as error:  # the next wrench goes on; a new fault is logged once
+            fault = f'{type(error).__name__}: {error}'
+            if fault != counts.fault:
+                trace = ''.join(traceback.format_exception(error))
+                self.log.write(ERROR, f'A wrench was lost:\n{trace}')
+            counts.failed, counts.fault = counts.failed + 1, fault
 
     @property
     def silent(self) -> bool:
         """Whether nothing is published, because a model or the first temperature is missing."""
-        return self._silent and not self.compensator.compensating
+        compensating = self.compensator.compensating
+        return not compensating and self.get_parameter('uncalibrated').value == 'silent'
 
     def newest(self) -> Newest | None:
         """Give the newest raw wrench."""
@@ -236,16 +236,6 @@ class CompensatorNode(Hub):
         data = self._newest and self._newest[2]
         return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
 
-    def _follow_uncalibrated(self, parameters: Sequence[Any]) -> None:
-        """Publish without a model, or not, as the parameter now says."""
-        for parameter in parameters:
-            if parameter.name == 'uncalibrated':
-                self._silent = parameter.value == 'silent'
-
-    def _swap(self, model: DriftModel | None) -> None:
-        """Give a model to the stream; the old one stays when this raises."""
-        self.compensator.go_live(model, self._newest and self._newest[:2])
-
     def sensor(self) -> SensorNames:
         """Give the names of the sensor."""
         names = {
@@ -253,21 +243,23 @@ class CompensatorNode(Hub):
             'frame_id': [self.hardware_id()],
             'wrench_topic': [self._raw_topic],
             'temperature_topics': [
-                topic + source.entry.removeprefix(source.topic)
-                for topic, source in zip(self._topics, self._sources, strict=True)
+                one.topic + one.source.entry.removeprefix(one.source.topic)
+                for one in self.thermometers
             ],
         }
         return {fact: answers for fact, answers in names.items() if any(answers)}
 
     def _full_topics(self, chosen: dict[str, Any]) -> Topics:
         """Collect the full names of topics, for a job."""
-        sensor = self.sensor()
-        temperatures, (wrench,) = tuple(sensor['temperature_topics']), sensor['wrench_topic']
-        reference, source = self.resolve_topic_name('wrench_reference'), chosen['gravity.source']
-        imu = self.resolve_topic_name('imu') if source == 'imu' else ''
-        frame = chosen['gravity.frame'] if source == 'tf' else ''
-        frames = self.specific_force.frames()
-        return Topics(wrench, temperatures, reference, imu, frame, *frames)
+        sensor, source = self.sensor(), chosen['gravity.source']
+        return Topics(
+            sensor['wrench_topic'][0],
+            tuple(sensor['temperature_topics']),
+            self.resolve_topic_name('wrench_reference'),
+            self.resolve_topic_name('imu') if source == 'imu' else '',
+            chosen['gravity.frame'] if source == 'tf' else '',
+            *self.specific_force.frames(),
+        )
 
 
 #: What --help says before topics, services and parameters.

@@ -10,17 +10,18 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
-from wrist_ft_comp.errors import SettingsError, WristFtCompError
-from wrist_ft_comp.node.inputs import Newest
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.wrench_topics import Newest
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
+from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
@@ -46,14 +47,6 @@ _NORM_DEVIATION = 0.03
 #: It is doubted after this many reports in a row with such a deviation to the same side: motion
 #: makes larger ones, but to both sides.
 _DEVIATION_REPORTS = 10
-#: The wrench is compared with the weight on an axis where the weight has moved by this, N: seven
-#: times the noise of common sensors, 0.3 N, so that a change is known within the share below.
-_MOVED_N = 2.0
-#: Their changes are the same, or opposite, where they differ by less than this share ...
-_CHANGE_SHARE = 0.3
-#: ... and the wrench moves against the weight after this many opposite changes and no same one.
-#: In a cycle with contact, the way through free space has same ones.
-_OPPOSITE_CHANGES = 5
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
@@ -126,17 +119,11 @@ class ExternalWrench(Part):
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    #: The answer of ~/identify_payload to the last request.
-    last_identification: str = ''
-    #: Why the payload that parameters name is not taken off any more; empty while it is.
-    refusal: str = ''
     hub: Hub = field(init=False)
-    #: Corrected force and weight, N, (2, 3), since when they have moved, by axis of the force, and
-    #: in how many changes in a row they moved against one another.
-    _moved_from: FloatArray = field(default_factory=lambda: np.full((2, 3), np.nan))
-    _opposite: IntArray = field(default_factory=lambda: np.zeros(3, np.int64))
-    #: The frame_ids when a payload was chosen last, and the payload before the present one.
-    _chosen: FrameIds | None = None
+    #: Whether the wrench moves with the weight of the payload.
+    _check: WeightCheck = field(default_factory=WeightCheck)
+    #: Whether the first model is live; the payload before the present one.
+    _begun: bool = False
     _last: LivePayload | None = None
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
@@ -171,8 +158,8 @@ class ExternalWrench(Part):
 
     def on_model(self) -> None:
         """Choose the payload as soon as the first model is live; a refusal ends the node."""
-        if self._chosen is None:
-            self._chosen = self.specific_force.frames()
+        if not self._begun:
+            self._begun = True
             self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
@@ -224,35 +211,20 @@ class ExternalWrench(Part):
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
-            self._settle()
+            self._hold(self._choose(self.hub.chosen()))
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""
         names = {row.name for row in self.parameters}
         return {one.name: one.value for one in parameters if one.name in names}
 
-    def poll(self) -> None:
-        """Choose a manual payload again where frame_ids have changed: another one may turn it."""
-        by_hand = self.payload is not None and self.payload.name == MANUAL
-        if (by_hand or self.refusal) and self.specific_force.frames() != self._chosen:
-            self._settle()
-
-    def _settle(self) -> None:
-        """Subtract the payload that parameters name; none where that is refused now."""
-        self._chosen = self.specific_force.frames()
-        try:
-            self._hold(self._choose(self.hub.chosen()))
-        except WristFtCompError as error:
-            self._hold(None)
-            self.refusal = str(error)
-
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
         if payload is not None or self.payload is not None:
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
-        self.payload, self.refusal = payload, ''
-        self._moved_from, self._opposite = np.full((2, 3), np.nan), np.zeros(3, np.int64)
+        self.payload = payload
+        self._check = WeightCheck()
         self.collect(self.collector)
         if payload is None:
             return
@@ -273,17 +245,6 @@ class ExternalWrench(Part):
             )
         self._unnamed = False
 
-    def disagreement(self, frame: ForceFrame) -> str:
-        """Say by how much the rotation by TF differs from a frame's; empty where they agree."""
-        mounted = self.specific_force.mount()
-        apart_deg = 0.0 if mounted is None else frame.apart_deg(mounted)
-        if apart_deg <= _CONTRADICTION_DEG:
-            return ''
-        source = '/tf_static' if self.files.source == 'imu' else 'TF'
-        return (
-            f'{source} says otherwise, by {apart_deg:.0f} degrees: a frame of the driver is wrong'
-        )
-
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
         center_m = np.array(chosen['payload.center_of_mass'], float)
@@ -302,7 +263,23 @@ class ExternalWrench(Part):
                     f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
-            return LivePayload(name, by_hand, *self._turn())
+            # With TF no rotation is needed. That of an IMU is the newest learnt one.
+            frames = self.specific_force.frames()
+            if self.files.source == 'tf':
+                return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
+            if found := list(self.files.frames(frames).items()):
+                return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
+            if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
+                said = f'because both frame_ids are {frames.wrench_frame}'
+                frame = ForceFrame(
+                    source='imu', force_frame=frames[0], wrench_frame=frames.wrench_frame
+                )
+                return LivePayload(name, by_hand, frame, said)
+            raise SettingsError(
+                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
+                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
+                'differ. Call ~/identify_payload first; that takes a minute of motion.'
+            )
         learnt = self.files.payloads()
         if name not in learnt:
             raise SettingsError(
@@ -325,31 +302,6 @@ class ExternalWrench(Part):
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)
 
-    def _turn(self) -> tuple[ForceFrame, str]:
-        """
-        Find the rotation of specific force for a manual payload, and say who knows it.
-
-        With TF no rotation is needed. That of an IMU is the learnt one, or else that of
-        /tf_static, which people write.
-        """
-        if self.files.source == 'tf':
-            return ForceFrame(source='tf'), 'as TF gives it'
-        learnt = self.files.frames(self.specific_force.frames())
-        if learnt:
-            name, frame = list(learnt.items())[-1]
-            return frame, f'learnt with {name}'
-        if (mounted := self.specific_force.mount()) is not None:
-            names = self.specific_force.frames()
-            if names.force_frame == names.wrench_frame:
-                return mounted, f'because both frame_ids are {names.wrench_frame}'
-            return mounted, 'by /tf_static'
-        raise SettingsError(
-            f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
-            'wrench is not known: this sensor has learnt no payload yet, and /tf_static does not '
-            'link the two frames. Call ~/identify_payload, or set payload.active while the node '
-            'runs and /tf_static has that link.'
-        )
-
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
         forces, newest, payload = self.specific_force.forces, self.newest(), self.payload
@@ -366,24 +318,19 @@ class ExternalWrench(Part):
             'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
             'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
             'published': str(self.published),
-            'last_identification': self.last_identification or 'none yet',
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
-        yield doubtful(self.title, self._doubts(age_s, grown), self._well(), numbers)
-
-    def _well(self) -> str:
-        """Say what the part does, where nothing is wrong."""
+        well = 'no payload is active'
         if self.collector is not None:
-            return f'identifying a payload: {self.collector.share:.0%} of a minute'
-        if self.payload is None:
-            return 'no payload is active'
-        other = self.disagreement(self.payload.frame)
-        return f'subtracting {self.payload.name}{other and "; "}{other}'
+            well = f'identifying a payload: {self.collector.share:.0%} of a minute'
+        elif payload is not None:
+            well = f'subtracting {payload.name}'
+        yield doubtful(self.title, self._doubts(age_s, grown), well, numbers)
 
     def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
-        yield from filter(None, (self.refusal, self.specific_force.doubt()))
+        yield from filter(None, [self.specific_force.doubt()])
         newest, payload = self.specific_force.forces.newest, self.payload
         rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
         if not (self.wanted or self.recorder.records_force):
@@ -410,31 +357,37 @@ class ExternalWrench(Part):
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        self._compare_with_weight(payload)
-        if axes := [AXES[i] for i in np.flatnonzero(self._opposite >= _OPPOSITE_CHANGES)]:
-            yield (
-                f'{", ".join(axes)} moves against the weight of {payload.name}: specific force is '
-                'mirrored or turned; mend the mount of the IMU, or call ~/identify_payload'
-            )
-        if payload.name == MANUAL and (other := self.disagreement(payload.frame)):
-            yield f'{payload.turn}; {other}'
+        wrench = self.newest()
+        at_stamp = wrench and self.specific_force.forces.at(wrench[0])
+        if wrench is not None and at_stamp is not None:
+            corrected = self.compensator.correct(*wrench[:2], external=True)
+            self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
+        yield from filter(None, [self.moves_otherwise()])
 
-    def _compare_with_weight(self, payload: LivePayload) -> None:
-        """Count changes of the wrench that are opposite to those of the weight, by axis."""
-        newest = self.newest()
-        force = newest and self.specific_force.forces.at(newest[0])
-        if newest is None or force is None:
-            return
-        wrench = self.compensator.correct(newest[0], newest[1], external=True)
-        now = np.array((wrench[:3], payload.weight(force)[:3]))
-        change, weight_change = now - self._moved_from
-        moved = ~(np.abs(weight_change) < _MOVED_N)  # also the first time, where it is NaN
-        limit = _CHANGE_SHARE * np.abs(weight_change)
-        same = np.abs(change - weight_change) < limit
-        opposite = np.abs(change + weight_change) < limit
-        self._opposite[moved & same] = 0
-        self._opposite[moved & opposite] += 1
-        self._moved_from[:, moved] = now[:, moved]
+    def moves_otherwise(self) -> str:
+        """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""
+        found, payload = self._check.found, self.payload
+        if payload is None:
+            return ''
+        if found.mirrored or found.turn_deg:
+            return (
+                f'the force moves otherwise than the weight of {payload.name}: specific force is '
+                f'mirrored or turned, by {found.turn_deg:.0f} degrees; mend the mount of the IMU '
+                'or the frame of the wrench, or call ~/identify_payload'
+            )
+        if found.scale != 1:
+            return (
+                f'the force moves {found.scale:.3g} times as much as the weight of '
+                f'{payload.name}: its unit, payload.mass, or the payload is another one; mend '
+                'that, or call ~/identify_payload'
+            )
+        if found.shift_m:
+            return (
+                'the torque moves as if the centre of mass were '
+                f'{1e3 * found.shift_m:.0f} mm from that of {payload.name}; was the frame of the '
+                'wrench moved, such as by another TCP? Move it back, or call ~/identify_payload'
+            )
+        return ''
 
     def _off_gravity(self, force: FloatArray) -> Iterator[str]:
         """Doubt a specific force, (3,), whose norm is not that of gravity."""

@@ -1,7 +1,9 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import time
 from typing import Any
@@ -9,23 +11,17 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import (
-    RecordingError,
-    SettingsError,
-    StateFileError,
-    WristFtCompError,
-)
+from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
 from wrist_ft_comp.jobs.job_process import JobProcess
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.node.calibrate import CalibrateService
-from wrist_ft_comp.node.jobs import JobMaker, start_job
-from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.jobs import CalibrateService, JobMaker, start_job
+from wrist_ft_comp.node.live_model import LiveModel, warned
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import at_start
-from wrist_ft_comp.ros.services import Service
+from wrist_ft_comp.ros.services import Reply, Service
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import day_of_choice
@@ -78,6 +74,8 @@ class DiaryKeeper:
 
     def _fail(self, error: RecordingError) -> None:
         """Record nothing for a while."""
+        with suppress(RecordingError):  # what the disk took stays, the rest is lost
+            self.files.close()
         self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
         if not self.problem:
             self._log.error(f'The day is not recorded any more: {error}')
@@ -99,6 +97,7 @@ class DiaryKeeper:
         if recording is not None:
             try:
                 self._recorder.finish(recording)
+                self.files.close()
             except RecordingError as error:
                 self._fail(error)
 
@@ -120,20 +119,14 @@ class Learner(Part):
     )  # fmt: skip
 
     def __init__(
-        self,
-        chosen: Mapping[str, Any],
-        live: LiveModel,
-        calibration: CalibrateService,
-        jobs: JobMaker,
-        log: NodeLog,
-    ) -> None:
+        self, chosen: Mapping[str, Any], live: LiveModel, calibration: CalibrateService,
+        jobs: JobMaker, log: NodeLog,
+    ) -> None:  # fmt: skip
         self.mode: str = chosen['learning.mode']
         #: Why parameters do not allow learning; empty when they do.
         self.why_not = why_not(chosen)
         #: Why a model could not be made live, or what is remembered could not be saved.
         self.problem = ''
-        #: Why an ended day is not judged yet.
-        self.waiting = ''
         self.memory = Memory()
         self.diary: DiaryKeeper | None = None
         self._max_bytes = 1e6 * chosen['learning.max_mb']
@@ -210,14 +203,31 @@ class Learner(Part):
                 self._take(outcome)
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
-            self._start(self.diary.files)
+            # A job starts where the newest day is not judged; without room, once per day.
+            files = self.diary.files
+            days = files.ended()
+            newest = days[-1].name if days else ''
+            is_crowded = files.full and newest not in {'', self._crowded}
+            if newest > self.memory.judged or is_crowded:
+                self._crowded = self._judging = newest
+                self._begun_s = time.monotonic()
+                try:
+                    self._process = start_job(self._jobs.learning(days, self._live.history))
+                except OSError as error:
+                    self._wait_until = time.monotonic() + _RETRY_S
+                    self.problem = f'Learning cannot be started: {error}.'
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
+            why = f'the node made {memory.offered} live: {memory.why}'
             try:
-                self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
+                self._adopt(why, self._note, memory.judged)
             except SettingsError as error:
                 self._failed, self.problem = memory.offered, str(error)
                 self._log.error(self.problem)
+
+    def _note(self, problem: str) -> None:
+        """Keep why the model that was made live could not be remembered."""
+        self.problem = self.problem or problem
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
@@ -230,33 +240,9 @@ class Learner(Part):
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _start(self, files: DayFiles) -> None:
-        """Start a job where the newest day is not judged; where there is no room, once per day."""
-        days = files.ended()
-        newest = days[-1].name if days else ''
-        is_crowded = files.full and newest not in {'', self._crowded}
-        if newest <= self.memory.judged and not is_crowded:
-            return
-        self._crowded = self._judging = newest
-        self._begun_s = time.monotonic()
-        try:
-            self._process = start_job(self._jobs.learning(days, self._live.history))
-        except OSError as error:
-            self._wait(f'Learning cannot be started: {error}.')
-
-    def _wait(self, why: str) -> None:
-        self._wait_until = time.monotonic() + _RETRY_S
-        if why != self.waiting:
-            self.waiting = why
-            self._log.info(why)
-
     def _take(self, outcome: Mapping[str, Any]) -> None:
         """Remember the outcome of a job, and offer the model that it found."""
         message: str = outcome['message']
-        if outcome.get('later'):
-            self._wait(message)
-            return
-        self.waiting = ''
         judged = {'judged': self._judging, 'verdict': message}
         if not outcome['success']:
             trouble = f'{self._judging} could not be judged: {message}'
@@ -273,12 +259,18 @@ class Learner(Part):
                 self._log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
         self._remember(**judged)
 
-    def adopt(self, *_: Any) -> str:
+    def adopt(self, _: Any, reply: Reply) -> None:
         """Make the offered model live because a person asked for it; say which."""
-        return self._adopt(f'a person called ~/adopt: {self.memory.why}')
+        now = f'compensating with {self.offered}: {self.memory.why}'
 
-    def _adopt(self, why: str, judged: str = '') -> str:
-        """Make the offered model live, as LiveModel.take does; say which."""
+        def answer(problem: str) -> None:
+            self._note(problem)
+            reply(success=True, message=warned(now, problem))
+
+        self._adopt(f'a person called ~/adopt: {self.memory.why}', answer)
+
+    def _adopt(self, why: str, then: Callable[[str], None], judged: str = '') -> None:
+        """Make the offered model live, as LiveModel.take does; SettingsError refuses."""
         memory = self.memory
         try:
             if self.why_not or not memory.offered:
@@ -293,13 +285,10 @@ class Learner(Part):
                     f'{stored.path} has changed since it was judged. Set model_file to it if you '
                     'want it live all the same.'
                 )
-            problem = self._live.take(stored, why, judged)
+            self._live.take(stored, why, judged, then)
         except WristFtCompError as error:
             raise SettingsError(f'{error} The running model stays.') from error
         self._follow_live()
-        self.problem = self.problem or problem
-        message = f'compensating with {stored.path}: {memory.why}'
-        return f'{message}\nwarning: {problem}' if problem else message
 
     def _end_day(self) -> None:
         """End the day that goes on, and the job, because a person decides about models."""
@@ -311,15 +300,18 @@ class Learner(Part):
         """Save changes of the memory; delete the file of a model that is not offered any more."""
         before, offered = self.memory, self.offered
         self.memory, self.problem = replace(before, **changes), ''
-        try:
-            save_memory(self._directory, self.memory)
-        except StateFileError as error:
-            self.problem = str(error)
-            self._log.error(self.problem)
-            return
         was_live = any(entry.sha256 == before.sha256 for entry in self._live.history)
-        if before.offered not in {'', self.memory.offered} and not was_live:
-            self._jobs.store.discard(offered)
+        is_over = before.offered not in {'', self.memory.offered} and not was_live
+
+        def note(problem: str) -> None:
+            if problem:
+                self.problem = problem
+                self._log.error(problem)
+            elif is_over:
+                self._jobs.store.discard(offered)
+
+        write = partial(save_memory, self._directory, self.memory)
+        self._live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
         """Stop the job, if one runs, and forget it."""
@@ -353,11 +345,11 @@ class Learner(Part):
         if trouble:
             message = trouble
         elif memory.offered:
-            message = 'a better model is offered: see "offered", and call ~/adopt to make it live'
+            message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
         elif self.running_s is not None:
             message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
         else:
-            message = self.waiting or 'the day is being recorded; no better model is offered'
+            message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
 
     def end(self) -> bool:

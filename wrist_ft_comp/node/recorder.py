@@ -2,24 +2,31 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
+from wrist_ft_comp.channels import (
+    AXES,
+    FORCE_CHANNELS,
+    LARGEST,
+    REFERENCE_CHANNELS,
+    SensorNames,
+    temperature_channel,
+)
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.node.inputs import Counts
-from wrist_ft_comp.ros.diagnostics import NodeLog
+from wrist_ft_comp.node.wrench_topics import Counts
+from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Hub, Part, Vector
-from wrist_ft_comp.ros.services import Service
+from wrist_ft_comp.ros.services import Reply, Service
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import CellAverager, Row, row_channels, ThermalCell
@@ -29,26 +36,19 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 LACKING_S = 60.0
 
 
-class Writer(Protocol):
-    """Takes rows of a stamp, ns, and a value per channel; RecordingError when the disk refuses."""
-
-    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
-        """Write a row."""
-
-    def close(self) -> None:
-        """Write what is left."""
-
-
 @dataclass(eq=False)
 class OwnRecording:
     """A recording in progress."""
 
-    writer: Writer
+    #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
+    writer: Any
     #: Called when the disk refuses; nothing more is written after that.
     on_failure: Callable[[RecordingError], None]
     rows: int = 0
     #: By channel, how many of the newest rows have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
+    #: By channel, its least and its largest value.
+    spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 class Recorder(Part):
@@ -56,7 +56,7 @@ class Recorder(Part):
     Averages over cells for all recordings that run; while there is none, it hears no wrenches.
 
     Its cells have the length that thermal cells have without a model, and keep it, whichever model
-    goes live.
+    goes live. ``sensor`` gives the names of the sensor.
     """
 
     title = 'recorder'
@@ -65,20 +65,19 @@ class Recorder(Part):
     def __init__(
         self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
     ) -> None:
+        self.thermometers = thermometers = compensator.thermometers
         #: Names of a row's values.
-        self.channels = row_channels(compensator.thermometers, with_force=with_force)
-        #: Gives the names of the sensor.
+        self.channels = row_channels(thermometers, with_force=with_force)
         self.sensor = sensor
         #: Length of a row's cell, ns.
         self.period_ns = round(NANOSECONDS * compensator.settings.thermal_period_s)
         self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
+        self._new_averager = partial(
+            CellAverager, self.period_ns, thermometers, with_force=with_force
+        )
         #: Averages for all recordings that run.
         self.averager = self._new_averager()
-
-    def _new_averager(self) -> CellAverager:
-        thermometers = self._compensator.thermometers
-        return CellAverager(self.period_ns, thermometers, with_force=self._with_force)
 
     def _flush(self) -> list[Row]:
         """Take all rows, and begin anew: no row waits for a reference that has ended."""
@@ -106,7 +105,7 @@ class Recorder(Part):
         """Find for how long nothing of a channel was recorded, s."""
         return recording.lacking[channel] * self.period_ns / NANOSECONDS
 
-    def begin(self, writer: Writer, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
+    def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
         """Feed a new recording from now on."""
         self._share(self._flush())  # what was before is none of its
         recording = OwnRecording(writer, on_failure)
@@ -115,13 +114,16 @@ class Recorder(Part):
         return recording
 
     def finish(self, recording: OwnRecording) -> None:
-        """Write all that a recording gets, and close it; RecordingError when the disk refuses."""
+        """
+        Write all that a recording gets, and let go of it; its owner closes its writer.
+
+        RecordingError when the disk refuses.
+        """
         rows = self._flush()
         self._leave(recording)
         self._share(rows)
         if error := self._write(recording, rows):
             raise error
-        recording.writer.close()
 
     def _leave(self, recording: OwnRecording) -> None:
         self._running.remove(recording)
@@ -135,7 +137,7 @@ class Recorder(Part):
                 recording.on_failure(error)
 
     def _write(self, recording: OwnRecording, rows: Sequence[Row]) -> RecordingError | None:
-        """Write rows into a recording; it is closed where the disk refuses, for which reason."""
+        """Write rows into a recording, and note what they lack; give why the disk refuses."""
         try:
             for stamp_ns, values in rows:
                 recording.writer.append(stamp_ns, values)
@@ -143,9 +145,10 @@ class Recorder(Part):
                 for channel, value in zip(self.channels, values, strict=True):
                     count = recording.lacking[channel] + 1 if math.isnan(value) else 0
                     recording.lacking[channel] = count
+                    if not count:
+                        least, most = recording.spans.get(channel, (value, value))
+                        recording.spans[channel] = min(least, value), max(most, value)
         except RecordingError as error:
-            with suppress(RecordingError):  # what the disk took stays, the rest is lost
-                recording.writer.close()
             return error
         return None
 
@@ -180,21 +183,25 @@ class Recorder(Part):
             self._share(self.averager.rows())
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class RecordService(Part):
-    """Starts and ends the node's own recording, and hears the reference wrench meanwhile."""
+    """
+    Starts and ends the node's own recording, and hears the reference wrench meanwhile.
 
-    _recorder: Recorder
-    _store: ModelStore
-    _counts: Counts
-    _log: NodeLog
+    ``writer`` waits for the disk at its end, so that no wrench does.
+    """
+
+    recorder: Recorder
+    store: ModelStore
+    counts: Counts
+    writer: FileWriter
     hub: Hub = field(init=False)
-    _reference: Any = None
     #: The recording that runs, and its file, or that of the last one.
     current: OwnRecording | None = None
     path: Path = Path()
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
+    _reference: Any = None
     #: Whether the one that runs has heard its reference.
     _heard: bool = False
 
@@ -207,13 +214,19 @@ class RecordService(Part):
         purpose = "starts (data: true) or ends (data: false) the node's own recording"
         return (Service(SetBool, '~/record', purpose, cls.on_request),)
 
-    def on_request(self, request: Any, _reply: Any) -> str:
+    def on_request(self, request: Any, reply: Reply) -> str | None:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
-        return self._begin() if request.data else self._finish()
+        if request.data:
+            return self.begin()
+        if self.current is None:
+            raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
+        self._finish(self.current, reply)
+        return None
 
-    def _begin(self) -> str:
+    def begin(self) -> str:
         """Start recording; say where to."""
-        from wrist_ft_comp.recordings import csv_writer  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.recordings import table_form  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.recordings.read_options import origin_column  # noqa: PLC0415
 
         if self.current is not None:
             raise RecordingError(
@@ -224,30 +237,37 @@ class RecordService(Part):
         take = self.hub.guarded(self, self.on_reference)
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
-            with writing(self._store.directory):
-                path = self._store.new_recording_path()
-                origin = csv_writer.origin_column(self._recorder.sensor())
-                writer = csv_writer.CsvRecordingWriter(path, (*self._recorder.channels, origin))
+            with writing(self.store.directory):
+                path = self.store.new_recording_path()
+                origin = origin_column(self.recorder.sensor())
+                writer = table_form.CsvRecordingWriter(path, (*self.recorder.channels, origin))
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
         self._reference, self.path, self.failure, self._heard = reference, path, '', False
-        self.current = self._recorder.begin(writer, self._fail)
+        self.current = self.recorder.begin(writer, self._fail)
         return f'recording into {path}'
 
-    def _finish(self) -> str:
-        """End the recording; say what it holds."""
-        recording = self.current
-        if recording is None:
-            raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
+    def _finish(self, recording: OwnRecording, reply: Callable[..., None]) -> None:
+        """End the recording; answer what it holds when that is on the disk."""
+        path, problem = self.path, ''
         self._forget()
         try:
-            self._recorder.finish(recording)
+            self.recorder.finish(recording)
         except RecordingError as error:
-            raise RecordingError(_ended(error, recording.rows)) from error
-        seconds = recording.rows * self._recorder.period_ns / NANOSECONDS
-        return f'recorded {recording.rows} thermal cells ({seconds:.0f} s) into {self.path}'
+            problem = str(error)
+        rows = recording.rows
+        seconds = rows * self.recorder.period_ns / NANOSECONDS
+
+        def answer(unwritten: str) -> None:
+            if why := problem or unwritten:
+                reply(success=False, message=_ended(why, rows))
+            else:
+                said = f'recorded {rows} thermal cells ({seconds:.0f} s) into {path}'
+                reply(success=True, message=said)
+
+        self.writer.put(str(path), recording.writer.close, answer)
 
     def _forget(self) -> None:
         self.current = None
@@ -258,26 +278,36 @@ class RecordService(Part):
         try:
             stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
         except RecordingError:
-            self._counts.bad_references += 1
+            self.counts.bad_references += 1
             return
         if not math.hypot(*reference) < LARGEST:  # false for NaN
-            self._counts.bad_references += 1
+            self.counts.bad_references += 1
         elif self.current is not None:
             self._heard = True
-            self._recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+            self.recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+
+    def spans(self) -> dict[str, str]:
+        """Give how long the present recording is, and which temperatures it spans."""
+        if self.current is None or not self.current.rows:
+            return {}
+        values = {'recording_s': f'{self.current.rows * self.recorder.period_ns / NANOSECONDS:g}'}
+        for j in range(self.recorder.thermometers):
+            if span := self.current.spans.get(temperature_channel(j)):
+                values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
+        return values
 
     def doubt(self) -> str:
         """Say that no wrenches are recorded, or no reference that was heard; else empty."""
         if self.current is None:
             return ''
-        lacking_s = min(self._recorder.lacking_s(self.current, axis) for axis in AXES)
+        lacking_s = min(self.recorder.lacking_s(self.current, axis) for axis in AXES)
         if lacking_s >= LACKING_S:
             return (
                 f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are silent, '
                 'or their stamps are of another clock than those of the temperatures. Nothing can '
                 'be learnt from that; set one clock, then record again'
             )
-        lacking_s = self._recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
+        lacking_s = self.recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
         if not self._heard or lacking_s < LACKING_S:
             return ''
         return (
@@ -287,24 +317,26 @@ class RecordService(Part):
 
     def _fail(self, error: RecordingError) -> None:
         """Say that the disk has ended the recording."""
-        rows = self.current.rows if self.current else 0
-        self._forget()
-        self.failure = _ended(error, rows)
-        self._log.error(self.failure)
+        if (recording := self.current) is not None:
+            self._forget()
+            self.writer.put(str(self.path), recording.writer.close)
+            self.failure = _ended(str(error), recording.rows)
+            self.hub.log.error(self.failure)
 
     def end(self) -> bool:
         """Close the recording that runs, if one does, and log what it holds."""
+
+        def report(*, success: bool, message: str) -> None:
+            self.hub.log.write(OK if success else ERROR, message)
+
         if self.current is not None:
-            try:
-                self._log.info(self._finish())
-            except RecordingError as error:
-                self._log.error(str(error))
+            self._finish(self.current, report)
         return False
 
 
-def _ended(error: RecordingError, rows: int) -> str:
+def _ended(problem: str, rows: int) -> str:
     """Say what has ended a recording, and what to do."""
     return (
-        f'{error} The recording has ended after {rows} thermal cells. See that its file stays and '
-        'the disk has room, or choose another data_directory, then record again.'
+        f'{problem} The recording has ended after {rows} thermal cells. See that its file stays '
+        'and the disk has room, or choose another data_directory, then record again.'
     )

@@ -1,7 +1,6 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
 from collections import deque
-from collections.abc import Sequence
 from functools import partial
 import math
 from typing import Any
@@ -10,9 +9,9 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.payload.weight import ForceFrame, FrameIds
+from wrist_ft_comp.payload.weight import FrameIds
 from wrist_ft_comp.ros.hub import Hub, Part, Vector
-from wrist_ft_comp.ros.parameters import at_start, Parameter
+from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
@@ -84,7 +83,7 @@ class SpecificForceInput(Part):
             'gravity.frame', '',
             'With gravity.source tf: the frame whose z is up, against which the frame_id of the '
             'wrench turns.'),
-        Parameter(
+        at_start(
             'gravity.timeout', 0.2,
             'Age above which a specific force is not used, so that no weight is subtracted.',
             's', 0.01, 10.0),
@@ -101,7 +100,7 @@ class SpecificForceInput(Part):
         #: Messages that could not be read, or held no numbers.
         self.unreadable = 0
         self._unreadable_before = 0
-        #: Links gravity.frame and the wrench's frame; with an IMU, the frames of IMU and wrench.
+        #: Links gravity.frame and the wrench's frame.
         self._tree = GravityByTf(self._upper, '')
         self._handed_out_ns: int | None = None
         self._tf_messages = 0
@@ -113,24 +112,16 @@ class SpecificForceInput(Part):
         """Subscribe; SettingsError when what is asked for cannot be had."""
         if self._source == 'imu':
             self._imu = self.hub.subscribe_unserved(Imu, 'imu', FAST_SENSOR)
-            try:
-                self._subscribe('/tf_static')
-            except SettingsError as error:  # a learnt payload brings the rotation
-                self.hub.log.info(f'TF is not asked how the IMU is mounted: {error}')
         elif self._by_tf:
             if not self._upper:
                 raise SettingsError(
                     'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
-            for topic in ('/tf', '/tf_static'):
-                self._subscribe(topic)
-
-    def _subscribe(self, topic: str) -> None:
-        static = topic == '/tf_static'
-        take = partial(self.on_tf, Layouts(), static=static)
-        qos = LATCHED if static else FAST_SENSOR
-        self.hub.subscribe(load_type(topic, TF), topic, self.hub.guarded(self, take), qos)
+            for topic, qos in (('/tf', FAST_SENSOR), ('/tf_static', LATCHED)):
+                take = partial(self.on_tf, Layouts(), static=qos is LATCHED)
+                kind = load_type(topic, TF)
+                self.hub.subscribe(kind, topic, self.hub.guarded(self, take), qos)
 
     def poll(self) -> None:
         """Take the messages that an IMU has sent."""
@@ -145,12 +136,6 @@ class SpecificForceInput(Part):
         self.forces.add(stamp_ns, specific_force)
         self.speed = math.nan if speed is None else speed
 
-    def apply_parameters(self, parameters: Sequence[Any]) -> None:
-        """Follow gravity.timeout."""
-        for parameter in parameters:
-            if parameter.name == 'gravity.timeout':
-                self.forces.timeout_ns = round(parameter.value * NANOSECONDS)
-
     def frames(self) -> FrameIds:
         """
         Give the frame_ids of specific force and wrench, '' where one is not known yet.
@@ -162,17 +147,6 @@ class SpecificForceInput(Part):
             return FrameIds(self._upper, wrench)
         newest = self._newest
         return FrameIds(locate(newest, IMU_DOUBLES).frame_id(newest) if newest else '', wrench)
-
-    def mount(self) -> ForceFrame | None:
-        """Find the rotation of specific force by TF; None where TF does not link the frames."""
-        if self._by_tf:
-            return ForceFrame()
-        names = self.frames()
-        if not self._newest or not names.wrench_frame:
-            return None
-        self._tree.lower, self._tree.upper = names
-        (rotation,) = self._tree.rotations(np.zeros(1, np.int64))
-        return ForceFrame(rotation, source='imu') if np.isfinite(rotation).all() else None
 
     def on_imu(self, data: bytes) -> None:
         """Take one sensor_msgs/Imu; without a gyroscope its rotation is zero."""
@@ -191,8 +165,7 @@ class SpecificForceInput(Part):
 
     def on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
         """Take one tf2_msgs/TFMessage; ``layouts`` are those of its topic."""
-        if self._by_tf:
-            self._tree.lower = self.frames().wrench_frame
+        self._tree.lower = self.frames().wrench_frame
         try:
             layout = layouts.find(data)
         except RecordingError:
@@ -204,20 +177,18 @@ class SpecificForceInput(Part):
         self._tf_messages += 1
         if self._tf_messages % _TIDY_MESSAGES == 0:
             self._tree.forget()
-        if self._by_tf and needed:
-            self._hand_out_by_tf()
-
-    def _hand_out_by_tf(self) -> None:
-        """Hand out specific force at the newest stamp of all transforms, if it is a new one."""
+        if not needed:
+            return
+        # At the newest stamp of all transforms, if it is a new one. Stamps that ran back are
+        # those of a simulation that was restarted.
         at_ns, last_ns = self._tree.settled_ns(), self._handed_out_ns
-        # Stamps that ran back are those of a simulation that was restarted.
         if at_ns is None or (last_ns is not None and 0 <= at_ns - last_ns < _STEP_NS):
             return
         self._handed_out_ns = at_ns
-        specific_force, speed = self._tree.read(np.array([at_ns]))
-        if math.isfinite(specific_force[0, 0]):
-            x, y, z = specific_force[0].tolist()
-            self._hand_out(at_ns, (x, y, z), float(speed[0]) if math.isfinite(speed[0]) else None)
+        (specific_force,), (turning,) = self._tree.read(np.array([at_ns]))
+        if math.isfinite(specific_force[0]):
+            x, y, z = specific_force.tolist()
+            self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
 
     def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
@@ -238,7 +209,7 @@ class SpecificForceInput(Part):
                 return f'{topic} has {publishers} publishers; their readings are mixed'
         if self.unreadable == unreadable:
             return ''
-        what = 'transforms' if self._by_tf else 'messages of the IMU or transforms'
+        what = 'transforms' if self._by_tf else 'messages of the IMU'
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
 
     def problem(self) -> str:

@@ -1,15 +1,20 @@
 """The part for warm restarts: it saves thermal state and tare, and continues from them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 import time
 from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
+from wrist_ft_comp.node.live_model import Then
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.state_file import load_state, SavedState, StateWriter
+from wrist_ft_comp.stored.model_store import FileWriter
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.thermal_memory import belongs_to
 
@@ -18,8 +23,8 @@ from wrist_ft_comp.stream.thermal_memory import belongs_to
 SAVE_PERIOD_S = 5.0
 #: Longest time that the node waits for the disk when it ends, s.
 _END_TIMEOUT_S = 2.0
-#: The live model's hash, and the bytes of both tares.
-_Key: TypeAlias = tuple[str | None, bytes, bytes]
+#: The live model's hash, the bytes of both tares, what is doubted of the zero, and who publishes.
+_Key: TypeAlias = tuple[str | None, bytes, bytes, tuple[str, ...], tuple[str, ...]]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -27,19 +32,22 @@ class StateKeeper(Part):
     """
     Continues from the state that the last node saved, and saves the state of this one.
 
-    ``live_sha256`` gives the hash of the live model's file.
+    ``live_sha256`` gives the hash of the live model's file. Of the writer, which all parts share,
+    it hands out the outcomes, and waits for it at the end.
     """
 
     compensator: Compensator
     live_sha256: Callable[[], str | None]
-    writer: StateWriter
+    writer: FileWriter
+    path: Path
+    #: The publishers of raw wrenches, which the part for the output keeps up to date.
+    drivers: set[str] = field(default_factory=set)
     #: What happened to the saved state.
     outcome: str = 'there was no saved state'
-    #: The trouble with the file that was logged last.
-    _complained: str = ''
+    #: The bytes of the tares in the file, where they are known.
+    _written: tuple[bytes, bytes] = b'', b''
     #: The saved state, until the first thermal cell decides whether it is used.
     _loaded: SavedState | None = None
-
     #: When to save next, by the steady clock; None before the first model is live.
     _due: float | None = None
 
@@ -59,24 +67,28 @@ class StateKeeper(Part):
     def _restore(self) -> str:
         """Continue from the saved state, where there is one; return why it cannot be used."""
         try:
-            state = load_state(self.writer.path)
+            state = load_state(self.path)
         except StateFileError as error:
             return str(error).removesuffix('.')
         if state is None:
             return ''
         if state.model_sha256 != self.live_sha256():
             return 'the saved state belongs to another model, and so does its tare'
+        self._written = state.tare.tobytes(), state.external_tare.tobytes()
         memory, model = state.thermal, self.compensator.model
         if state.tare.any() or state.external_tare.any():
             self.compensator.restore_tare(
                 state.tare, state.external_tare, before_drift=memory is None
             )
             self.hub.log.info('the tare from before the restart is active')
+            self.drivers.update(state.drivers)
+        for doubt in state.zero_doubts:
+            self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
             self.outcome = 'the saved state holds no thermal state'
             return ''
         if not belongs_to(model, memory):
-            return f'{self.writer.path} does not fit the model it names'
+            return f'{self.path} does not fit the model it names'
         # With simulated time, the system's clock does not show how long a restart took.
         simulated = self.hub.get_parameter('use_sim_time').value
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
@@ -86,14 +98,19 @@ class StateKeeper(Part):
         return ''
 
     def _present(self) -> tuple[_Key, int | None]:
-        """Collect model and tares, whose change is saved at once, and where the state ends, ns."""
+        """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
         stream, tracker = self.compensator, self.compensator.tracker
-        key = self.live_sha256(), stream.tare.tobytes(), stream.external_tare.tobytes()
+        tares = stream.tare.tobytes(), stream.external_tare.tobytes()
+        doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.drivers))
+        key = (self.live_sha256(), *tares, doubts, drivers)
         return key, tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
+        self.writer.poll()
         tracker = self.compensator.tracker
+        if self._due is None:
+            return
         if tracker.origin != self._logged_origin:
             self._logged_origin = tracker.origin
             if self._loaded is not None:
@@ -101,36 +118,43 @@ class StateKeeper(Part):
                 if not tracker.awaiting_gap:
                     self._loaded = None
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
-        if self.writer.problem != self._complained:
-            self._complained = self.writer.problem
-            if self.writer.problem:
-                self.hub.log.error(self.writer.problem)
-        if self._due is not None:
-            present = self._present()
-            due = time.monotonic() >= self._due and present != self._saved
-            if due or present[0] != self._saved[0]:
-                self.save()
+        present = self._present()
+        due = time.monotonic() >= self._due and present != self._saved
+        if due or present[0] != self._saved[0]:
+            self.save()
 
-    def save(self) -> None:
-        """Have the present state saved; returns at once."""
-        compensator = self.compensator
+    def save(self, then: Then | None = None) -> None:
+        """Have the present state saved; ``then`` gets why that failed, or '', when it is known."""
+        stream = self.compensator
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
         saved_ns = time.time_ns()
-        if self._loaded is not None and compensator.tracker.awaiting_gap:
+        if self._loaded is not None and stream.tracker.awaiting_gap:
             saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
-        model, memory = self.live_sha256(), compensator.memory()
-        tare, external_tare = compensator.tare, compensator.external_tare
-        self.writer.put(SavedState(saved_ns, model, tare, memory, external_tare))
+        state = SavedState(
+            saved_ns, self.live_sha256(), stream.tare, stream.memory(), stream.external_tare,
+            tuple(stream.zero_doubts), tuple(sorted(self.drivers)),
+        )  # fmt: skip
+        self.writer.put(self.path.name, partial(self._write, state), then)
+
+    def _write(self, state: SavedState) -> None:
+        """Write a state; where that fails, no state of another tare may come back."""
+        tares = state.tare.tobytes(), state.external_tare.tobytes()
+        try:
+            save_state(self.path, state)
+        except StateFileError:
+            if tares != self._written:
+                with suppress(OSError):
+                    self.path.unlink()
+            raise
+        self._written = tares
 
     def end(self) -> bool:
-        """Save once more, and wait for the disk."""
-        if self._due is None:
-            return False
-        if self._present() != self._saved:
+        """Save once more, and wait for the disk; True when a caller was answered just now."""
+        if self._due is not None and self._present() != self._saved:
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
-            self.hub.log.error(f'{self.writer.path} was not saved: the disk does not answer.')
-        elif self.writer.problem not in {'', self._complained}:
-            self.hub.log.error(self.writer.problem)
-        return False
+            self.hub.log.error(f'{self.path} was not saved: the disk does not answer.')
+        elif problem := self.writer.problems.get(self.path.name):
+            self.hub.log.error(problem)
+        return self.writer.poll()

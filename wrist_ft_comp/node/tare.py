@@ -11,17 +11,18 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
-from wrist_ft_comp.node.inputs import WrenchInput
-from wrist_ft_comp.payload.live_weight import LivePayload
+from wrist_ft_comp.node.live_model import warned
+from wrist_ft_comp.node.wrench_topics import WrenchInput
 from wrist_ft_comp.ros.hub import Hub, LongService, Work
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import Service
-from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
 #: A tare is refused where the stamps of wrenches do not go on for this time, s.
 _PATIENCE_S = 2.0
+#: A tare is answered when it is saved, or after this time, s.
+_DISK_S = 5.0
 
 
 @dataclass(eq=False, kw_only=True)
@@ -29,13 +30,13 @@ class TareService(LongService):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
 
-    ``save`` keeps the tare over a restart.
+    ``save`` keeps the tare over a restart, and tells what it is given why that failed, or ''.
     """
 
     compensator: Compensator
     external: ExternalWrench
     wrenches: WrenchInput
-    save: Callable[[], None]
+    save: Callable[..., None]
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
@@ -105,17 +106,37 @@ class TareService(LongService):
             reading = ', '.join(f'{value:.4g}' for value in mean)
             raise TareRefusedError(
                 f'All wrenches of the tare are the same to the last bit ({reading}): the sensor '
-                'is frozen, or not up yet. Look at its driver; where its steps are coarse, raise '
-                'tare.duration.'
+                'is frozen, or not up yet. Look at its driver. Mock hardware, whose readings '
+                'never change, needs no tare: do not call it there. Where the steps of the sensor '
+                'are coarse, raise tare.duration.'
             )
-        weight = self._weight(payload)
+        weight, after = None, self.external.payload
+        if after is not None or payload is not None:
+            weights = [weight for weight in self._weights if weight is not None]
+            if after is None or after is not payload or len(weights) < len(self._weights):
+                why = 'payload.active changed meanwhile'
+                if after is payload:
+                    count = len(self._weights)
+                    why = f'specific force was fresh for {len(weights)} of {count} wrenches'
+                raise TareRefusedError(
+                    f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look '
+                    'at the status payload and call again; with payload.active empty, wrench is '
+                    'tared alone.'
+                )
+            weight = np.asarray(np.mean(weights, axis=0))
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
-        self.save()
+        problems: list[str] = []
+        self.save(problems.append)
+        asked_s = time.monotonic()
+        while not problems and time.monotonic() - asked_s < _DISK_S:
+            yield
+        unsaved = problems[0] if problems else 'the disk does not answer'
         offsets = ', '.join(
             f'{axis} {value:.4g} {axis_unit(axis)}' for axis, value in zip(AXES, tare, strict=True)
         )
         also = '' if weight is None else '; wrench_external is tared, too'
-        return f'tared: {offsets}{also}'
+        lost = f'A restart loses this tare: {unsaved}' if unsaved else ''
+        return warned(f'tared: {offsets}{also}', lost)
 
     def _refuse_sick(self) -> None:
         """Refuse where the sensor is frozen or saturated."""
@@ -124,19 +145,8 @@ class TareService(LongService):
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
                 'again when the sensor lives.'
             )
-
-    def _weight(self, before: LivePayload | None) -> FloatArray | None:
-        """Average the payload's weight; refuse where the payload is not that of ``before``."""
-        payload, refused = self.external.payload, self.external.refusal
-        if payload is None and before is None and not refused:
-            return None
-        weights = [weight for weight in self._weights if weight is not None]
-        if payload is None or payload is not before or len(weights) < len(self._weights):
-            fresh = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
-            why = refused or (fresh if payload is before else 'payload.active changed meanwhile')
+        if otherwise := self.external.moves_otherwise():
             raise TareRefusedError(
-                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
-                'the status payload and call again; with payload.active empty, wrench is tared '
-                'alone.'
+                f'wrench_external cannot be tared: {otherwise}. Both tares stay as they were; '
+                'when that is mended, turn the tool about until the status payload says so.'
             )
-        return np.asarray(np.mean(weights, axis=0))

@@ -109,11 +109,7 @@ def summary(diary: Diary) -> tuple[str, str]:
     sentence = f'{head}: on a usual day a force drifted by {rounded(force.without, 2)} N'
     if np.isnan(force.left):
         return f'{sentence}; no model was live.', f'{counted}.'
-    (without, left), most = judged.mean(axis=0), judged[:, 1].max()
-    counted += (
-        f' with a model; mean {rounded(without, 2)} and {rounded(left, 2)} N; most left '
-        f'{rounded(most, 2)} N.'
-    )
+    counted += f' with a model; most left {rounded(judged[:, 1].max(), 2)} N.'
     if np.isfinite(torque.left):
         counted += (
             f' A torque drifted by {rounded(torque.without, 2)} N m; the model left '
@@ -191,17 +187,3 @@ def date_of(entry: DayEntry) -> str:
         return str(datetime.fromtimestamp(entry.first_ns // NANOSECONDS, timezone.utc).date())
     except (OverflowError, ValueError):
         return '-'
-
-
-def known_temperatures(diary: Diary) -> list[list[tuple[float, float]]]:
-    """Merge what the days saw, °C: by thermometer, intervals that do not touch."""
-    known: list[list[tuple[float, float]]] = []
-    for j in range(max((len(day.temperature_c) for day in diary.days), default=0)):
-        known.append([])
-        intervals = (day.temperature_c[j] for day in diary.days if len(day.temperature_c) > j)
-        for low, high in sorted(intervals):
-            if known[j] and low <= known[j][-1][1]:
-                known[j][-1] = known[j][-1][0], max(high, known[j][-1][1])
-            else:
-                known[j].append((low, high))
-    return known

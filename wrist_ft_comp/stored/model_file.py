@@ -6,7 +6,6 @@ from datetime import datetime, timezone
 import hashlib
 import math
 from pathlib import Path
-import platform
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -20,8 +19,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import HEADER, Kind
-from wrist_ft_comp.stored.plain_values import from_plain, to_plain
+from wrist_ft_comp.stored.own_file import from_plain, HEADER, Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration
@@ -65,21 +63,8 @@ def _parse(content: bytes) -> Any:
         raise ValueError(' '.join(str(error).split())) from error
 
 
-class _ModelKind(Kind):
-    """A model is known by its first line, and by being YAML as a whole: notes may quote one."""
-
-    def is_own(self, path: Path) -> bool:
-        """Tell by its content whether a file is a model, of whatever version."""
-        if not super().is_own(path):
-            return False
-        try:
-            return isinstance(_parse(self.read(path)), dict)
-        except (ModelFileError, ValueError):
-            return False
-
-
 # A model of six axes with hats and banks takes some tens of kilobytes.
-KIND = _ModelKind(
+KIND = Kind(
     name='model file', says='wrist_ft_comp drift model',
     begins='format: wrist_ft_comp drift model\n', version=3, max_bytes=4_000_000,
     endings='.yaml .yml', error=ModelFileError, parse=_parse,
@@ -237,7 +222,9 @@ def save_model(
     Gives what ``load_model`` reads. ModelFileError when the file cannot be written, or another
     file than a model is in its place.
     """
-    from importlib.metadata import version  # noqa: PLC0415 -- a node that only loads starts faster
+    # A node that only loads starts faster.
+    from importlib.metadata import version  # noqa: PLC0415
+    import platform  # noqa: PLC0415
 
     path = Path(path)
     document = {

@@ -1,5 +1,5 @@
 """
-Where a node keeps what it made: models, own recordings, and which model is active.
+Where a node keeps what it made: models, own recordings, which model is active; and the writer.
 
     <directory>/models/*.yaml        every calibration's result
     <directory>/recordings/*.csv     the node's own recordings
@@ -10,20 +10,21 @@ Where a node keeps what it made: models, own recordings, and which model is acti
     <directory>/lock                 held by the node that keeps its files here
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 import fcntl
+from itertools import chain, count
 import os
 from pathlib import Path
-from tempfile import TemporaryFile
+import threading
+import time
 from typing import Literal
 from weakref import finalize
 
-from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored.own_file import Kind, remove_leftovers
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.errors import ModelFileError, SettingsError, WristFtCompError
+from wrist_ft_comp.stored.own_file import Kind, remove_leftovers, to_plain
 
 #: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
 MAX_HISTORY = 100
@@ -31,11 +32,10 @@ MAX_HISTORY = 100
 MAX_RECORDINGS = 10
 #: Most bytes that are quoted of the process that holds the folder.
 _HOLDER = 200
-# A list of MAX_HISTORY models, with reasons, is shorter. It began without a format.
+# A list of MAX_HISTORY models, with reasons, is shorter.
 _LIST = Kind(
     name='list of models', says='wrist_ft_comp live models', version=1, max_bytes=1_000_000,
-    begins=r'\{\s*("format": "wrist_ft_comp live models"|"history": \[\s*[\]{])', keeps=True,
-    error=ModelFileError, made_by='Remove it and set model_file.',
+    keeps=True, error=ModelFileError, made_by='Remove it and set model_file.',
     renewed_by='Remove it and set model_file',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
@@ -83,6 +83,81 @@ def day_of_choice(history: Sequence[HistoryEntry]) -> str:
     return next((entry.day for entry in reversed(history) if entry.how != 'learnt'), '')
 
 
+class FileWriter:
+    """
+    Writes files in a thread, in turn, so that no callback waits for the disk.
+
+    What waits for the same file is written once, by the newest request.
+    """
+
+    def __init__(self) -> None:
+        #: By name of a file, why its last write failed; empty when it did not.
+        self.problems: dict[str, str] = {}
+        #: How many files were written, and how long the last one took, s.
+        self.written, self.took_s = 0, 0.0
+        self._waiting: dict[str, tuple[Callable[[], None], list[Callable[[str], None]]]] = {}
+        #: What is to be called with the outcomes of writes.
+        self._outcomes: list[tuple[Callable[[str], None], str]] = []
+        self._ended = False
+        self._changed = threading.Condition()
+        # A daemon: a disk that never answers must not keep the process.
+        self._thread = threading.Thread(target=self._run, name='file writer', daemon=True)
+
+    def put(
+        self, name: str, write: Callable[[], None], then: Callable[[str], None] | None = None
+    ) -> None:
+        """
+        Have a file written; return at once. ``poll`` tells ``then`` why that failed, or ''.
+
+        What comes after the end is written at once, unless the disk does not answer.
+        """
+        with self._changed:
+            _, callers = self._waiting.pop(name, (None, []))
+            self._waiting[name] = write, [*callers, then] if then else callers
+            self._changed.notify()
+        if self._ended and not self._thread.is_alive():
+            self._run()
+            self.poll()
+        elif self._thread.ident is None:
+            self._thread.start()
+
+    def poll(self) -> bool:
+        """Tell the outcomes of writes to whoever waits for them; whether there were any."""
+        with self._changed:
+            outcomes, self._outcomes = self._outcomes, []
+        for then, problem in outcomes:
+            then(problem)
+        return bool(outcomes)
+
+    def end(self, timeout_s: float) -> bool:
+        """Write what waits, and stop; False where the disk takes longer than the timeout."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._ended)
+                if not self._waiting:
+                    return
+                name = next(iter(self._waiting))
+                write, callers = self._waiting.pop(name)
+            began_s, problem = time.monotonic(), ''
+            try:
+                write()
+            except Exception as error:  # the next file is written all the same
+                fault = f'{name} was not written, by a fault of this program: {error!r}'
+                problem = str(error) if isinstance(error, WristFtCompError) else fault
+            with self._changed:
+                self.problems[name], self.took_s = problem, time.monotonic() - began_s
+                self.written += not problem
+                self._outcomes += [(then, problem) for then in callers]
+
+
 class ModelStore:
     """A node's folder, which is made when something is first written."""
 
@@ -113,11 +188,10 @@ class ModelStore:
     def locate(self, given: str) -> Path:
         """Find a file that a person named: absolute, below ``~``, in this folder, or from here."""
         path = _expanded(given)
-        inside = self.directory / path
-        try:
-            return inside if inside.exists() else path
-        except (OSError, ValueError):
-            return path  # no possible name, or nothing that may be looked at
+        with suppress(OSError, ValueError):  # no possible name, or nothing that may be looked at
+            if (self.directory / path).exists():
+                return self.directory / path
+        return path
 
     def contains(self, path: Path) -> bool:
         """Whether a path lies inside the folder, symbolic links resolved."""
@@ -148,22 +222,13 @@ class ModelStore:
             return ''
 
     def _read(self) -> _List:
-        """Read the list."""
-        path = self.directory / 'active.json'
-        if not path.exists():
-            return _List()
-        content = _LIST.read(path)
-        with suppress(ValueError):
-            document = _LIST.parse(content)
-            if isinstance(document, dict) and 'history' in document and 'format' not in document:
-                return _LIST.restore(_List, path, document)
-        return _LIST.restore(_List, path, _LIST.document(path, content))
+        return _LIST.load(_List, self.directory / 'active.json') or _List()
 
-    def activate(self, history: Sequence[HistoryEntry], given: str | None = None) -> None:
+    def activate(self, history: Sequence[HistoryEntry], given: str = '') -> None:
         """
         Remember models that were live, newest last; paths in the folder stay relative.
 
-        ``given`` is the SHA-256 of the model that the operator gave; None leaves it as it was.
+        ``given`` is the SHA-256 of the model that the operator gave at the last start.
         """
         base, entries = self.directory.resolve(), []
         for entry in history[-MAX_HISTORY:]:
@@ -171,39 +236,35 @@ class ModelStore:
             if path is not None and path.is_relative_to(base):
                 path = path.relative_to(base)
             entries.append({**to_plain(entry), 'path': None if path is None else str(path)})
-        given = self.given() if given is None else given
         _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
 
     def check_writable(self) -> str:
         """Say why nothing can be kept here, without leaving a trace; empty when something can."""
         try:
             above = (self.directory, *self.directory.absolute().parents)
-            with TemporaryFile(dir=next(folder for folder in above if folder.exists())):
-                return ''
+            folder = next(folder for folder in above if folder.exists())
+            probe = folder / f'.{os.urandom(4).hex()}.wrist_ft_comp.tmp'
+            os.close(os.open(probe, os.O_CREAT | os.O_EXCL | os.O_RDWR))
+            probe.unlink()
         except OSError as error:
             return (
                 f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
                 'choose another data_directory; until then no recording, calibration or thermal '
                 'state is kept.'
             )
-
-    def sweep(self) -> int:
-        """Take the folder, and remove what killed processes left half-written: how many files."""
-        if self._lock is None:
-            self._take()
-        folders = (self.directory, self.directory / 'models', self.directory / 'days')
-        return sum(remove_leftovers(folder) for folder in folders)
+        return ''
 
     def release(self) -> None:
         """Leave the folder to others."""
         if self._lock is not None:
             self._lock()
 
-    def _take(self) -> None:
+    def take(self) -> int:
         """
         Keep other nodes out until the release or the end of the process, or SettingsError.
 
-        A disk that cannot be written or locked is no hindrance; check_writable reports it.
+        A disk that cannot be written or locked is no hindrance; check_writable reports it. What
+        killed processes left half-written is removed; says how many files.
         """
         with suppress(OSError):
             self.directory.mkdir(parents=True, exist_ok=True)
@@ -219,6 +280,8 @@ class ModelStore:
                 ) from error
             os.truncate(lock, 0)
             os.write(lock, f'process {os.getpid()} on {os.uname().nodename}\n'.encode())
+        folders = (self.directory, self.directory / 'models', self.directory / 'days')
+        return sum(remove_leftovers(folder) for folder in folders)
 
 
 def node_directory(shared: str, node_name: str = '') -> Path:
@@ -251,9 +314,5 @@ def _expanded(given: str) -> Path:
 def _unused(folder: Path, stem: str, suffix: str) -> Path:
     """Name a file after the present time, numbered when several fall into a second."""
     now = datetime.now(timezone.utc).strftime('%Y%m%dT%H%M%SZ')
-    path = folder / f'{stem}_{now}{suffix}'
-    number = 2
-    while path.exists():
-        path = folder / f'{stem}_{now}_{number}{suffix}'
-        number += 1
-    return path
+    names = chain((f'{stem}_{now}',), (f'{stem}_{now}_{number}' for number in count(2)))
+    return next(path for name in names if not (path := folder / f'{name}{suffix}').exists())

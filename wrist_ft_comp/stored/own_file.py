@@ -3,23 +3,28 @@ An own file: what it may replace, writing it in one step, reading it, and settin
 
 ``Output`` is a kind of file that this package writes, ``Kind`` one that it reads as well. A file
 is replaced by its successor only, and is known by how it begins: a text that quotes ours is none.
+What stands in it are records, by ``to_plain`` and ``from_plain``.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, MISSING
 import fcntl
+from functools import cache, partial
 import json
 import os
 from pathlib import Path
 import re
-from secrets import token_hex
+import sys
 import time
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints, Literal, TypeVar, Union
+
+import numpy as np
 
 from wrist_ft_comp.errors import OutputError, RecordingError, WristFtCompError
-from wrist_ft_comp.stored.plain_values import Document, from_plain, parse_json
 
+Document = dict[str, Any]
 Record = TypeVar('Record')
 #: What stands first in every file that is read.
 HEADER = ('format', 'version')
@@ -31,6 +36,15 @@ _ABANDONED_S = 60.0
 _BEGINNING = 4096
 #: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
+#: Most letters of a value that are quoted.
+_QUOTED = 60
+#: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
+_IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
+#: What a single value may be by its annotation, and the words for it.
+_SCALARS: dict[Any, tuple[tuple[type, ...], str]] = {
+    float: ((int, float), 'a number'), int: ((int,), 'an integer'), str: ((str,), 'text'),
+    bool: ((bool,), 'true or false'), Path: ((str,), 'a path'),
+}  # fmt: skip
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
@@ -41,7 +55,7 @@ def replace_file(target: Path, content: str | bytes) -> None:
     are no text; they become "?".
     """
     data = content.encode(errors='replace') if isinstance(content, str) else content
-    neighbour = target.parent / f'.{target.name}.{token_hex(4)}{_SUFFIX}'
+    neighbour = target.parent / f'.{target.name}.{os.urandom(4).hex()}{_SUFFIX}'
     try:
         with neighbour.open('xb') as file:
             if target.exists():
@@ -100,17 +114,11 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 def beginning(path: Path) -> str:
     """Read the beginning of a file, which shows its kind; empty where there is no file."""
-    return _first_bytes(path).decode(errors='replace')
-
-
-def _first_bytes(path: Path) -> bytes:
-    try:
-        if not path.is_file():
-            return b''  # a pipe would keep whoever reads it waiting
-        with path.open('rb') as file:
-            return file.read(_BEGINNING)
-    except (OSError, ValueError):
-        return b''
+    with suppress(OSError, ValueError):
+        if path.is_file():  # a pipe would keep whoever reads it waiting
+            with path.open('rb') as file:
+                return file.read(_BEGINNING).decode(errors='replace')
+    return ''
 
 
 def _set_aside(path: Path) -> None:
@@ -118,6 +126,14 @@ def _set_aside(path: Path) -> None:
     kept = path.with_name(f'{path.name}.kept')
     if not kept.exists():
         path.rename(kept)
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Read JSON; ValueError where it is none, or nested too deep."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError('it is nested too deep') from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +157,7 @@ class Output:
 
     def is_own(self, path: Path) -> bool:
         """Tell by its content whether a file is of this kind, of whatever version."""
-        pattern = self.begins.encode()
-        return bool(pattern and re.match(pattern, _first_bytes(path), re.DOTALL))
+        return bool(self.begins and re.match(self.begins, beginning(path), re.DOTALL))
 
     def check_target(self, path: Path, others: Iterable[Path] = ()) -> None:
         """
@@ -264,14 +279,14 @@ class Kind(Output):
         content = {key: document[key] for key in document if key not in HEADER}
         try:
             restored: Record = from_plain(record, content)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise self.damaged(path, str(error)) from error
         return restored
 
     def damaged(self, path: Path, problem: str) -> WristFtCompError:
         """Make the refusal of a file of this kind and version that holds what it cannot hold."""
-        problem = problem.rstrip('.')
-        return self.error(f'{path} is damaged: {problem}. {self.renewed_by}, or restore the file.')
+        why = problem.rstrip('.')
+        return self.error(f'{path} is damaged: {why}. {self.renewed_by}, or restore the file.')
 
     def load(self, record: type[Record], path: Path) -> Record | None:
         """Read a file into a record; None when there is none."""
@@ -300,3 +315,102 @@ class Kind(Output):
         except OSError as error:
             reason = self.unwritable.format(path=path, reason=error.strerror)
             raise self.error(reason) from error
+
+
+def to_plain(value: Any) -> Any:
+    """Turn records and arrays into plain values; NaN and infinity become None."""
+    if is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [to_plain(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def from_plain(  # noqa: C901 -- a case for every kind of annotation
+    kind: Any, value: Any, where: str = '', *, whole: bool = False
+) -> Any:
+    """
+    Turn plain values back into what an annotation names, such as a record.
+
+    Numbers are finite; a single one may be null, which is NaN, and entries of a record that have
+    a default may be absent. Not so where it is ``whole``: then only a default of None counts.
+
+    Raises
+    ------
+    ValueError
+        When a value has another type, an entry of a record is missing or unknown, or a record
+        refuses its values; names the place.
+
+    """
+    origin, arguments, inner = get_origin(kind), get_args(kind), partial(from_plain, whole=whole)
+    place = where.strip('/') or 'the top level'
+
+    def require(holds: bool, expected: str, got: Any = value) -> None:
+        if not holds:
+            raise ValueError(f'{place} must be {expected}; got {repr(got)[:_QUOTED]}')
+
+    if origin in {Union, UnionType}:
+        return None if value is None else inner(arguments[0], value, where)
+    if is_dataclass(kind) or hasattr(kind, '_fields'):
+        types, optional = _entries(kind, whole=whole)
+        require(isinstance(value, dict), 'named values')
+        for name in sorted({*value, *types} - optional, key=str):
+            require(name in value, f'named values with {name}', list(value))
+        for name in value:
+            require(name in types, f'without {name}, only with {", ".join(types)}', list(value))
+        items = {key: inner(types[key], item, f'{where}/{key}') for key, item in value.items()}
+        try:
+            return kind(**items)
+        except WristFtCompError as error:
+            raise ValueError(f'{place}: {error}') from error
+    if origin in {dict, Mapping}:
+        require(isinstance(value, dict), 'named values')
+        return {key: inner(arguments[1], item, f'{where}/{key}') for key, item in value.items()}
+    if origin is np.ndarray:
+        require(isinstance(value, list), 'a list of numbers')
+        numbers = np.array(value, dtype=object).ravel()
+        largest = sys.float_info.max
+        finite = all(type(item) in {int, float} and abs(item) <= largest for item in numbers)
+        require(finite, 'finite numbers, in rows of one length')
+        return np.array(value, dtype=float)
+    if origin in {tuple, Sequence, frozenset}:
+        require(isinstance(value, list), 'a list')
+        kinds = arguments
+        if origin is not tuple or arguments[-1] is ...:
+            kinds = arguments[:1] * len(value)
+        require(len(kinds) == len(value), f'{len(kinds)} values')
+        pairs = enumerate(zip(kinds, value, strict=True))
+        members = [inner(each, item, f'{where}/{i}') for i, (each, item) in pairs]
+        return frozenset(members) if origin is frozenset else tuple(members)
+    if origin is Literal:
+        require(value in arguments, f'one of {", ".join(map(str, arguments))}')
+    elif kind in _SCALARS:
+        if kind is float and value is None and not whole:
+            return np.nan
+        types_of_value, words = _SCALARS[kind]
+        require(type(value) in types_of_value, words)
+        if kind is Path:
+            require(not _IN_NO_PATH.search(value), words)
+        elif kind is int:
+            require(abs(value) < 1 << 63, 'an integer of 64 bits')
+        elif kind is float:
+            require(abs(value) <= sys.float_info.max, 'a finite number')
+        return kind(value)
+    return value
+
+
+@cache
+def _entries(kind: Any, *, whole: bool) -> tuple[dict[str, Any], frozenset[str]]:
+    """Give the annotations of a record's entries, and which of them may be absent."""
+    defaults = getattr(kind, '_field_defaults', None)
+    if defaults is None:
+        defaults = {
+            field.name: field.default
+            for field in fields(kind)
+            if field.default is not MISSING or field.default_factory is not MISSING
+        }
+    absent = [name for name, default in defaults.items() if default is None or not whole]
+    return get_type_hints(kind), frozenset(absent)

@@ -1,9 +1,7 @@
-"""The state file, from which a restart continues, and a thread that writes it."""
+"""The state file, from which a restart continues."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
-import threading
-import time
 
 import numpy as np
 
@@ -11,8 +9,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.own_file import Kind
-from wrist_ft_comp.stored.plain_values import to_plain
+from wrist_ft_comp.stored.own_file import Kind, to_plain
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
@@ -43,6 +40,10 @@ class SavedState:
     thermal: ThermalMemory | None
     #: As the tare, of the external wrench.
     external_tare: FloatArray = field(default_factory=lambda: np.zeros(len(AXES)))
+    #: Why the zero may be another one since the last tare.
+    zero_doubts: tuple[str, ...] = ()
+    #: The publishers of raw wrenches, by their identity in the graph.
+    drivers: tuple[str, ...] = ()
 
 
 def save_state(path: Path, state: SavedState) -> None:
@@ -52,24 +53,21 @@ def save_state(path: Path, state: SavedState) -> None:
     What could not be read again, a number that is not finite or too large, is left out.
     """
     memory, thermal = state.thermal, None
-    if memory is not None and all(map(_readable, _thermal_arrays(memory))):
+    if memory is not None and _readable(_thermal_arrays(memory)):
         thermal = {**vars(memory), **memory.compensation._asdict()}
         del thermal['compensation']
         thermal['history'] = [block._asdict() for block in memory.history]
         if memory.thermometers is None:
             del thermal['thermometers']
-    tare, external_tare = (
-        wrench if _readable(wrench) else np.zeros(len(AXES))
-        for wrench in (state.tare, state.external_tare)
-    )
-    document = {
-        'saved_ns': state.saved_ns,
-        'model_sha256': state.model_sha256,
-        'tare': to_plain(tare),
-        **({'external_tare': to_plain(external_tare)} if any(external_tare) else {}),
-        'thermal': to_plain(thermal),
+    tares = {
+        name: tare if _readable([tare]) else np.zeros(len(AXES))
+        for name, tare in (('tare', state.tare), ('external_tare', state.external_tare))
     }
-    KIND.save(path, document, indent=None)
+    document = {
+        'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, **tares,
+        'thermal': thermal, 'zero_doubts': state.zero_doubts, 'drivers': state.drivers,
+    }  # fmt: skip
+    KIND.save(path, to_plain(document), indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
@@ -83,31 +81,26 @@ def load_state(path: Path) -> SavedState | None:
             name: thermal.pop(name) for name in Drift._fields if name in thermal
         }
     state = KIND.restore(SavedState, path, document)
-    if problem := _problem(state):
-        raise KIND.damaged(path, problem)
-    return state
-
-
-def _problem(state: SavedState) -> str:
-    """Say why nothing can go on from a state that was read; empty where it can."""
-    wrenches = [state.tare, state.external_tare]
-    if (memory := state.thermal) is not None:
+    wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
+    if memory is not None:
         wrenches += memory.compensation
         if not 1 <= memory.period_ns <= _LONGEST_PERIOD_NS:
-            return f'period_ns is {memory.period_ns}'
+            problem = f'period_ns is {memory.period_ns}'
         if any(cells < 0 for cells in memory.silent):
-            return f'silent is {memory.silent}, and must not be negative'
+            problem = f'silent is {memory.silent}, and must not be negative'
         if any(not 1 <= block.cells <= _MOST_CELLS for block in memory.history):
-            return f'a block of the history must have 1 to {_MOST_CELLS} cells'
+            problem = f'a block of the history must have 1 to {_MOST_CELLS} cells'
         if memory.filters.keys() - set(AXES):
-            return f'filters holds {", ".join(memory.filters)}'
+            problem = f'filters holds {", ".join(memory.filters)}'
         if memory.thermometers is not None and not np.isfinite(memory.thermometers.age_s):
-            return 'age_s must be a number'
+            problem = 'age_s must be a number'
     if any(wrench.shape != (len(AXES),) for wrench in wrenches):
-        return 'a wrench must have six numbers'
-    if not all(map(_readable, (*wrenches, *_thermal_arrays(state.thermal)))):
-        return f'it holds a number beyond {_LARGEST:g}'
-    return ''
+        problem = 'a wrench must have six numbers'
+    if not _readable([*wrenches, *_thermal_arrays(memory)]):
+        problem = f'it holds a number beyond {_LARGEST:g}'
+    if problem:
+        raise KIND.damaged(path, problem)
+    return state
 
 
 def _thermal_arrays(memory: ThermalMemory | None) -> list[FloatArray]:
@@ -122,60 +115,6 @@ def _thermal_arrays(memory: ThermalMemory | None) -> list[FloatArray]:
     return arrays
 
 
-def _readable(array: FloatArray) -> bool:
-    """Whether all numbers can be read again."""
-    return bool((np.abs(array) <= _LARGEST).all())
-
-
-class StateWriter:
-    """Writes the newest state in a thread; states that were replaced meanwhile are left out."""
-
-    def __init__(self, path: Path) -> None:
-        #: Why the last save failed; empty when it did not.
-        self.problem = ''
-        #: How many states were written.
-        self.written = 0
-        #: How long the last save took, s.
-        self.took_s = 0.0
-        self.path = path
-        self._newest: SavedState | None = None
-        self._ended = False
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
-
-    def put(self, state: SavedState) -> None:
-        """Let the thread save a state; return at once."""
-        with self._changed:
-            self._newest = state
-            self._changed.notify()
-        if self._thread is None:
-            # A daemon: a disk that never answers must not keep the process.
-            self._thread = threading.Thread(target=self._run, name='state writer', daemon=True)
-            self._thread.start()
-
-    def end(self, timeout_s: float) -> bool:
-        """Save the last state, and stop; False where the disk takes longer than the timeout."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
-        if self._thread is None:
-            return True
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._newest is not None or self._ended)
-                state, self._newest = self._newest, None
-            if state is None:  # the end
-                return
-            before = time.monotonic()
-            try:
-                save_state(self.path, state)
-            except StateFileError as error:
-                self.problem = str(error)
-            else:
-                self.problem = ''
-                self.written += 1
-            self.took_s = time.monotonic() - before
+def _readable(arrays: list[FloatArray]) -> bool:
+    """Whether all numbers can be read again; NaN and infinities cannot."""
+    return all(bool((np.abs(array) <= _LARGEST).all()) for array in arrays)

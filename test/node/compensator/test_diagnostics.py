@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from wrist_ft_comp.node.inputs import Counts, WrenchInput
+from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
 
@@ -163,7 +163,7 @@ def test_a_model_that_compensates_no_axis_is_a_warning(rig, make_model):
 @pytest.mark.parametrize('source', ['temperature', 'imu'])
 def test_a_source_on_another_clock_than_the_wrench_is_named(rig, monkeypatch, source):
     comparison = partial(ClockComparison, patience_s=0.0)
-    monkeypatch.setattr('wrist_ft_comp.node.inputs.ClockComparison', comparison)
+    monkeypatch.setattr('wrist_ft_comp.node.temperature_topics.ClockComparison', comparison)
     node = rig(parameters={'temperature_timeout': 3600, 'gravity.source': 'imu'})
 
     def send(late_s):

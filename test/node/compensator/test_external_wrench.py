@@ -16,6 +16,7 @@ from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
+from wrist_ft_comp.payload.weight_check import Disagreement
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
@@ -61,7 +62,6 @@ class Held:
         )
         self.hub = self.force.hub = make_hub(self.part, **self.chosen, **chosen)
         self.force.frames = lambda: FrameIds('imu', self.hub.frame)
-        self.force.mount = lambda: None
         self.force.poll = lambda: None
         self.part.start()
         self.part.on_model()
@@ -208,35 +208,30 @@ def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(held
 
 
 @pytest.mark.parametrize(
-    ('frame', 'mounted', 'turn'),
+    'frame',
     [
-        (MOUNTED, None, 'learnt with day-2'),
-        (replace(MOUNTED, wrench_frame='left'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, force_frame='x'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, source='tf'), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, wrench_frame=''), FRAME, 'by /tf_static'),
-        (replace(MOUNTED, source=''), FRAME, 'by /tf_static'),
+        replace(MOUNTED, wrench_frame='left'),
+        replace(MOUNTED, force_frame='x'),
+        replace(MOUNTED, source='tf'),
+        replace(MOUNTED, wrench_frame=''),
+        replace(MOUNTED, source=''),
     ],
 )
-def test_a_payload_by_hand_turns_as_this_sensor_learnt_or_by_tf(held, frame, mounted, turn):
-    part = held(('day', frame))
-    part.force.mount = lambda: mounted
+def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, frame):
+    part = held(('day', MOUNTED))
     part.hub.set(part.part, **BY_HAND)
     assert part.weighs(PART)
-    assert part.status().values['turn'].endswith(turn)
-
-
-def test_a_payload_by_hand_rests_where_its_turn_is_not_known_any_more(held, tmp_path):
-    part = held(('day', MOUNTED), **BY_HAND)
-    assert part.weighs(PART)
-    part.hub.frame = 'left'
-    part.part.poll()
-    assert part.ask(START, CONSTANT) is None
-    assert (part.status().level, 'is not known' in part.status().message) == (WARN, True)
-    (tmp_path / 'payloads.json').write_text('{')
-    part.hub.frame = 'tool0'
-    part.part.poll()
-    assert 'payloads.json' in part.status().message
+    assert part.status().values['turn'].endswith('learnt with day-2')
+    other = held(('other', frame), ('day', FRAME))
+    other.force.frames = lambda: FrameIds('imu', 'right')
+    with pytest.raises(SettingsError, match='their frame_ids differ'):
+        other.hub.set(other.part, **BY_HAND)
+    other.force.frames = lambda: FrameIds('right', 'right')
+    other.hub.set(other.part, **BY_HAND)
+    assert 'because both frame_ids are right' in other.status().values['turn']
+    other.force.frames = lambda: FrameIds('right', 'left')
+    other.feel(START, UP)
+    assert 'right is now left; is it another sensor?' in other.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
@@ -260,10 +255,8 @@ def test_by_tf_no_turn_is_needed_and_payloads_learnt_by_an_imu_are_refused(held)
         assert turn in part.status().values['turn']
 
 
-def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_path):
-    part = held(('day', replace(MOUNTED, wrench_frame='left')))
-    mounted = ForceFrame(np.eye(3), source='imu')
-    part.force.mount = lambda: mounted
+def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
+    part = held(('day', ForceFrame(np.eye(3), source='imu', wrench_frame='tool0')))
     part.hub.set(part.part, **BY_HAND)
     compensator = part.part.compensator
     compensator.restore_tare(CONSTANT, CONSTANT)
@@ -272,39 +265,46 @@ def test_turns_that_disagree_are_a_warning_and_reset_the_other_tare(held, tmp_pa
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
     assert 'by 180 degrees, and the tare of wrench_external is zero' in compensator.zero_doubts[0]
-    part.feel(START, UP)
-    part.ask(START, CONSTANT)
-    found = part.status()
-    assert (found.level, 'otherwise, by 180 degrees' in found.message) == (WARN, True)
     compensator.restore_tare(CONSTANT, CONSTANT)
     part.hub.set(part.part, **{'payload.active': 'node-1'})
     assert compensator.external_tare.any(), 'the same turn needs no second tare'
+    part.feel(START, UP)
     part.hub.frame = 'left'
     assert 'tool0 is now left; is it another sensor?' in part.status().message
 
 
+def turned_by(axis, degrees):
+    return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+
+
 @pytest.mark.parametrize(
-    ('mirror', 'contact_n', 'axes'),
+    ('felt_turn', 'shift_m', 'contact_n', 'words'),
     [
-        ((1, 1, 1), 0.0, ''),
-        ((-1, 1, 1), 0.0, 'force_x'),
-        ((-1, -1, 1), 0.0, 'force_x, force_y'),
-        ((1, 1, 1), -60.0, ''),
+        (np.eye(3), 0.0, 0.0, ''),
+        (np.eye(3), 0.0, -60.0, ''),
+        (np.diag([-1.0, 1.0, 1.0]), 0.0, 0.0, 'specific force is mirrored or turned'),
+        (turned_by('z', 90.0), 0.0, 0.0, 'turned, by 90 degrees'),
+        (turned_by('x', 12.0), 0.0, 0.0, 'turned, by 12 degrees'),
+        (np.eye(3) / 4.448, 0.0, 0.0, 'moves 4.45 times as much as the weight of day-1: its unit'),
+        (np.eye(3), 0.04, 0.0, 'as if the centre of mass were 40 mm from that of day-1'),
     ],
-    ids=['right', 'mirrored', 'turned', 'presses where it points down'],
+    ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'other TCP'],
 )
-def test_a_wrench_that_moves_against_the_weight_is_a_warning(held, mirror, contact_n, axes):
+def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
+    held, felt_turn, shift_m, contact_n, words
+):
     """An arm that turns and comes back, and a noise of 0.1 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
+    mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
     for k in range(100):
-        turn = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix()
-        up = turn.T @ UP
-        part.feel(START + k * SECOND, up * mirror)
+        up = Rotation.from_euler('xy', [np.sin(k / 4), np.sin(k / 5)]).as_matrix().T @ UP
+        part.feel(START + k * SECOND, felt_turn @ up)
         contact = np.array([0, 0, contact_n * (up[2] > 9.0), 0, 0, 0])
-        part.ask(START + k * SECOND, TOOL.weight(up) + contact + rng.normal(0, 0.1, 6))
+        noise = rng.normal(0, 0.1, 6) * [1, 1, 1, 0.1, 0.1, 0.1]
+        part.ask(START + k * SECOND, mounted.weight(up) + contact + noise)
         found = part.status()
-    words = f'{axes} moves against the weight of day-1' if axes else 'subtracting day-1'
-    assert (found.level, words in found.message) == (WARN if axes else OK, True), found.message
+    expected = words or 'subtracting day-1'
+    assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
 
 
 @pytest.mark.usefixtures('tf_messages')
@@ -328,6 +328,7 @@ def test_a_frame_that_is_moved_on_the_robot_is_a_warning_until_the_next_tare(
 
     layouts = Layouts()
     send(0, 0.0)
+    node.node.compensator.set_tare(CONSTANT, START)
     assert node.diagnosis('output').level == OK
     send(50, 30.0)
     status = node.diagnosis('output', 'by TF the frame of the wrench turned at 5')
@@ -345,7 +346,8 @@ def tare_at_rest(node, load=None):
         measured = tuple((FRAME.rotation.T @ UP).tolist())
         node.node.broadcast('on_specific_force', stamp, measured, None)
         node.ask_output(stamp, load + CONSTANT + 1e-13 * (-1) ** k)
-    return answers.get(timeout=20.0)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    return answers.get()
 
 
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
@@ -361,6 +363,14 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     np.testing.assert_allclose(again.node.compensator.tare, TOOL.weight(UP) + CONSTANT, atol=1e-12)
     assert again.call('reset_tare').success
     assert not again.node.compensator.external_tare.any()
+
+
+def test_a_tare_under_a_wrong_weight_is_refused(holding):
+    node = holding()
+    node.node.external._check.found = Disagreement(turn_deg=90.0)
+    assert 'cannot be tared: the force moves otherwise than the weight' in node.refusal('tare')
+    assert node.set('payload.active', '').successful
+    assert tare_at_rest(node).success is False, 'too short, but begun'
 
 
 def test_the_tare_of_the_empty_sensor_is_its_zero_under_every_payload(holding):

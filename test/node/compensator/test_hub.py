@@ -15,7 +15,7 @@ ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 #: In an order in which a part that has stopped keeps nothing from those behind it.
 PARTS = (
     'wrench_input', 'live', 'state_keeper', 'recorder', 'recording', 'calibration',
-    'drift_topic', 'correction_topic', 'tare', 'external', 'identification', 'learning',
+    'drift_topic', 'tare', 'external', 'identification', 'learning',
     'specific_force', 'inputs',
 )  # fmt: skip
 VERBS = (
@@ -91,10 +91,10 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
     def refuse():
         raise SettingsError('not today')
 
-    node.node.external.poll = refuse
+    node.node.recorder.poll = refuse
     for _ in range(3):
         node.node.broadcast('poll')
-    assert not node.node.external.stopped
+    assert not node.node.recorder.stopped
     assert capfd.readouterr().err.count('not today') == 1
 
 

@@ -13,9 +13,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.node.inputs import Counts, WrenchInput
+from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
-from wrist_ft_comp.stream.wrench_watch import LOOKS, SensorWatch
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -63,23 +62,19 @@ def warns(log):
 @pytest.fixture
 def warm(rig, make_model):
     """Make a compensating node: 20 s at 30 °C, so force z drifts by 5 N."""
+    models = []
 
     def start(thermometers=1, kind=rig, prediction=None, **options):
         more = {'thermometers': thermometers, 'prediction': prediction}
-        model = make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more)
+        if not models:
+            models.append(make_model('m.yaml', AXES, range_c=(15.0, 45.0), **more))
         options.setdefault('parameters', {}).setdefault('temperature_timeout', 3600)
-        node = kind(model=model, thermometers=thermometers, **options)
+        node = kind(model=models[0], thermometers=thermometers, **options)
         node.warm_up(30.0, 20)
         assert node.node.compensator.compensation.zero[2] == pytest.approx(5.0)
         return node
 
     return start
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Look less often before a reading counts as suspicious."""
-    monkeypatch.setattr('wrist_ft_comp.node.inputs.SensorWatch', lambda: SensorWatch(looks=4))
 
 
 def unharmed(node, stamp=START + 30 * SECOND):
@@ -88,64 +83,51 @@ def unharmed(node, stamp=START + 30 * SECOND):
     np.testing.assert_allclose(corrected, RAW - [0, 0, 5.0, 0, 0, 0], atol=0.1)
 
 
-def look_at(node, wrenches, stamps=None):
-    """Send wrenches that the node looks at one by one."""
-    for k, wrench in enumerate(wrenches):
-        stamp = START + 20 * SECOND + k * 10**6 if stamps is None else stamps[k]
-        assert node.ask_output(stamp, wrench)[2] == pytest.approx(wrench[2] - 5.0, abs=0.1)
-        node.node.broadcast('poll')
-
-
 def noisy(count, scale=0.01):
     return RAW + np.random.default_rng(0).normal(0, scale, (count, 6))
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_looks_without_a_new_wrench_do_not_count():
-    data = serialize_message(wrench_message(START, 'tool0', RAW))
-    wrenches = WrenchInput(Counts(wrenches=1), lambda: (START, RAW.tolist(), data))
-    for _ in range(10 * LOOKS):
-        wrenches.poll()
-    assert wrenches.stamp_ns == START
-    assert not wrenches.sensor.frozen
-    assert not wrenches.sensor.stamps_stand_still
+def held(axis, value, first=10, count=30):
+    """Wrenches of which an axis stays at a value from one of them on."""
+    wrenches = noisy(count, 5.0)
+    wrenches[first:, axis] = value
+    return wrenches
 
 
-@pytest.mark.parametrize(
-    ('before', 'raw', 'passes', 'counted'),
-    [
-        (None, [1, 2, 3, N, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, 6, N, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, 6, 0, N, N], True, (0, 0)),
-        ([1, 2, 3, N, N, N], [4, N, 6, N, N, N], False, (1, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, math.inf, N, N, N], False, (1, 0)),
-        ([1, 2, 3, N, N, N], [4, 5, -1e10, N, N, N], False, (0, 1)),
-        ([1, 2, 3, 0, 0, 0], [4, 5, 6, N, N, N], False, (1, 0)),
-        (None, [N] * 6, False, (1, 0)),
-    ],
-)
-def test_only_axes_that_never_had_a_number_may_be_nan(before, raw, passes, counted):
-    counts = Counts()
-    wrenches = WrenchInput(counts, lambda: before and (START, before, b''))
-    assert wrenches.admits(raw) is passes
-    assert (counts.not_finite, counts.implausible) == counted
+STAMPS = START + SECOND * np.arange(100)
+#: Wrenches, their stamps, the frame from the tenth on, the level, and what is said.
+LOOKED_AT = {
+    'well': (noisy(80), STAMPS, 'tool0', OK, 'wrenches per second'),
+    'frozen': ([RAW] * 80, STAMPS, 'tool0', WARN, 'not changed by a bit for seconds; is the sens'),
+    'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z stays at its extreme'),
+    'dies': (held(3, 0.0, 20, 80), STAMPS, 'tool0', WARN, 'torque_x reads exactly 0 for seconds'),
+    'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but 0, and'),
+    'missing': (held(3, 0.0, 0, 80), STAMPS, 'tool0', OK, '; torque_x never read anything but 0'),
+    'unstamped': (noisy(40), 0 * STAMPS, 'tool0', WARN, 'without stamps; the time of arrival is'),
+    'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
+    'backwards': (noisy(40), STAMPS[::-1], 'tool0', WARN, 'stamps ran back; was a clock set'),
+    'ahead': (
+        noisy(40), STAMPS + (np.arange(100) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
+    ),
+    'frame': (noisy(40), STAMPS, 'tool1', WARN, "the frame changed from 'tool0' to 'tool1'; is"),
+}  # fmt: skip
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_axes_without_numbers_are_named_and_the_others_are_watched():
+@pytest.mark.parametrize('name', LOOKED_AT)
+def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # noqa: ARG001
+    wrenches, stamps, frame, level, words = LOOKED_AT[name]
     counts, newest = Counts(), []
-    wrenches = WrenchInput(counts, lambda: newest[-1])
-    for k in range(LOOKS + 1):
-        raw = [1.0, 2.0, 30.0 + k, N, N, N]
-        newest.append((START, raw, serialize_message(wrench_message(START, 'tool0', raw))))
+    part = WrenchInput(counts, lambda: newest[-1], lambda: AXES)
+    fake_hub(part)
+    part.start()
+    for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
+        message = wrench_message(stamp, frame if k >= 10 else 'tool0', wrench)
+        newest.append((stamp or START + k, list(wrench), serialize_message(message)))
         counts.wrenches += 1
-        wrenches.poll()
-    assert wrenches.absent == ['torque_x', 'torque_y', 'torque_z']
-    assert not wrenches.sensor.frozen
-    for _ in range(LOOKS + 1):
-        counts.wrenches += 1
-        wrenches.poll()
-    assert wrenches.sensor.frozen
+        for _ in range(3):  # looks without a new wrench do not count
+            part.poll()
+    (found,) = part.statuses()
+    assert (found.level, words in found.message) == (level, True), found.message
 
 
 class TestWrench:
@@ -166,66 +148,6 @@ class TestWrench:
         words = 'some wrenches are unusable and dropped; check the driver: they are not finite'
         warns(node, 'input', words)
 
-    @pytest.mark.usefixtures('quick')
-    def test_a_wrench_that_never_changes_by_a_bit_is_taken_for_frozen(self, warm, warns, log):
-        node = warm()
-        look_at(node, [RAW] * 10)
-        warns(
-            node, 'input', 'the reading has not changed by a bit for seconds; is the sensor frozen'
-        )
-        look_at(node, noisy(30), [START + 21 * SECOND + k for k in range(30)])
-        for k, wrench in enumerate(noisy(12)):
-            look_at(node, [wrench], [START + (22 + k) * SECOND])
-            assert node.diagnosis('input').level == OK
-        log(node, r'INFO.*input: \d+ wrenches per second')
-        unharmed(node)
-
-    @pytest.mark.usefixtures('quick')
-    def test_a_wrench_that_stays_at_an_extreme_is_taken_for_saturated(self, warm, warns):
-        node = warm()
-        wrenches = noisy(20, 5.0)
-        wrenches[10:, 2] = 200.0
-        wrenches[:, 5] = 0.0  # an axis the sensor does not have
-        look_at(node, wrenches)
-        warns(node, 'input', 'force_z stays at its extreme; is the sensor saturated?')
-        assert node.node.wrench_input.sensor.saturated == ('force_z',)
-        unharmed(node)
-
-    @pytest.mark.usefixtures('quick')
-    @pytest.mark.parametrize(
-        ('stamps', 'words'),
-        [
-            ([0] * 40, 'wrenches come without stamps; the time of arrival is taken'),
-            ([START + 20 * SECOND] * 40, 'stamps stand still'),
-            (range(START + 60 * SECOND, START + 20 * SECOND, -SECOND), 'stamps ran back'),
-            (
-                [START + k * SECOND + (k >= 40) * 5 * HOUR for k in range(20, 60)],
-                'stamps leapt ahead',
-            ),
-        ],
-        ids=['zero', 'repeated', 'backwards', 'hours ahead'],
-    )
-    def test_a_wrench_with_a_strange_stamp_is_corrected(self, warm, warns, stamps, words):
-        node = warm()
-        look_at(node, noisy(40), stamps)
-        warns(node, 'input', words)
-
-    def test_a_wrench_without_a_stamp_or_a_clock_is_a_warning(self, warm, warns):
-        node = warm(parameters={'use_sim_time': True})
-        look_at(node, noisy(4), [0] * 4)
-        words = 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
-        warns(node, 'input', words)
-
-    def test_a_wrench_of_another_frame_is_a_warning(self, warm, warns):
-        """A name of the same length, which no layout of bytes would tell."""
-        node = warm()
-        look_at(node, [RAW])
-        node.put(START + 21 * SECOND, RAW, frame='tool1')
-        (message,) = node.take()
-        assert message.header.frame_id == 'tool1'
-        words = "the frame changed from 'tool0' to 'tool1'; is it another sensor?"
-        assert warns(node, 'input', words).values['frame_changes'] == '1'
-
     def test_two_publishers_of_a_topic_are_a_warning(self, warm, log):
         node, stamp = warm(), START + 20 * SECOND
         for kind, topic, name, words in (
@@ -245,26 +167,34 @@ class TestWrench:
         unharmed(node)
 
     def test_a_driver_that_comes_back_is_a_warning_until_the_next_tare(self, warm, warns):
+        """Also where it came back while the node was away, and over a restart of the node."""
         node = warm()
-
-        def publish():
-            return node.bench.helper.create_publisher(WrenchStamped, node.topic('wrench_raw'), 1)
-
-        first = publish()
-        graph = node.node.count_publishers
-        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 1, 'the first driver')
-        assert node.diagnosis('output').level == OK
-        second = publish()
-        node.wait_until(lambda: graph(node.topic('wrench_raw')) == 2, 'the second driver')
-        assert node.diagnosis('output').level == OK
-        node.bench.helper.destroy_publisher(first)
-        warns(node, 'output', 'has left and another one came: its zero may be another one')
+        warns(node, 'output', 'no tare: wrench still holds the zero of the sensor; call ~/tare')
         node.node.compensator.set_tare(RAW, START)
+        helper, topic = node.bench.helper, node.topic('wrench_raw')
+
+        def come(count):
+            driver = helper.create_publisher(WrenchStamped, topic, 1)
+            node.wait_until(lambda: node.node.count_publishers(topic) == count, 'the driver')
+            return driver
+
+        driver = come(1)
         assert node.diagnosis('output').level == OK
-        node.bench.helper.destroy_publisher(second)
+        words = 'has left and another one came: its zero may be another one; call ~/tare'
+        for while_the_node_runs in (True, False):
+            other = come(2)
+            helper.destroy_publisher(driver)
+            driver = other
+            if while_the_node_runs:
+                warns(node, 'output', words)
+            node = warm(namespace=node.namespace)
+            assert node.node.compensator.tared
+            warns(node, 'output', words)
+            node.node.compensator.set_tare(RAW, START)
+            assert node.diagnosis('output').level == OK
 
     def test_two_nodes_of_one_name_warn_both(self, warm, monkeypatch, tmp_path):
-        monkeypatch.setattr('wrist_ft_comp.node.drift_topic._TWINS_S', 0.2)
+        monkeypatch.setattr('wrist_ft_comp.node.wrench_topics._TWINS_S', 0.2)
         node = warm()
         twin = warm(namespace=node.namespace, directory=tmp_path / 'other')
         for one in (node, twin):
@@ -310,20 +240,6 @@ class TestTemperature:
         warns(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
         unharmed(node, START + 10 * HOUR)
 
-    def test_one_thermometer_that_stops_is_held_and_the_others_go_on(self, warm, log):
-        node = warm(thermometers=2, parameters={'temperature_timeout': 0.5})
-        stamps = iter(range(START + 20 * SECOND, START + HOUR, SECOND))
-
-        def one_is_silent(status):
-            node.put_temperature(next(stamps), 30.0)
-            return '2 silent' in status.message
-
-        status = node.diagnosis('temperature', one_is_silent)
-        assert status.message == 'thermometer 2 silent for more than 0.5 s; drift is held'
-        log(node, 'temperature: thermometer 2 silent')
-        assert node.node.compensator.tracker.grid._next > START // SECOND + 20
-        unharmed(node)
-
     def test_a_frozen_thermometer_is_replaced_with_a_warning(self, warm, warns):
         node = warm(thermometers=2, prediction=ALIKE)
         for second in range(20, 420):
@@ -334,24 +250,6 @@ class TestTemperature:
         assert 'what the others predict of it is used until it agrees again' in status.message
         assert status.values['thermometer_2_c'] == '31.00'
         assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
-
-    def test_two_of_three_that_were_silent_are_believed_after_half_an_hour(self, warm, warns):
-        """The third is the mean of the others, so that one alone tells nothing of the two."""
-        node = warm(3, prediction=MIDDLE, parameters={'temperature_timeout': 5.0})
-        for second in range(20, 820, 10):
-            node.put_temperature(START + second * SECOND, 30.0 + min(second, 400) / 100)
-        status = warns(node, 'temperature', 'thermometer 3 is silent; what the others predict of')
-        assert 'thermometer 2 is silent' in status.message
-        believed_c = float(status.values['thermometer_2_believed_c'])
-        assert believed_c == pytest.approx(34.0, abs=0.5), 'it moves along with the first'
-        back, rng = second + 10, np.random.default_rng(0)
-        for second in range(back, back + 3600, 10):
-            ripple = rng.normal(0.0, 0.02, 3)
-            node.warm(START + second * SECOND, *np.array([34.0, 36.0, 35.0]) + ripple)
-        status = node.diagnosis('temperature', lambda status: 'silent' not in status.message)
-        assert node.node.compensator.tracker.temperature_c == pytest.approx(
-            [34.0, 36.0, 35.0], abs=0.1
-        )
 
     def test_a_temperature_that_jumps_moves_the_drift_no_faster_than_its_limit(self, warm, warns):
         node = warm(parameters={'max_drift_rate': 0.01})
@@ -393,16 +291,6 @@ class TestTemperature:
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
         warns(node, 'temperature', words)
         unharmed(node)
-
-    def test_the_stream_of_a_clock_that_begins_anew_goes_on_from_there(self, warm, warns):
-        node = warm()
-        for second in range(5):
-            node.warm(second * SECOND, 30.0)
-        tracker = node.node.compensator.tracker
-        assert (tracker.clocks.restarts, tracker.forgot) == (1, False)
-        words = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
-        assert warns(node, 'temperature', words).values['stamps_restarted'] == '1'
-        unharmed(node, 10 * SECOND)
 
 
 class TestQualityOfService:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 HEAVY = (
-    'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'tqdm', 'wrist_ft_comp.cli',
+    'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'rich', 'wrist_ft_comp.cli',
     'wrist_ft_comp.fit.averaging', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
     'wrist_ft_comp.simulation',
 )  # fmt: skip
@@ -28,7 +28,7 @@ node = CompensatorNode(context=context, parameter_overrides=parameters)
 for second in range(1, 4):
     message = Temperature(temperature=30.0)
     message.header.stamp.sec = second
-    node.inputs.on_temperature(0, serialize_message(message))
+    node.inputs.by_topic[0].read(serialize_message(message))
     node._on_wrench(serialize_message(wrench_message(second * 10**9, 'tool0', [1.0] * 6)))
 node.broadcast('poll')
 node._diagnose()

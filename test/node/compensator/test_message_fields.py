@@ -7,7 +7,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState, FluidPressure, JointState, Temperature
 from std_msgs.msg import Float64MultiArray, Header
 
-from wrist_ft_comp.node.message_fields import TemperatureTopic
+from wrist_ft_comp.node.temperature_topics import TemperatureTopic
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
@@ -96,12 +96,6 @@ def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, me
     assert listening.problem() == ''
 
 
-def test_of_a_fast_topic_only_the_newest_message_is_kept(listen):
-    listening = listen('/state:temperature')
-    listening.hear(battery(20.0))
-    assert listening.hub.topics['/state'].qos_profile.depth == 1
-
-
 @pytest.mark.parametrize(
     ('entry', 'message', 'words', 'good'),
     [
@@ -157,7 +151,7 @@ def test_a_field_over_dds_moves_the_drift_and_wakes_no_executor(wired, make_mode
 
 def test_without_a_header_the_time_of_arrival_is_taken_and_shown(rig):
     node = rig(topics=['heat:data[0]'])
-    node.node.inputs._take(0, None, 21.0)
+    node.node.inputs.take(0, None, 21.0)
     assert node.node.inputs._stamp_ns > START
     shown = node.diagnosis('temperature').values
     assert shown['thermometer_1_time'].startswith('of arrival')

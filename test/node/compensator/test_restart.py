@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node.state_keeper import StateKeeper
-from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState, StateWriter
+from wrist_ft_comp.stored.model_store import FileWriter
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
@@ -46,7 +47,7 @@ class Restarted:
         self.compensator.go_live(stored.model)
         self.keeper = StateKeeper(
             compensator=self.compensator, live_sha256=lambda: stored.sha256,
-            writer=StateWriter(path),
+            writer=FileWriter(), path=path,
         )  # fmt: skip
         self.hub = fake_hub(self.keeper, **chosen)
         self.keeper.on_model()
@@ -128,11 +129,6 @@ def test_a_state_that_cannot_be_used_is_said_and_logged(restart, warm, change, w
     assert any(words[0] in line for line in restarted.hub.logged)
 
 
-def test_simulated_time_is_not_judged_by_the_system_s_clock(restart, warm):
-    restarted = restart(replace(warm, saved_ns=10**18), use_sim_time=True)
-    assert restarted.keeper.outcome == HELD
-
-
 def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart, warm):
     restarted = restart(replace(warm, saved_ns=10**18))
     restarted.compensator.set_tare(np.array(LOAD), START + 700 * SECOND)
@@ -157,6 +153,26 @@ def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     restarted.warm(range(4))
     restarted.keeper.end()
     assert load_state(path).thermal is not None
+
+
+def test_a_tare_that_cannot_be_saved_does_not_bring_back_the_one_before(
+    restart, warm, tmp_path, monkeypatch
+):
+    restarted, told = restart(warm), []
+    monkeypatch.setattr('os.fsync', lambda _: (_ for _ in ()).throw(OSError(28, 'No space left')))
+    restarted.keeper.save()
+    restarted.compensator.set_tare(TARE + 1.0, START)
+    restarted.keeper.save(told.append)
+    restarted.keeper.end()
+    assert 'state.json cannot be written: No space left' in told[0]
+    assert not (tmp_path / 'state.json').exists()
+
+
+def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
+    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',))
+    restarted = restart(state)
+    assert restarted.compensator.zero_doubts == ['the frame was moved']
+    assert restarted.keeper.drivers == {'abc'}
 
 
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):

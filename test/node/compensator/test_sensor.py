@@ -45,14 +45,6 @@ def test_swapped_thermometers_are_refused_at_the_start_and_while_running(rig, le
     assert 'expected /a/temperature, /b/state:motors[0]' in capfd.readouterr().err
 
 
-def test_recordings_of_two_arms_are_a_warning_only(rig, learnt):
-    path = learnt(temperature_topics=TOPICS[::-1], wrench_topic='/left/wrench')
-    node = rig(thermometers=2, topics=TOPICS, parameters={'model_file': path})
-    status = node.diagnosis('model')
-    assert status.level == WARN
-    assert 'wrench_topic /left/wrench in known.yaml' in status.message
-
-
 def test_another_frame_and_serial_number_are_a_warning(rig, learnt, capfd):
     path = learnt(frame_id='left_ft', hardware_id='FT-1', temperature_topics=TOPICS)
     parameters = {'model_file': path, 'hardware_id': 'FT-2'}
@@ -78,7 +70,7 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
         warm = 5 * math.sin(k / 20)
         node.put(at, [warm + 0.01 * (k % 7)] * 6, 'left_ft, "b"')
         for thermometer, celsius in enumerate((20.0 + warm, 20.0)):
-            node.node.inputs._take(thermometer, at, celsius)
+            node.node.inputs.take(thermometer, at, celsius)
     assert node.call('record', False).success
     recording = read_recording(path, period_s=0.1)
     assert recording.warnings == ()

@@ -24,7 +24,6 @@ def models(make_model):
     ('chosen', 'state', 'level', 'words'),
     [
         ({}, {}, OK, 'the day is being recorded; no better model is offered'),
-        ({}, {'waiting': 'another sensor learns'}, OK, 'another sensor learns'),
         ({}, {'memory': Memory(offered='new.yaml')}, OK, 'a better model is offered'),
         ({}, {'memory': Memory(incident='it froze')}, WARN, 'it froze'),
         ({}, {'memory': Memory(incident='it froze', paused='a jump')}, WARN, 'a jump'),

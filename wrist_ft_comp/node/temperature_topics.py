@@ -1,0 +1,379 @@
+"""Thermometers: sensor_msgs/Temperature, or numbers in messages of any type, taken and judged."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+import math
+import time
+from typing import Any
+
+from wrist_ft_comp.channels import is_plausible, temperature_channel
+from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
+from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.node.wrench_topics import age, arrival, Events, WrenchInput
+from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.rclpy_internals import waiting
+from wrist_ft_comp.ros.topics import (
+    load_type,
+    no_temperature,
+    other_version,
+    short,
+    SLOW_SENSOR,
+    types_on,
+    unpublished,
+)
+from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.batch_grid import why_unusable
+from wrist_ft_comp.stream.clock import ClockComparison
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.wire.cdr import TEMPERATURE
+from wrist_ft_comp.wire.message_layout import define_installed, Definitions, follow, NumberReader
+from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
+
+#: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
+#: has none, and a temperature, °C.
+Take = Callable[[int, int | None, float], None]
+
+
+class TemperatureTopic:
+    """
+    One topic of a part, by its full name, and the thermometers in its messages, by number from 0.
+
+    One of sensor_msgs/Temperature is subscribed to at once, and every message is taken as it
+    comes. Any other is subscribed to when a publisher tells the type. It may be fast, and to be
+    woken costs much: its newest message is taken ten times a second.
+    """
+
+    def __init__(
+        self, part: Part, topic: str, sources: dict[int, TemperatureSource], take: Take
+    ) -> None:
+        self.sources = sources
+        #: Messages of which some temperature could not be read.
+        self.unreadable = 0
+        #: Why nothing can be read, and why a thermometer could not be.
+        self._problem, self._misread = '', dict[int, str]()
+        self._hub: Hub = part.hub
+        self._part, self._topic, self._take = part, topic, take
+        self._is_plain = not all(source.path for source in sources.values())
+        #: Of the messages that are subscribed to; empty while none are.
+        self._type = ''
+        self._definitions: Definitions = {}
+        self._subscription: Any = None
+        self._publishers = 0
+        #: Whether no message is taken until the next look: to say what is missing takes time.
+        self._is_resting = False
+        if self._is_plain:
+            self._subscribe(TEMPERATURE)
+
+    def poll(self) -> None:
+        """Take what came, and look as soon as publishers came or went; ten times a second."""
+        publishers = self._hub.count_publishers(self._topic)
+        if publishers != self._publishers:
+            self._publishers = publishers
+            self.look()
+        if self._subscription is not None and not (self._is_plain or self._is_resting):
+            for data in waiting(self._subscription):
+                self.read(data)
+
+    def look(self) -> None:
+        """Ask which type the topic has, and subscribe when that is new; takes half a ms."""
+        self._is_resting = False
+        types = types_on(self._hub, self._topic)
+        if not types:
+            self._misread.clear()
+            self._problem = '' if self._type else unpublished(self._hub, self._topic)
+        elif not self._type:
+            try:
+                self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
+            except WristFtCompError as error:
+                self._problem = str(error).rstrip('.')
+        elif self._type not in types:
+            # The new type comes at the next look: until the executor has let go, DDS has the old.
+            # In one process, DDS has one type per topic, which may be another sensor's, too.
+            self._hub.destroy_subscription(self._subscription)
+            self._subscription, self._type = None, ''
+        if self._type:
+            self._problem = other_version(self._hub, self._topic)
+
+    def _subscribe(self, name: str) -> None:
+        """Subscribe to messages of a type; WristFtCompError where they cannot be had."""
+        if self._is_plain and name != TEMPERATURE:
+            raise SettingsError(no_temperature(self._hub, self._topic))
+        kind, (source, *_) = load_type(self._topic, name), self.sources.values()
+        self._definitions = define_installed(self._topic, name)
+        paths = [source.number for source in self.sources.values()]
+        self._reader = NumberReader(self._definitions, name, paths)
+        if self._is_plain:
+            take = self._hub.guarded(self._part, self.read)
+            self._subscription = self._hub.subscribe(kind, source.topic, take, SLOW_SENSOR)
+        else:
+            self._subscription = self._hub.subscribe_unserved(kind, source.topic)
+        self._type = name
+
+    def read(self, data: bytes) -> None:
+        """Take the temperatures of one message."""
+        if self._problem:
+            return
+        try:
+            (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
+        except RecordingError:
+            self.unreadable += 1
+            sentence = (
+                f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
+                'here of the same version as where it comes from?'
+            )
+            self._misread = dict.fromkeys(self.sources, sentence)
+            return
+        stamped = stamp_ns if self._reader.has_header else None
+        for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
+            if math.isnan(number):
+                layout = follow(self._definitions, self._type, data)
+                if layout.find(source.number) is None:
+                    self.unreadable, self._is_resting = self.unreadable + 1, True
+                    self._misread[thermometer] = source.missing(layout).rstrip('.')
+                    continue
+            self._misread.pop(thermometer, None)
+            self._take(thermometer, stamped, source.celsius(number))
+
+    def problems(self) -> dict[int, str]:
+        """Say why temperatures cannot be read, by thermometer."""
+        if self._problem:
+            return dict.fromkeys(self.sources, self._problem)
+        return self._misread
+
+
+@dataclass
+class Thermometer:
+    """What is known of one thermometer."""
+
+    source: TemperatureSource
+    #: Full name of its topic.
+    topic: str
+    #: When it reported last, by the steady clock.
+    heard_s: float | None = None
+    #: Whether its newest reading had a stamp; None where the type has none.
+    stamped: bool | None = True
+
+
+@dataclass(eq=False, kw_only=True)
+class TemperatureInput(Part):
+    """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
+
+    thermometers: Sequence[Thermometer]
+    compensator: Compensator
+    wrenches: WrenchInput
+    specific_force: SpecificForceInput
+    live: LiveModel
+    state_keeper: StateKeeper
+    hub: Hub = field(init=False)
+    #: Usable temperatures of all thermometers, and those that no sensor reads.
+    usable: int = 0
+    unusable: int = 0
+    #: Thermometer and value, °C, of the newest unusable reading.
+    _last_unusable: tuple[int, float] | None = None
+    #: Stamp of the newest usable reading, ns.
+    _stamp_ns: int = 0
+    _growth: Growth = field(default_factory=Growth)
+    _events: Events = field(default_factory=Events)
+    #: Stamps of the wrench and of the IMU that were compared last, ns.
+    _compared_ns: tuple[int | None, int] = None, 0
+
+    title, logged = 'temperature', True
+    topics = (('temperature', 'one per entry of temperature_topics, which hears any type, too'),)
+
+    def start(self) -> None:
+        """Subscribe to every thermometer."""
+        self._tracker, self._comparison = self.compensator.tracker, ClockComparison()
+        by_imu = self.hub.chosen()['gravity.source'] == 'imu'
+        self._imu_topic = self.hub.resolve_topic_name('imu') if by_imu else ''
+        by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
+        for j, thermometer in enumerate(self.thermometers):
+            by_topic[thermometer.topic][j] = thermometer.source
+        self.by_topic = [
+            TemperatureTopic(self, topic, sources, self.take)
+            for topic, sources in by_topic.items()
+        ]
+
+    def take(self, thermometer: int, stamp_ns: int | None, temperature_c: float) -> None:
+        """Give one temperature, °C, to the thermal grid; stamps, ns, are as for Take."""
+        if not is_plausible(temperature_c):
+            self.unusable += 1
+            self._last_unusable = thermometer, temperature_c
+            return
+        at_ns, newest = stamp_ns or self.hub.now_ns(), self.wrenches.newest()
+        if stamp_ns:
+            self._compare(self.thermometers[thermometer].topic, stamp_ns)
+        # Specific force that came before this would else be too late for the recording's cell.
+        self.hub.do(self.specific_force, self.specific_force.poll)
+        # The clock of the time since the boot is never set, and goes on while the machine sleeps.
+        # With simulated time, stamps have nothing to do with it.
+        simulated = self.hub.get_parameter('use_sim_time').value
+        arrival_ns = None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+        cells = self.compensator.add_temperature(
+            thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
+        )
+        self.usable += 1
+        self._stamp_ns, heard = at_ns, self.thermometers[thermometer]
+        heard.heard_s = time.monotonic()
+        heard.stamped = None if stamp_ns is None else stamp_ns != 0
+        if cells:
+            self.hub.broadcast('on_cells', cells, at_ns)
+
+    def poll(self) -> None:
+        """Take temperatures that are fields of messages, and note what several messages show."""
+        wrench_ns, imu_ns = self.wrenches.stamp_ns, self.specific_force.forces.newest_ns
+        before, self._compared_ns = self._compared_ns, (wrench_ns, imu_ns)
+        if wrench_ns is not None and wrench_ns != before[0]:
+            self._comparison.note_wrench(wrench_ns, self._now_ns())
+        if self._imu_topic and imu_ns != before[1]:
+            self._compare(self._imu_topic, imu_ns)
+        for topic in self.by_topic:
+            topic.poll()
+        clocks = self._tracker.clocks
+        self._events.note(
+            stray=clocks.strays,
+            leapt=clocks.leaps + clocks.restarts,
+            **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
+        )
+
+    def _compare(self, topic: str, stamp_ns: int) -> None:
+        """Compare the clock of a topic with that of the wrench."""
+        cell_s = self._tracker.grid.period_ns / NANOSECONDS
+        self._comparison.note(topic, stamp_ns, self._now_ns(), cell_s)
+
+    def _now_ns(self) -> int:
+        """Time of arrival: of the simulation, or by a clock that nobody sets."""
+        if self.hub.get_parameter('use_sim_time').value:
+            return self.hub.now_ns()
+        return time.monotonic_ns()
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
+        for topic in self.by_topic:
+            topic.look()
+        self.poll()
+        tracker, clocks = self._tracker, self._tracker.clocks
+        rejected = clocks.rejected + tracker.grid.rejected
+        unreadable = sum(topic.unreadable for topic in self.by_topic)
+        grown, elapsed_s = self._growth.since(
+            usable=self.usable, unusable=self.unusable, rejected=rejected + clocks.strays
+        )
+        numbers = {
+            'state': self.state_keeper.outcome,
+            'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
+            'rejected': str(rejected),
+            'stray_stamps': str(clocks.strays),
+            'spikes': str(sum(spikes.dropped for spikes in tracker.spikes)),
+            'stamps_leapt': str(clocks.leaps),
+            'stamps_restarted': str(clocks.restarts),
+            'unusable': str(self.unusable + unreadable),
+            'jumps': str(sum(spikes.jumps for spikes in tracker.spikes)),
+        }
+        for j, thermometer in enumerate(self.thermometers, start=1):
+            numbers[f'thermometer_{j}_age_s'] = age(thermometer.heard_s)
+            if thermometer.stamped is None:
+                numbers[f'thermometer_{j}_time'] = 'of arrival: its messages have no header'
+        if tracker.reading_c is not None and tracker.temperature_c is not None:
+            for j, value in enumerate(tracker.reading_c, start=1):
+                numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
+            for j in tracker.replaced:
+                numbers[f'thermometer_{j + 1}_believed_c'] = f'{tracker.temperature_c[j]:.2f}'
+        yield doubtful(self.title, self._doubts(grown), 'all thermometers report', numbers)
+
+    def _doubts(self, grown: dict[str, int]) -> Iterator[str]:
+        """Say what is wrong with temperatures, the worst first; counts grew since a report."""
+        if grown['unusable'] and self._last_unusable is not None:
+            j, value = self._last_unusable
+            remedy = unit_remedy(value, self.thermometers[j].source.in_unit)
+            yield (
+                f'readings of thermometer {j + 1} are dropped; they are '
+                f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
+            )
+        yield from self._tracker.thermometer_doubts
+        yield from self.compensator.seldom_doubts()
+        yield from self._silence()
+        if 0 < grown['rejected'] >= grown['usable'] / 2:
+            clock = '' if self._stamp_ns else f': {arrival(0)}'
+            yield f'temperatures are dropped, because their stamps do not increase{clock}'
+        for topic, ahead_s in self._comparison.ahead_s.items():
+            side = 'ahead of' if ahead_s > 0 else 'behind'
+            yield (
+                f'stamps of {topic} are {abs(ahead_s):.1f} s {side} those of '
+                f'{self.wrenches.topic}, compared with their arrival; all drivers must use one '
+                'clock'
+            )
+        stored, temperature_c = self.live.stored, self._tracker.temperature_c
+        if stored and temperature_c is not None and (out := stored.model.outside(temperature_c)):
+            low_c, high_c = stored.document['thermometers'][out[0]]['range_c']
+            unit = other_unit(float(temperature_c[out[0]]), low_c, high_c)
+            hint = f'. In {unit} it would be inside: check the unit' if unit else ''
+            yield (
+                f'thermometer {_numbers(out)} outside the calibrated range; drift is less certain '
+                f'there, and held further out{hint}'
+            )
+        yield from self._events_of_samples()
+        for j, thermometer in enumerate(self.thermometers, start=1):
+            if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
+                yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
+        if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
+            time_taken = arrival(self._stamp_ns)
+            yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {time_taken}'
+
+    def _events_of_samples(self) -> Iterator[str]:
+        """Say what has happened to samples lately: spikes, jumps, stray stamps."""
+        recent = self._events.recent()
+        jumps_k = self._tracker.remembered_jumps_k
+        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
+            if spikes.leaves_out or f'spike {j}' in recent:
+                yield (
+                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
+                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                )
+            if jump_k:
+                yield (
+                    f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
+                    'stayed; is it loose? The correction follows at max_drift_rate'
+                )
+        if 'leapt' in recent:
+            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
+        if 'stray' in recent:
+            yield 'a temperature was dropped, because its stamp was far from those around it'
+
+    def _silence(self) -> Iterator[str]:
+        """Say which thermometers can't be read or are silent, and why, where that is known."""
+        limit_s = self.compensator.settings.temperature_timeout_s
+        problems = {j: why for topic in self.by_topic for j, why in topic.problems().items()}
+        drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
+        silent, seldom = [], self.compensator.seldom_reports()
+        for j, thermometer in enumerate(self.thermometers):
+            topic, heard_s = thermometer.topic, thermometer.heard_s
+            policy = self.hub.incompatible.get(thermometer.source.topic, '')
+            if j in problems:
+                yield f'thermometer {j + 1}: {problems[j]}; {drift}'
+            elif heard_s is None and policy:
+                yield (
+                    f'thermometer {j + 1} is not heard: a publisher offers less {policy} than is '
+                    f'asked for; {drift}'
+                )
+            elif heard_s is None:
+                why = f'{topic} has a publisher that sends none'
+                if not self.hub.count_publishers(topic):
+                    why = unpublished(self.hub, topic, TEMPERATURE)
+                yield f'thermometer {j + 1} has not reported: {why}; {drift}'
+            else:
+                spacing_s = seldom[j][0] if j in seldom else 0.0
+                is_silent = time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
+                if is_silent and j not in self._tracker.replaced:
+                    silent.append(j)
+        if silent:
+            yield (
+                f'thermometer {_numbers(silent)} silent for more than {limit_s:g} s; drift is held'
+            )
+
+
+def _numbers(thermometers: Sequence[int]) -> str:
+    """Write thermometers as numbers from 1."""
+    return ', '.join(str(j + 1) for j in thermometers)

@@ -1,0 +1,387 @@
+"""The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+import math
+import time
+from typing import TypeAlias
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+
+from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
+from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
+from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.topics import unpublished, wrench_message, wrong_type
+from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.stream.batch_grid import why_unusable
+from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.wrench_watch import SensorWatch
+from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
+
+#: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
+Newest: TypeAlias = tuple[int, Sequence[float], bytes]
+#: The diagnostics warn of an event for this time, s.
+_WARNED_S = 10.0
+#: An axis that reads exactly 0 for this many looks in a row, 5 s, is dead, ...
+_DEAD_LOOKS = 50
+#: ... unless more than this share of its other looks repeat the one before, as coarse steps do.
+_COARSE_SHARE = 0.1
+#: Two nodes of one name are said when they have been there for this time, s: one that was killed
+#: stays in the graph for 20 s with Fast DDS.
+_TWINS_S = 30.0
+
+
+@dataclass
+class Counts:
+    """Numbers of wrenches since the start."""
+
+    #: Usable wrenches that arrived, and corrected ones that were published.
+    wrenches: int = 0
+    published: int = 0
+    malformed: int = 0
+    not_finite: int = 0
+    implausible: int = 0
+    bad_references: int = 0
+    #: Wrenches that were lost by a fault of this program, and the last one of those.
+    failed: int = 0
+    fault: str = ''
+    #: The number that no sensor reads, of the newest wrench that was dropped for one.
+    strange: float = 0.0
+
+
+class Events:
+    """Remembers when every kind of event happened last."""
+
+    def __init__(self) -> None:
+        self._counted: dict[str, tuple[int, float]] = {}
+
+    def note(self, **counts: int) -> None:
+        """Take the present count of every kind."""
+        for kind, count in counts.items():
+            before, at_s = self._counted.get(kind, (0, -math.inf))
+            self._counted[kind] = count, time.monotonic() if count > before else at_s
+
+    def recent(self) -> set[str]:
+        """List the kinds of events of the last _WARNED_S seconds."""
+        since_s = time.monotonic() - _WARNED_S
+        return {kind for kind, (_, at_s) in self._counted.items() if at_s > since_s}
+
+
+def age(at_s: float | None) -> str:
+    """Write how long ago a time of the steady clock was, s."""
+    return 'never' if at_s is None else f'{time.monotonic() - at_s:.1f}'
+
+
+def arrival(stamp_ns: int) -> str:
+    """Say which time is used for messages without a stamp; ``stamp_ns`` is that of the newest."""
+    if stamp_ns == 0:
+        return 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
+    return 'the time of arrival is taken'
+
+
+class WrenchInput(Part):
+    """
+    Judges the raw wrenches, by the node's counts and its newest wrench.
+
+    ``modelled`` names the axes that the live model compensates.
+    """
+
+    title, logged = 'input', True
+    hub: Hub
+
+    def __init__(
+        self,
+        counts: Counts,
+        newest: Callable[[], Newest | None],
+        modelled: Callable[[], Collection[str]] = tuple,
+    ) -> None:
+        self._counts, self.newest, self._modelled = counts, newest, modelled
+        self.sensor = SensorWatch()
+        #: Stamp of the newest wrench that was looked at, ns; None before the first.
+        self.stamp_ns: int | None = None
+        #: Axes of which the newest wrench had no number, as those of a sensor of three forces.
+        self.absent: list[str] = []
+        self._heard_s: float | None = None
+        #: The frame, the one before, and how often it changed.
+        self._frame = self._frame_before = ''
+        self._frame_changes = 0
+        #: By axis, how many looks in a row read exactly 0, how many others there were, and how
+        #: many of those were the same as the one before.
+        self._zeros, self._others, self._repeats = np.zeros((3, len(AXES)), np.int64)
+        self._last_raw: FloatArray = np.full(len(AXES), np.nan)
+        #: Number of the wrench that was looked at last.
+        self._looked_at = 0
+        self._growth, self._events = Growth(), Events()
+
+    def start(self) -> None:
+        """Learn what the topic is called."""
+        self.topic = self.hub.resolve_topic_name('wrench_raw')
+
+    def admits(self, raw: Sequence[float]) -> bool:
+        """
+        Decide whether a wrench passes that holds NaN, or what no sensor reads; else count it.
+
+        An axis that was NaN in every earlier wrench may be NaN: the sensor does not have it.
+        """
+        newest = self.newest()
+        before = raw if newest is None else newest[1]
+        numbers = [value for value in raw if not math.isnan(value)]
+        lost = any(
+            math.isnan(value) and not math.isnan(last)
+            for value, last in zip(raw, before, strict=True)
+        )
+        if numbers and not lost and math.hypot(*numbers) < LARGEST:
+            return True
+        strange = math.nan if lost or not numbers else max(numbers, key=abs)
+        self._counts.strange = strange
+        if math.isfinite(strange):
+            self._counts.implausible += 1
+        else:
+            self._counts.not_finite += 1
+        return False
+
+    def poll(self) -> None:
+        """Look at the newest wrench, if it is another one than at the last look."""
+        newest, number, sensor = self.newest(), self._counts.wrenches, self.sensor
+        if newest is not None and number != self._looked_at:
+            self._looked_at, self._heard_s = number, time.monotonic()
+            self.stamp_ns, raw, data = newest
+            layout = locate(data, WRENCH_DOUBLES)
+            stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
+            self.absent = [AXES[i] for i in np.flatnonzero(np.isnan(raw))]
+            reading = np.array(raw)
+            self._zeros = np.where(reading == 0, self._zeros + 1, 0)
+            self._others += reading != 0
+            self._repeats += (reading != 0) & (reading == self._last_raw)
+            self._last_raw = reading
+            sensor.look(self.stamp_ns if stamped else 0, np.nan_to_num(raw).tolist())
+            if frame != self._frame:
+                self._frame_changes += bool(self._frame)
+                self._frame_before, self._frame = self._frame, frame
+        self._events.note(frame=self._frame_changes, back=sensor.ran_back, leapt=sensor.leapt)
+
+    def statuses(self) -> Iterator[Status]:
+        """Judge the raw wrenches: stale, unusable, suspicious, or well."""
+        self.poll()
+        counts, publishers = self._counts, self.hub.count_publishers(self.topic)
+        strange = counts.not_finite + counts.implausible
+        grown, elapsed_s = self._growth.since(
+            wrenches=counts.wrenches, unusable=counts.malformed + strange, strange=strange
+        )
+        rate_hz = grown['wrenches'] / elapsed_s
+        numbers = {
+            'rate_hz': f'{rate_hz:.1f}',
+            'age_s': age(self._heard_s),
+            'frame': self._frame,
+            'received': str(counts.wrenches),
+            'dropped_malformed': str(counts.malformed),
+            'dropped_not_finite': str(counts.not_finite),
+            'dropped_implausible': str(counts.implausible),
+            'dropped_references': str(counts.bad_references),
+            'publishers': str(publishers),
+            'stamps_ran_back': str(self.sensor.ran_back),
+            'stamps_leapt': str(self.sensor.leapt),
+            'frame_changes': str(self._frame_changes),
+        }
+        if grown['unusable']:
+            which = 'some wrenches are' if rate_hz else 'all wrenches are'
+            message = f'{which} unusable and dropped; check the driver'
+            if grown['strange']:
+                message += f': they are {why_unusable(AXES[0], counts.strange)}'
+            yield Status(self.title, WARN, message, numbers)
+        elif not rate_hz:
+            why = wrong_type(self.hub, self.topic, WRENCH)
+            if policy := self.hub.incompatible.get('wrench_raw'):
+                why = f'their publisher offers less {policy} than is asked for'
+            elif publishers and not why:
+                why = f'{self.topic} has a publisher that sends none; is the sensor running?'
+            elif not why:
+                why = unpublished(self.hub, self.topic, WRENCH)
+            yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
+        else:
+            well = f'{rate_hz:.0f} wrenches per second'
+            if self.absent:
+                well += f'; {", ".join(self.absent)} never had a number'
+            if unused := ', '.join(self._dead(lived=False)):
+                well += f'; {unused} never read anything but 0'
+            yield doubtful(self.title, self._doubts(publishers), well, numbers)
+
+    def _dead(self, *, lived: bool) -> list[str]:
+        """List axes that read exactly 0, and read something else before, or never did."""
+        is_coarse = self._repeats > _COARSE_SHARE * self._others
+        is_dead = (self._zeros >= _DEAD_LOOKS) & ~is_coarse & ((self._others > 0) == lived)
+        return [AXES[i] for i in np.flatnonzero(is_dead)]
+
+    def sickness(self) -> str:
+        """Say that the sensor is frozen or saturated; empty where it lives."""
+        if self.sensor.frozen:
+            return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
+        if axes := self.sensor.saturated:
+            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        return ''
+
+    def _doubts(self, publishers: int) -> Iterator[str]:
+        """Say what is suspicious about wrenches that do arrive, the worst first."""
+        sensor, recent = self.sensor, self._events.recent()
+        if publishers > 1:
+            yield f'{publishers} publishers share the topic; their readings are mixed'
+        if sick := self.sickness():
+            yield sick
+        elif dead := ', '.join(self._dead(lived=True)):
+            yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
+        elif lost := [axis for axis in self._dead(lived=False) if axis in self._modelled()]:
+            yield (
+                f'{", ".join(lost)} never read anything but 0, and the model knows it as an axis '
+                'that lives; is it dead?'
+            )
+        if sensor.stamps_stand_still:
+            yield 'stamps stand still; the correction is that of one moment'
+        if 'frame' in recent:
+            before, after = self._frame_before, self._frame
+            yield f'the frame changed from {before!r} to {after!r}; is it another sensor?'
+        if 'back' in recent:
+            yield 'stamps ran back; was a clock set, or a simulation restarted?'
+        if 'leapt' in recent:
+            yield 'stamps leapt ahead; was a clock set?'
+        if sensor.unstamped and self.stamp_ns is not None:
+            yield f'wrenches come without stamps; {arrival(self.stamp_ns)}'
+
+
+class DriftTopic(Part):
+    """
+    Publishes the zero drift once per thermal cell, and the correction; judges what is subtracted.
+
+    The correction is the compensated minus the raw wrench of the newest wrench. A controller that
+    adds its last message to each raw wrench, such as admittance_controller by its
+    ~/wrench_reference, is compensated without the wrench going through this node.
+    """
+
+    title, logged = 'output', True
+    topics = (
+        ('~/drift', 'zero drift being subtracted, once per thermal cell'),
+        ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
+    )
+    hub: Hub
+
+    def __init__(
+        self, compensator: Compensator, counts: Counts, newest: Callable[[], Newest | None],
+        drivers: set[str],
+    ) -> None:  # fmt: skip
+        self._compensator, self._counts, self._newest = compensator, counts, newest
+        self._growth = Growth()
+        #: The publishers of raw wrenches, by their identity in the graph; at first, those before
+        #: the restart.
+        self._drivers = drivers
+        #: When this node was the only one of its name last, by the steady clock.
+        self._alone_s = time.monotonic()
+
+    def start(self) -> None:
+        """Offer the topics."""
+        self.drift = self.hub.advertise(WrenchStamped, '~/drift')
+        self.correction = self.hub.advertise(WrenchStamped, '~/correction')
+
+    def on_cells(self, _cells: Sequence[ThermalCell], stamp_ns: int) -> None:
+        """Publish what is subtracted at the end of cells."""
+        if self._compensator.compensating:
+            zero = self._compensator.compensation.zero
+            self.drift.publish(wrench_message(stamp_ns, self.hub.hardware_id(), zero))
+
+    def poll(self) -> None:
+        """
+        Publish the correction, unless there was no wrench yet or the drift has not been found.
+
+        Then the controller holds the last one, which a restarted node sent before it ended.
+        """
+        stream, newest = self._compensator, self._newest()
+        if newest is None or (stream.model is not None and not stream.compensating):
+            return
+        stamp_ns, raw, _ = newest
+        correction = np.subtract(stream.correct(stamp_ns, raw), raw)
+        self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
+
+    def statuses(self) -> Iterator[Status]:
+        """Report what is subtracted, whether it hits a limit, and who else is in the graph."""
+        hub, stream, counts = self.hub, self._compensator, self._counts
+        # A driver that came instead of another one, and a node of this name.
+        topic = hub.resolve_topic_name('wrench_raw')
+        ends = hub.get_publishers_info_by_topic(topic)
+        drivers = {bytes(end.endpoint_gid).hex() for end in ends}
+        if drivers and drivers.isdisjoint(self._drivers):
+            if self._drivers:
+                stream.doubt_zero(
+                    f'the publisher of {topic} has left and another one came: its zero may be '
+                    'another one; call ~/tare'
+                )
+            self._drivers.clear()
+            self._drivers.update(drivers)
+        own = hub.get_name(), hub.get_namespace()
+        if hub.get_node_names_and_namespaces().count(own) <= 1:
+            self._alone_s = time.monotonic()
+
+        grown, elapsed_s = self._growth.since(published=counts.published, failed=counts.failed)
+        tare = 'active' if stream.tared else 'none'
+        if not stream.tared and stream.tare.any():
+            kept = np.linalg.norm(stream.tare[:3])
+            tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
+        numbers = {
+            'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
+            'published': str(counts.published),
+            'tare': tare,
+            'origin': stream.tracker.origin,
+            **_axis_numbers(stream),
+        }
+        if (newest := self._newest()) is not None:
+            published = stream.correct(*newest[:2])
+            for axis, raw, compensated in zip(AXES, newest[1], published, strict=True):
+                if not math.isnan(raw):
+                    numbers[f'{axis}_raw'] = f'{raw:.4g} {axis_unit(axis)}'
+                    numbers[f'{axis}_compensated'] = f'{compensated:.4g} {axis_unit(axis)}'
+        status = doubtful(self.title, self._doubts(grown['failed']), 'compensated', numbers)
+        is_error = grown['failed'] or stream.limits.too_large
+        yield replace(status, level=ERROR) if is_error else status
+
+    def _doubts(self, failed: int) -> Iterator[str]:
+        """Say what is wrong with what is published, the worst first."""
+        hub, stream = self.hub, self._compensator
+        large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
+        if failed:
+            yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
+        if large:
+            yield f'drift of {large} is at its limit'
+        if time.monotonic() - self._alone_s > _TWINS_S:
+            name = hub.get_fully_qualified_name()
+            yield f'two nodes are called {name}, and both publish; end one, or rename it'
+        if fast:
+            yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
+        if not stream.compensating:
+            yield 'not compensated: no model or no temperature yet'
+        elif stream.model is not None and not stream.model.axes:
+            yield 'not compensated: the model compensates no axis'
+        if policy := hub.incompatible.get('wrench'):
+            yield f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        yield from stream.zero_doubts
+        if not stream.tared:
+            yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'
+
+
+def _axis_numbers(stream: Compensator) -> dict[str, str]:
+    """Give drift, its deviation and the tare of every axis."""
+    numbers: dict[str, str] = {}
+    model, temperature_c = stream.model, stream.tracker.temperature_c
+    deviations: FloatArray = np.full(len(AXES), np.nan)
+    if model is not None and temperature_c is not None:
+        deviations = model.uncertainty(temperature_c)
+    for axis, zero, sensitivity, tare, deviation in zip(
+        AXES, *stream.compensation, stream.tare, deviations, strict=True
+    ):
+        unit = axis_unit(axis)
+        numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'
+        if np.isfinite(deviation):
+            numbers[f'{axis}_drift_deviation'] = f'{deviation:.4g} {unit}'
+        if model is not None and axis in model.day_limits:
+            numbers[f'{axis}_day_limit'] = f'{model.day_limits[axis]:.4g} {unit}'
+        numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
+        numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
+    return numbers

@@ -1,0 +1,115 @@
+"""
+Whether the wrench moves with the weight that is taken off: finds frames and units that are wrong.
+
+Where a robot turns its tool in free space, the wrench changes as the weight does: ΔF = ΔW. A
+specific force or a wrench whose frame is turned by Q, or in another unit, gives ΔF = k Q ΔW, one
+whose origin has moved by d gives ΔT = ΔT_weight + d × ΔW. Contacts change the wrench, too, but
+never the same way twice: k Q is that of the three changes which agree best with half of all (least
+median of squares).
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from wrist_ft_comp.series import FloatArray
+
+#: The weight has changed where its force differs by this, N: seven times the noise of common
+#: sensors, 0.3 N.
+MOVED_N = 2.0
+#: Changes that are kept, and fewest that say something.
+_KEPT, _FEWEST = 24, 10
+#: Triples of changes that are tried.
+_TRIPLES = 40
+#: A smaller turn is none, degrees: an IMU that a person mounts is right within 3.
+_LEAST_TURN_DEG = 8.0
+#: A smaller distance is none, m.
+_LEAST_SHIFT_M = 0.01
+#: What is found must explain all but this share of the median difference.
+_UNEXPLAINED_SHARE = 0.4
+#: Forces that change by this share more or less than the weight are those of another payload.
+_LEAST_SCALE_ERROR = 0.15
+
+
+class Disagreement(NamedTuple):
+    """How the wrench moves otherwise than the weight does."""
+
+    #: Turn between both forces, degrees, and whether they are mirrored.
+    turn_deg: float = 0.0
+    mirrored: bool = False
+    #: How many times as much the force moves as the weight.
+    scale: float = 1.0
+    #: How far the centre of mass seems to be away, m.
+    shift_m: float = 0.0
+
+
+class WeightCheck:
+    """Compares changes of the corrected wrench with those of the payload's weight."""
+
+    def __init__(self) -> None:
+        self._before: FloatArray | None = None
+        self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
+        self.found = Disagreement()
+
+    def add(self, wrench: FloatArray, weight: FloatArray) -> None:
+        """Take a wrench before the payload is taken off, and the weight, N and N m, (6,) each."""
+        now = np.stack((wrench, weight))
+        if self._before is None:
+            self._before = now
+        change = now - self._before
+        if np.linalg.norm(change[1, :3]) >= MOVED_N:
+            self._before = now
+            self._changes.append(change)
+            if len(self._changes) >= _FEWEST:
+                self.found = self._compare() or self.found
+
+    def _compare(self) -> Disagreement | None:
+        """Find turn and shift in the changes that are kept; None where they do not tell."""
+        changes = np.array(self._changes)
+        force, weight = changes[:, 0, :3], changes[:, 1, :3]
+        rng = np.random.default_rng(0)
+        triples = np.array([rng.choice(len(changes), 3, replace=False) for _ in range(_TRIPLES)])
+        turns = _fit_turns(force[triples], weight[triples])
+        moved = np.einsum('tij,nj->tni', turns, weight)
+        medians = np.median(np.linalg.norm(force - moved, axis=2), axis=1)
+        best = int(np.argmin(medians))
+        free = np.linalg.norm(force - moved[best], axis=1) <= max(3 * medians[best], 1e-9)
+        (turn,) = _fit_turns(force[free][None], weight[free][None])
+        scale = float(np.cbrt(np.linalg.det(turn)))
+        # Along one line, a turn about that line cannot be seen.
+        spread = np.linalg.svd(weight[free], compute_uv=False)
+        if spread[1] < MOVED_N or free.sum() < _FEWEST / 2:
+            return None
+        off_n = np.median(np.linalg.norm(force[free] - weight[free], axis=1))
+        rest = np.median(np.linalg.norm(force[free] - weight[free] @ turn.T, axis=1))
+        if rest < _UNEXPLAINED_SHARE * off_n:
+            cosine = (np.trace(turn) / scale - 1) / 2
+            turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+            if scale < 0 or turn_deg > _LEAST_TURN_DEG:
+                return Disagreement(turn_deg, scale < 0)
+            if abs(scale - 1) > _LEAST_SCALE_ERROR:
+                return Disagreement(scale=scale)
+        # d × ΔW, linear in d: one block of three rows a change.
+        torque = changes[free, 0, 3:] - changes[free, 1, 3:]
+        x, y, z = weight[free].T
+        zero = np.zeros_like(x)
+        rows = np.stack(([zero, z, -y], [-z, zero, x], [y, -x, zero])).transpose(2, 0, 1)
+        shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)
+        rest = np.median(np.linalg.norm(torque - rows @ shift, axis=1))
+        off = np.median(np.linalg.norm(torque, axis=1))
+        distance_m = float(np.linalg.norm(shift))
+        if distance_m > _LEAST_SHIFT_M and rest < _UNEXPLAINED_SHARE * off:
+            return Disagreement(shift_m=distance_m)
+        reach = np.median(np.linalg.norm(weight[free], axis=1))
+        agrees = off_n < np.radians(_LEAST_TURN_DEG) * reach and off < _LEAST_SHIFT_M * reach
+        return Disagreement() if agrees else None
+
+
+def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:
+    """Fit k Q, Q orthogonal, (t, 3, 3), with F ≈ k Q W, to rows of both, (t, n, 3)."""
+    left, _, right = np.linalg.svd(np.einsum('tni,tnj->tij', forces, weights))
+    turns = left @ right
+    moved = np.einsum('tij,tnj->tni', turns, weights)
+    scales = np.sum(forces * moved, axis=(1, 2)) / np.sum(weights**2, axis=(1, 2))
+    return np.asarray(scales[:, None, None] * turns)
