@@ -1,13 +1,11 @@
 """Which stretches are held out in turn, and how what is left of them is scored."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds, fold_bins, FOLDS, part_errors
+from wrist_ft_comp.fit.folds import assign_folds, FOLDS
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 
@@ -58,32 +56,6 @@ class TestFolds:
 
 
 ROWS = 720
-TEMPERATURE_C = np.linspace(20, 40, ROWS)
-
-
-@pytest.mark.parametrize('tared', [True, False])
-def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_data, tared):
-    """Of means over 30 s, from the first minute on; plateaus around the mean of all else."""
-    rng = np.random.default_rng(5)
-    folds = [rng.integers(0, 3, ROWS) for _ in range(2)]
-    data = make_axis_data([TEMPERATURE_C] * 2, [TEMPERATURE_C] * 2, folds=folds)
-    data = replace(data, tared=tared)
-    remainders = [rng.standard_normal(ROWS) + 100 * i for i in range(2)]
-    remainders[0][::7] = np.nan
-    for fold in range(3):
-        expected = []
-        for numbers, values in zip(folds, remainders, strict=True):
-            bins, others = {}, []
-            for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
-                if n == fold and np.isfinite(v):
-                    bins.setdefault(cell // 3, []).append(v)
-                elif np.isfinite(v):
-                    others.append(v)
-            inside = [sum(values) / len(values) for values in bins.values()]
-            constant = np.mean(inside[:2] if tared else others)
-            parts = np.array_split(inside, 4)
-            expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]
-        assert part_errors(fold_bins(data, remainders, fold)) == pytest.approx(expected)
 
 
 @pytest.fixture(scope='module')

@@ -1,6 +1,4 @@
-"""Candidates of one axis compete: the choice, why, the constants, and hats of a chamber test."""
-
-from dataclasses import replace
+"""Candidates of one axis compete: which one wins, and its constants."""
 
 import numpy as np
 import pytest
@@ -9,9 +7,8 @@ from wrist_ft_comp.drift.arx import relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit import named_methods
-from wrist_ft_comp.fit.folds import FoldBins, simplest_good
-from wrist_ft_comp.fit.named_methods import anchor, compete
+from wrist_ft_comp.fit.folds import simplest_good
+from wrist_ft_comp.fit.named_methods import anchor
 
 CELLS = 200
 
@@ -58,36 +55,6 @@ HARD = 10.0 ** np.arange(-3, 4)
 def test_the_simplest_wins_within_15_percent_or_one_standard_error_of_the_best(errors, chosen):
     """Of the difference, part by part."""
     assert simplest_good(errors) == chosen
-
-
-@pytest.mark.parametrize(
-    ('errors', 'chosen', 'competing', 'why'),
-    [
-        ((4.0, 1.0, 0.25), 'lag', ['none', 'line', 'lag'], 'of 3 candidates it is the best'),
-        ((9.0, 1.0, 0.9), 'line', ['none', 'line', 'lag'], 'the best of 3, lag, is better by no'),
-        ((1.0, 4.0), 'line', ['line'], 'nothing else competed'),
-    ],
-)
-def test_the_winner_says_what_it_leaves_and_why(  # noqa: PLR0913, PLR0917 -- a table's columns
-    make_problem, monkeypatch, errors, chosen, competing, why
-):
-    bins = {}
-    for name, square in zip(('none', 'line', 'lag'), errors, strict=False):
-        left = np.full(4, np.sqrt(square))
-        bins[name] = [FoldBins(i, i, np.arange(4), left, left) for i in range(2)]
-    problem = replace(make_problem(), axis='torque_z')
-    refits = {name: lambda _: (lag(), ('mended',)) for name in competing if name != 'none'}
-    scores = iter(bins.values())
-    monkeypatch.setattr(named_methods, 'refit_bins', lambda *_: next(scores))
-    fit = compete(problem, refits, may_be_none='none' in competing)
-    rms = {candidate.name: candidate.rms for candidate in fit.candidates}
-    assert rms == pytest.approx(dict(zip(bins, np.sqrt(errors), strict=True)))
-    assert (fit.chosen, fit.rms_before, fit.rms_after) == (chosen, rms['none'], rms[chosen])
-    assert fit.reason.startswith(f'{chosen} leaves {rms[chosen]:.3g} N m RMS on held-out data, no')
-    assert why in fit.reason
-    assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
-    assert fit.time_constants_s == pytest.approx((300.0,)), 'read from the poles'
-    assert np.isnan(fit.time_constant_errors_s).all()
 
 
 @pytest.mark.parametrize('error', [None, 0.0, 0.03, -0.2])
