@@ -141,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
         }
         lines = [*_recording_lines(described, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib is slow to load
+            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
 
             PICTURE.write(arguments.picture, recording_png(recording))
         elif arguments.picture:
@@ -284,7 +284,7 @@ def _read(
         return f'Nothing can be learnt from it. {summary.refusal}', None
     try:
         recording = read_recording(
-            Path(summary.paths(path)[0]), period_s=summary.period_s, topics=summary.topics,
+            path, period_s=summary.period_s, topics=summary.topics,
             progress=progress)  # fmt: skip
     except RecordingError as error:
         with_topics = ' with these topics' if summary.candidates else ''
@@ -342,7 +342,7 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     force = summary.specific_force
     at_work = force is not None and force.seen > 0 and not reference
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
-    calibrate = ['wrist_ft_comp', 'calibrate', *summary.paths(path), '-o', 'model.yaml']
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
     if not summary.candidates:
         if topics.columns:
             words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]

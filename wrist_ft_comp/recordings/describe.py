@@ -31,7 +31,6 @@ from wrist_ft_comp.recordings.bag import (
 from wrist_ft_comp.recordings.log_proposal import missing_sentence, OPEN
 from wrist_ft_comp.recordings.read import BAG, open_recording, OpenTable, TABLE
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.recordings.table import RestartError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import SampleChecks
 from wrist_ft_comp.wire import cdr
@@ -284,14 +283,8 @@ class RecordingSummary:
     refusal: str = ''
     #: Length of the thermal cells that fit: 1 s, or that from row to row of a slow log.
     period_s: float = 1.0
-    #: Recordings in a file whose clock begins anew; the first one is described.
-    parts: int = 1
     #: Whether a reference was recorded that is zero throughout.
     is_unloaded: bool = False
-
-    def paths(self, path: Path) -> list[str]:
-        """Write the recordings as arguments of a command."""
-        return [str(path)] if self.parts == 1 else [f'{path}@{k + 1}' for k in range(self.parts)]
 
 
 def describe_recording(
@@ -354,18 +347,13 @@ def describe_recording(
 def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
     """Describe a table; what cannot be read as it is, by a map that is proposed."""
     if not opened.lacks():
-        try:
-            return _count_samples(opened, progress)
-        except RestartError as error:
-            first = OpenTable(opened.tables, opened.options, 1)
-            warnings = (str(error),)
-            return replace(_count_samples(first, progress), parts=error.parts, warnings=warnings)
+        return _count_samples(opened, progress)
     topics = opened.options.topics
     proposal = opened.propose()
     columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
     topics = replace(topics, columns=columns, time=topics.time or proposal.time)
     if OPEN not in columns:
-        again = OpenTable(opened.tables, parse_options(topics), opened.part)
+        again = OpenTable(opened.tables, parse_options(topics))
         return replace(_describe_table(again, progress), guessed=True)
     refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
     summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)

@@ -55,7 +55,7 @@ BAG, TABLE = 'rosbag2', 'table'
 
 def kind_of(path: Path) -> str:
     """Find the kind of a recording from its name; a table if in doubt."""
-    files, _ = files_of(path)
+    files = files_of(path)
     if len(files) > 1:
         return TABLE
     (path,) = files
@@ -157,23 +157,14 @@ class OpenBag:
 class OpenTable:
     """A table, or several with one clock, and which of their columns are read."""
 
-    def __init__(
-        self, tables: Sequence[Table], options: ReadOptions, part: int | None = None
-    ) -> None:
-        self.tables, self.options, self.part = tables, options, part
+    def __init__(self, tables: Sequence[Table], options: ReadOptions) -> None:
+        self.tables, self.options = tables, options
         self.name = '+'.join(table.name for table in tables)
-        if part:
-            self.name += f'@{part}'
         self.sources = ()
         self.names = names = [name for table in tables for name in table.names]
         if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
-            words = (
-                'python',
-                _CONVERTER,
-                str(tables[0].path),
-                '-o',
-                f'{tables[0].path.stem}_recording.csv',
-            )
+            path = tables[0].path
+            words = 'python', _CONVERTER, str(path), '-o', f'{path.stem}_recording.csv'
             raise RecordingError(
                 f'{self.name} is a table of a chamber test, which has no times. Make a recording '
                 f'of it: {shlex.join(words)}'
@@ -241,7 +232,7 @@ class OpenTable:
         """Read all rows of the columns that are used, one table after the other."""
         self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
-            yield from table.rows(placed, progress, self.part)
+            yield from table.rows(placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
@@ -257,22 +248,14 @@ class OpenTable:
         return tuple(found)
 
 
-def files_of(path: Path) -> tuple[list[Path], int | None]:
-    """
-    Find the files that a path names, and the part of them, from 1 on, or None.
-
-    ``force.csv+temperature.csv`` are two with one clock, ``log.csv@2`` is what follows where a
-    clock began anew.
-    """
+def files_of(path: Path) -> list[Path]:
+    """Find the files that a path names: ``force.csv+heat.csv`` are two with one clock."""
     if path.exists():
-        return [path], None
-    text, sign, part = str(path).rpartition('@')
-    number = int(part) if sign and part.isdecimal() else None
-    first, *others = (text if number else str(path)).split('+')
-    files = [Path(first), *(Path(other) for other in others)]
+        return [path]
+    first, *others = map(Path, str(path).split('+'))
     # Beside the first one, where only their names are given.
-    files = [f if f.exists() else files[0].with_name(f.name) for f in files]
-    return (files, number) if all(file.is_file() for file in files) else ([path], None)
+    files = [first, *(f if f.exists() else first.with_name(f.name) for f in others)]
+    return files if all(file.is_file() for file in files) else [path]
 
 
 @contextmanager
@@ -282,8 +265,8 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
         with open_bag(path) as bag:
             yield OpenBag(bag, parse_options(topics))
     else:
-        files, part = files_of(path)
-        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics), part)
+        files = files_of(path)
+        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
 
 
 #: Bytes of a file that are hashed at once.
@@ -342,9 +325,7 @@ def hash_recording(path: Path) -> str:
     What else lies in the folder may change: metadata.yaml, notes, a database's journal.
     """
     digest = hashlib.sha256()
-    files, part = files_of(path)
-    if part:
-        digest.update(f'@{part}'.encode())
+    files = files_of(path)
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
