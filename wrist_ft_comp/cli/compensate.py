@@ -87,7 +87,6 @@ def run(arguments: argparse.Namespace) -> int:
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
-    options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS

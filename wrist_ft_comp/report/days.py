@@ -130,7 +130,23 @@ def _left_words(drift: DriftLeft, unit: str) -> str:
 
 def events(diary: Diary) -> list[Event]:
     """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
-    happened = _incidents(diary.days)
+    # Days in a row with the same incident are one event, unless the zero jumped.
+    found: dict[tuple[str, int], Event] = {}  # by name and last day
+    weighed = any(day.payloads for day in diary.days)
+    for n, day in enumerate(diary.days):
+        # The names of the day's incidents: of thermometers, each that was out.
+        thermometers = re.findall(r'hermometer (\d+)', day.incident)
+        names = []
+        if day.kind == THERMOMETER and thermometers:
+            names = [f'thermometer {number} out' for number in dict.fromkeys(thermometers)]
+        elif day.kind or day.incident:
+            names = [NAMES.get(day.kind, day.kind or 'incident')]
+        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
+            names = [NO_PAYLOAD]
+        for name in names:
+            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
+            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
+    happened = list(found.values())
     for n, (day, after) in enumerate(pairwise(diary.days)):
         pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
         if day.first_ns and pause_days >= _PAUSE_DAYS:
@@ -146,26 +162,6 @@ def events(diary: Diary) -> list[Event]:
         if day.better and day.name not in went_live:
             happened.append(Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}'))
     return sorted(happened, key=lambda event: (event.first, event.name in MODEL_CHANGES))
-
-
-def _incidents(days: Sequence[DayEntry]) -> list[Event]:
-    """Find incidents; days in a row with the same one are one event, unless the zero jumped."""
-    found: dict[tuple[str, int], Event] = {}  # by name and last day
-    weighed = any(day.payloads for day in days)
-    for n, day in enumerate(days):
-        # The names of the day's incidents: of thermometers, each that was out.
-        numbers = re.findall(r'hermometer (\d+)', day.incident)
-        names = []
-        if day.kind == THERMOMETER and numbers:
-            names = [f'thermometer {number} out' for number in dict.fromkeys(numbers)]
-        elif day.kind or day.incident:
-            names = [NAMES.get(day.kind, day.kind or 'incident')]
-        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
-            names = [NO_PAYLOAD]
-        for name in names:
-            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
-            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
-    return list(found.values())
 
 
 def when(entry: DayEntry) -> str:
