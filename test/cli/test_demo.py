@@ -57,7 +57,7 @@ def test_it_ends_with_the_report_and_what_to_do_next(run, tmp_path):
     ('least', 'mass_share', 'reached'),
     [(5.0, 0.05, True), (5.0, 0.005, False), (1e6, 0.05, False)],
 )
-def test_drift_has_to_fall_and_at_work_the_mass_has_to_be_found(
+def test_drift_has_to_fall_and_at_work_the_mass_has_to_be_found(  # noqa: PLR0913, PLR0917
     least, mass_share, reached, run, tmp_path, monkeypatch
 ):  # fmt: skip
     monkeypatch.setattr(demo, '_RATIO_AT_WORK', least)

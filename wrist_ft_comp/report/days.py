@@ -29,9 +29,10 @@ from wrist_ft_comp.stored.own_file import Output
 #: What the picture of days names as its software, by which it is known again.
 PAINTER = 'wrist_ft_comp picture'
 PICTURE = Output(
-    # Header, image header, and the text, before or after the chunk that holds the resolution.
+    # Header, image header, and the text, before or after the chunk that holds the resolution;
+    # bytes that are no text count as one letter, alone or together.
     name='picture', endings='.png',
-    begins=rf'\x89PNG\r\n\x1a\n.{{25,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
+    begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0
