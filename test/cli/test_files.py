@@ -41,12 +41,13 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     command, run, model, drift_csv, bags, tmp_path
 ):
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
-    files = bags['mcap'] / 'mcap.mcap', bags['sqlite3'] / 'sqlite3.db3'
-    for recording in (drift_csv, bags['mcap'], *files):
-        assert 'Name the model first' in run(command, recording, model, *more).sentence
-    assert 'is a model file' in run(command, model, model, *more).sentence
+    assert 'is a model file' in run(command, drift_csv, model, *more).sentence
     (tmp_path / 'empty').touch()
-    assert 'is not a model file' in run(command, tmp_path / 'empty', drift_csv, *more).sentence
+    files = bags['mcap'], bags['mcap'] / 'mcap.mcap', bags['sqlite3'] / 'sqlite3.db3'
+    for recording in (drift_csv, tmp_path / 'empty', *files):
+        sentence = run(command, recording, drift_csv, *more).sentence
+        assert 'with wrist_ft_comp calibrate.' in sentence
+        assert str(recording) in sentence
 
 
 @pytest.fixture

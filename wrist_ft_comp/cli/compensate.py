@@ -80,7 +80,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_model(arguments.model)
     topics = options.topics_from(arguments)
     options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]

@@ -18,6 +18,7 @@ from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
+from wrist_ft_comp.report.advice import SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import (
@@ -59,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_model(arguments.model)
     topics = options.topics_from(arguments)
     options.check_recordings(arguments.recordings, topics)
     if arguments.report:
@@ -159,7 +159,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs):
         low, high = thermometer['range_c']
-        share = float(np.mean((column < low) | (column > high)))
+        share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
         if share > 0:
             sentences.append(
                 f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '

@@ -11,10 +11,9 @@ import re
 import shlex
 from typing import Any, get_args, NoReturn, TypeVar
 
-from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recording import Reference, Topics
-from wrist_ft_comp.recordings.bag import SUFFIXES
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
@@ -156,17 +155,6 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
         columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
     parse_options(topics)
     return topics
-
-
-def check_model(path: Path) -> None:
-    """Refuse a recording in the place of a model, before work that takes minutes."""
-    if not path.exists() or MODEL.is_own(path):
-        return
-    if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'}:
-        raise ModelFileError(
-            f'{path} is a recording, where a model file was expected. Name the model first, as '
-            'made by wrist_ft_comp calibrate, then the recordings.'
-        )
 
 
 def check_recordings(paths: Sequence[Path], topics: Topics) -> None:

@@ -110,8 +110,8 @@ def content_words(
     words.append(filled(f'before, left: root mean square. {content.conditions}'))
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
-        sentences = (f'{axis.axis}: {axis.verdict.sentence}' for axis in content.axes)
-        words += ['', *map(filled, sentences), filled(content.explanation)]
+        words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
+        words += ['', filled(content.explanation)]
     steps = content.advice if verbose else content.advice[:advice]
     if steps:
         words += ['', 'What to do next:']
@@ -120,8 +120,8 @@ def content_words(
 
 
 def filled(sentence: str, begin: str = '') -> str:
-    """Break a sentence at the width, what follows is indented; a command in lines below is not."""
-    indent = ' ' * (len(begin) or 4)
+    """Break a sentence at the width, indented below its beginning; commands in it stay whole."""
+    indent = ' ' * len(begin)
     head, *commands = sentence.splitlines() or ['']
     whole = textwrap.fill(
         begin + head, WIDTH, subsequent_indent=indent,

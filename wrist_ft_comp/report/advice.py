@@ -30,8 +30,8 @@ _TIME_CONSTANTS = 4.0
 _SHORTEST_S = 3600.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: Temperatures closer than this are the same, K.
-_SAME_K = 0.5
+#: Temperatures that leave a range by less than this do not leave it, K.
+SAME_K = 0.5
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
 
@@ -115,7 +115,7 @@ def advise(case: Case) -> tuple[str, ...]:
         for number, (seen, learnt) in enumerate(
             zip(case.coverage.range_c, case.learnt_c, strict=False), start=1
         )
-        if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
+        if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):

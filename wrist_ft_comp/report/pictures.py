@@ -325,6 +325,7 @@ def recording_png(recording: Recording, after: FloatArray | None = None) -> byte
     panels[-1].set_xlabel('time, h')
     for panel in panels:
         _frame(panel)
+    figure.align_ylabels(panels)
     for panel in panels[:2]:
         panel.legend(loc='best', frameon=False, ncols=4)
     return _png(figure)

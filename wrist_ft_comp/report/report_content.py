@@ -310,11 +310,10 @@ def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of an axis
     parts: Sequence[tuple[str, AxisEvaluation]] = (),
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry = stored.document['axes'].get(axis, _NO_ENTRY)
     return AxisView(
         axis, evidence.unit, judge(evidence), errors, series,
         drifts_removed(stored.model.axes.get(axis)),
-        {**entry, 'reason': ''} if evidence.refusal else entry, day_limit, parts)  # fmt: skip
+        stored.document['axes'].get(axis, _NO_ENTRY), day_limit, parts)  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:
