@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
-from dataclasses import dataclass
 from functools import partial
 import os
 from pathlib import Path
@@ -23,7 +22,7 @@ from wrist_ft_comp.cli.output import (
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS, Progress
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -45,27 +44,12 @@ _TOOL_KG, _MASS_SHARE = 1.4, 0.05
 _RATIO, _RATIO_AT_WORK = 10.0, 5.0
 
 
-@dataclass(frozen=True)
-class _Day:
-    """A day of the simulated robot."""
-
-    what: str
-    #: When the duty cycle of the motor changes, s, and to which level.
-    duty: tuple[tuple[float, float], ...]
-    length_s: float
-
-
-#: The sensor warms up, rests, works and cools.
-_LEARNT = _Day(
-    'day 1 of the simulated robot',
-    ((0.0, 0.0), (300.0, 0.9), (3600.0, 0.0), (5700.0, 0.5), (8100.0, 1.0), (9600.0, 0.0)), 11400,
-)  # fmt: skip
-#: It works otherwise.
-_JUDGED = _Day(
-    'day 2 of the simulated robot',
-    ((0.0, 0.0), (1200.0, 0.7), (3600.0, 0.2), (5400.0, 1.0), (7200.0, 0.0), (8100.0, 0.6)), 9600,
-)  # fmt: skip
-
+#: The days of the simulated robot: the duty cycle of the motor from each time on, s, and how long
+#: the day is, s. The sensor warms up, rests, works and cools; on day 2 it works otherwise.
+_DAYS = (
+    ({0.0: 0.0, 300.0: 0.9, 3600.0: 0.0, 5700.0: 0.5, 8100.0: 1.0, 9600.0: 0.0}, 11400),
+    ({0.0: 0.0, 1200.0: 0.7, 3600.0: 0.2, 5400.0: 1.0, 7200.0: 0.0, 8100.0: 0.6}, 9600),
+)
 HELP = 'watch the node learn and remove a simulated drift'
 DESCRIPTION = """\
 Start a simulated sensor and the compensator as processes, record a warm-up,
@@ -161,15 +145,14 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
         )
         operator = stack.enter_context(operating())
         stamps = Stamps(operator, 'temperature')
-        for number, day in enumerate((_LEARNT, _JUDGED)):
-            starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
+        for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
                 'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
                 'start_stamp_s': stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0,
                 'wrench_rate': 500.0,
                 'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
                 'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
-                'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
+                'duty_cycle.start_s': [*duty], 'duty_cycle.level': [*duty.values()],
             }  # fmt: skip
             # The node is started anew on the second day, and takes the model by itself.
             with process('compensator_node', node, log) as compensator:
@@ -177,32 +160,37 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
                 watch = Watch(operator, name)
                 ask(operator, name, 'record', watch)
                 with process('simulated_sensor', parameters, log) as sensor:
-                    listen(operator, stamps, day, {'compensator': compensator, 'sensor': sensor})
+                    programs = {'compensator': compensator, 'sensor': sensor}
+                    with progress_bar(f'recording day {number + 1} of 2') as progress:
+                        listen(operator, stamps, length_s, programs, progress)
                 ask(operator, name, 'stop', watch)
-                if day is _LEARNT:
+                if not number:
                     with waiting('the node calibrates'):
                         ask(operator, name, 'calibrate', watch)
 
 
 def listen(
-    operator: 'Operator', stamps: 'Stamps', day: _Day, programs: Mapping[str, _Process]
+    operator: 'Operator',
+    stamps: 'Stamps',
+    length_s: float,
+    programs: Mapping[str, _Process],
+    progress: Progress,
 ) -> None:
     """Wait until a day has passed in the stamps, as long as both programs are alive."""
     first_ns, before_ns = 0, stamps.latest_ns
-    with progress_bar(f'recording {day.what}') as progress:
-        while not first_ns or before_ns < first_ns + day.length_s * NANOSECONDS:
-            heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
-            for program, process in programs.items():
-                if process.poll() is not None:
-                    raise RecordingError(
-                        f'The {program} of the demonstration ended early, with exit code '
-                        f'{process.returncode}; see its log.'
-                    )
-            if not heard:
-                raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
-            before_ns = stamps.latest_ns
-            first_ns = first_ns or before_ns
-            progress(min((before_ns - first_ns) / (day.length_s * NANOSECONDS), 1.0))
+    while not first_ns or before_ns < first_ns + length_s * NANOSECONDS:
+        heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
+        for program, started in programs.items():
+            if started.poll() is not None:
+                raise RecordingError(
+                    f'The {program} of the demonstration ended early, with exit code '
+                    f'{started.returncode}; see its log.'
+                )
+        if not heard:
+            raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
+        before_ns = stamps.latest_ns
+        first_ns = first_ns or before_ns
+        progress(min((before_ns - first_ns) / (length_s * NANOSECONDS), 1.0))
 
 
 def own_domain() -> dict[str, str]:

@@ -140,19 +140,11 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     """Build the topics that were given; SettingsError when they can't be meant so."""
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
-    force = arguments.imu_topic, arguments.gravity_frame
-    if all(force):
-        raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
-    part = {}
-    if 'exclude' in arguments:
-        part = {
-            'begin': arguments.begin,
-            'end': arguments.end,
-            'exclude': tuple(arguments.exclude),
-        }
     topics = Topics(
-        arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
-        columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
+        arguments.wrench_topic, temperatures, arguments.reference_topic, arguments.imu_topic,
+        arguments.gravity_frame, columns=arguments.columns, time=arguments.time,
+        begin=getattr(arguments, 'begin', ''), end=getattr(arguments, 'end', ''),
+        exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)
     return topics
 
