@@ -36,7 +36,7 @@ setup(
         'PyYAML>=6.0,<7',
         'matplotlib>=3.6,<4',
         'jinja2>=3.1,<4',
-        'tqdm>=4.66,<5',
+        'rich>=13.7,<16',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]>=7.1,<8', 'ros-jazzy-common-interfaces>=5.3,<6'],
@@ -47,6 +47,7 @@ setup(
             'hypothesis>=6,<7',
             'jsonschema>=4.10,<5',
             'distributed>=2024.1',  # docs/fleet.md
+            'openpyxl>=3.1,<4',  # tables that people keep in workbooks
             'rosbags>=0.11,<0.12',
             'scikit-learn>=1.4,<2',
         ],
@@ -64,7 +65,6 @@ setup(
             'mypy>=2.4,<3',
             'types-PyYAML',
             'types-jsonschema',
-            'types-tqdm',
         ],
     },
     zip_safe=True,
@@ -76,7 +76,7 @@ setup(
         'console_scripts': [
             'compensator = wrist_ft_comp.node.executables:compensator',
             'simulated_sensor = wrist_ft_comp.node.executables:simulated_sensor',
-            'wrist_ft_comp = wrist_ft_comp.cli.entry:main',
+            'wrist_ft_comp = wrist_ft_comp.__main__:main',
         ],
     },
 )

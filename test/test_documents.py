@@ -2,7 +2,7 @@
 
 import ast
 from functools import cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 import re
 import shlex
@@ -28,11 +28,21 @@ def outside_blocks(document):
     return re.sub(r'^```.*?^```', '', document.read_text('utf-8'), flags=re.M | re.S)
 
 
+def anchors(document):
+    """What links may name behind a #: headings of a document, as GitHub writes them."""
+    headings = re.findall(r'^#+ (.+)$', outside_blocks(document), re.M)
+    words = (re.sub(r'[^\w\- ]', '', heading.lower()) for heading in headings)
+    return {text.replace(' ', '-') for text in words}
+
+
 @every_document
 def test_links_lead_somewhere(document):
     for target in re.findall(r'\]\(([^)]+)\)', outside_blocks(document)):
-        if not target.startswith(('http:', 'https:', 'mailto:', '#')):
-            assert (document.parent / target.split('#')[0]).exists(), target
+        if not target.startswith(('http:', 'https:', 'mailto:')):
+            file, _, anchor = target.partition('#')
+            path = document.parent / file if file else document
+            assert path.exists(), target
+            assert not anchor or anchor in anchors(path), target
 
 
 @every_document
@@ -116,8 +126,11 @@ def messages():
 
 
 def quoted():
+    """Messages in the first cells of the tables, where `<br>` stands between two of them."""
     text = (ROOT / 'docs/troubleshooting.md').read_text('utf-8')
-    return [in_one_line(line) for line in re.findall(r'^> (.*)$', text, re.M)]
+    cells = re.findall(r'^\| ([^|*]+) \|', text, re.M)
+    quotes = chain.from_iterable(cell.split(' <br> ') for cell in cells if cell != 'it says')
+    return [in_one_line(quote) for quote in quotes]
 
 
 @pytest.mark.parametrize('message', quoted())

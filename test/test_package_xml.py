@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[1]
 MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()  # noqa: S314 -- our own file
 #: What rosdep calls ``python3-`` and the name that is imported.
 PREFIXED = {
-    'hypothesis', 'jinja2', 'jsonschema', 'matplotlib', 'numpy', 'pandas', 'pytest', 'scipy',
-    'sklearn', 'tqdm', 'yaml',
+    'hypothesis', 'jinja2', 'jsonschema', 'matplotlib', 'numpy', 'pandas', 'pytest', 'rich',
+    'scipy', 'sklearn', 'yaml',
 }  # fmt: skip
 #: Used where they are there, from pip only; and what comes with rclpy's message packages.
 NOT_DECLARED = {'rosbags', 'openpyxl', 'pyarrow', 'rosidl_generator_py'}

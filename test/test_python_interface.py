@@ -31,6 +31,7 @@ SIGNATURES = {
     'recording_from_columns': "(*tables, name='table', period_s=1.0, max_bad_share=0.01)",
     'save_model': '(path, calibration, provenance=None)',
     'summarise': '(calibration)',
+    'write_report': '(path, stored, calibration, recordings)',
     'thermal_sensitivity_drift': '(temperature_c, zero_output, full_scale_output, reference_c)',
     'Compensator': '(thermometers, settings=None, model=None)',
     'TareCollector': '(duration_s, max_deviation_n)',
@@ -65,7 +66,7 @@ SETTINGS = {
 }
 #: Neither of these is for a loop on a robot.
 HEAVY = (
-    'scipy|pandas|matplotlib|rosbags|jinja2|tqdm|'
+    'scipy|pandas|matplotlib|rosbags|jinja2|rich|'
     r'wrist_ft_comp[.](cli|report|ros|fit[.](auto|calibrate))'
 )
 

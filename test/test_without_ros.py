@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TABLE, CONVERTER = 'data/keller_pa10/table2_sensor_b_raw.csv', 'examples/paper/chamber_table.py'
-NEEDED = ('numpy', 'scipy', 'yaml', 'matplotlib', 'jinja2', 'tqdm', 'rosbags')
+NEEDED = ('numpy', 'scipy', 'yaml', 'matplotlib', 'jinja2', 'rich', 'rosbags')
 ROS = {
     'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'diagnostic_msgs',
     'rcl_interfaces', 'builtin_interfaces', 'ament_index_python',

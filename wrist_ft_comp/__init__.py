@@ -17,11 +17,10 @@ if TYPE_CHECKING:
     from wrist_ft_comp.fit.result import Calibration
     from wrist_ft_comp.fit.settings import CalibrationSettings
     from wrist_ft_comp.recording import Recording, Topics
-    from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
-    from wrist_ft_comp.recordings.read import read_recording
-    from wrist_ft_comp.report.evaluation import evaluate
-    from wrist_ft_comp.report.performance_index import accuracy, thermal_sensitivity_drift
-    from wrist_ft_comp.report.summary import summarise
+    from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
+    from wrist_ft_comp.report.evaluation import accuracy, evaluate, thermal_sensitivity_drift
+    from wrist_ft_comp.report.page import write_report
+    from wrist_ft_comp.report.verdict import summarise
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
     from wrist_ft_comp.stream.tare import TareCollector
@@ -34,11 +33,11 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 
 #: Where the names live that are for others: as above, where type checkers read it.
 _HOMES = {
-    'accuracy': 'report.performance_index',
-    'thermal_sensitivity_drift': 'report.performance_index',
-    'calibrate': 'fit.calibrate', 'summarise': 'report.summary',
+    'accuracy': 'report.evaluation',
+    'thermal_sensitivity_drift': 'report.evaluation',
+    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict', 'write_report': 'report.page',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
-    'compensate': 'recordings.in_memory', 'recording_from_columns': 'recordings.in_memory',
+    'compensate': 'recordings.read', 'recording_from_columns': 'recordings.read',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',
     'evaluate': 'report.evaluation', 'TareCollector': 'stream.tare',
     'load_model': 'stored.model_file', 'save_model': 'stored.model_file',
@@ -49,7 +48,7 @@ __all__ = [
     'Calibration', 'CalibrationSettings', 'Compensator', 'Recording', 'StreamSettings',
     'TareCollector', 'Topics', 'WristFtCompError', 'accuracy', 'calibrate', 'compensate',
     'evaluate', 'load_model', 'read_recording', 'recording_from_columns', 'save_model',
-    'summarise', 'thermal_sensitivity_drift',
+    'summarise', 'thermal_sensitivity_drift', 'write_report',
 ]  # fmt: skip
 
 if not TYPE_CHECKING:  # or every mistyped name would pass

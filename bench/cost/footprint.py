@@ -15,8 +15,7 @@ from pathlib import Path
 from statistics import median
 import tempfile
 
-from stream import compensator, Line, with_model
-from warm_up import keep, make_model
+from stream import compensator, keep, Line, make_model, with_model
 
 LIMIT = 1.5
 PAGE_MB = os.sysconf('SC_PAGE_SIZE') / 1e6

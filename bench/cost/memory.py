@@ -16,8 +16,8 @@ from typing import Any
 
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from stream import keep, make_model
 from stream_roles import wrench_bytes
-from warm_up import keep, make_model
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.series import NANOSECONDS

@@ -31,10 +31,10 @@ from typing import Any
 
 import numpy as np
 from stream_roles import STATE_ENTRY, wrench_bytes
-from warm_up import keep, make_model, write_warm_up
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
 from kills import write_days
+import stand
 
 from wrist_ft_comp.learning.diary import load_memory
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
@@ -71,6 +71,19 @@ HEADER = (
 )
 #: Figures of a run, named in SUMMARIES.
 Run = dict[str, float]
+
+
+def make_model(folder: Path) -> Path:
+    """Calibrate from a warm-up of two hours, in a process of its own; give model.yaml."""
+    recording, model = stand.write_warm_up(folder / 'warm_up.csv', 7200), folder / 'model.yaml'
+    words = ('-m', 'wrist_ft_comp', 'calibrate', str(recording), '-o', str(model))
+    subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
+    return model
+
+
+def keep(name: str, figures: object) -> None:
+    """Write figures into out/."""
+    stand.keep(name, json.dumps(figures, indent=1))
 
 
 @contextmanager
@@ -128,13 +141,7 @@ class Line:
     """
     A sensor process, a receiver process, and what runs between them.
 
-    Parameters
-    ----------
-    stack : ExitStack
-        Ends the processes.
-    nodes : dict of str to sequence of str
-        Words that start the process that serves each namespace.
-
+    ``stack`` ends the processes; ``nodes`` are the words that start that of each namespace.
     """
 
     def __init__(self, stack: ExitStack, nodes: dict[str, Sequence[str]]) -> None:
@@ -257,7 +264,7 @@ def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: i
 
 def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
     """Measure at 1 kHz before and while the node calibrates from a recording of some hours."""
-    write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
+    stand.write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
     idle = [line.measure(NODE, 1000, seconds) for _ in range(4)]
     order(line.receiver, f'calibrate {NODE}')
     busy = [line.measure(NODE, 1000, seconds)]

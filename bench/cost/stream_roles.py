@@ -115,17 +115,7 @@ def _publish(  # noqa: PLR0913 -- as the order says
 
 
 class Receiver:
-    """
-    Hears every output, and what the compensators count.
-
-    Parameters
-    ----------
-    context : Context
-        Of rclpy.
-    namespaces : sequence of str
-        Whose ``wrench`` to hear.
-
-    """
+    """Hears every output of some namespaces, and what the compensators count."""
 
     def __init__(self, context: Any, namespaces: Sequence[str]) -> None:
         self._node: Any = Node('bench_receiver', context=context)

@@ -1,6 +1,8 @@
 """
 ``endurance``: minutes of operation with a random fault every second, and everything that came out.
 
+Faults are those of processes and of the graph; those of messages are in ``truth.py``.
+
 The sensor is not loaded and drifts by the lagged law that the model has learnt, so an output is
 wrong by more than LIMIT_N, not a number, with another header than was sent, or twice. Nothing may
 be wrong, no traceback may be in the log, and the stream has to come back within BACK_S. With
@@ -20,8 +22,6 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
 from stand import keep, make_model, message, NODE, Sensor, Stand, tell, write_warm_up
@@ -34,33 +34,12 @@ TEMPERATURE_HZ = 10
 BACK_S = 10.0
 #: Without an output for this time, the stream is away, s.
 AWAY_S = 0.2
-#: How far the stamps of some messages are off, ns.
-FIVE_HOURS_NS = 5 * 3600 * 10**9
-FAULTS = (
-    'node killed', 'sensor dies for 0.5 s', 'thermometer stops for 3 s', 'temperature 5 h ahead',
-    'temperature 5 h back', 'temperature NaN', 'temperature 0 K', 'temperature jumps 15 K',
-    'wrench NaN', 'wrench too short', 'wrench without stamp', 'wrench 5 h ahead',
-    'another publisher for 0.3 s', 'frame changes', 'calibration', 'recording', 'tare',
-    'rollback', 'file outside the folder is named',
-)  # fmt: skip
+#: What is done to the node: it is killed, or a service is called.
+FAULTS = ('node killed', 'calibrate', 'record', 'tare', 'rollback')
 
 
 class Endurance:
-    """
-    One run.
-
-    Parameters
-    ----------
-    stand : Stand
-        With a node that was not started.
-    rate_hz : float
-        Of wrenches.
-    faults : sequence of str
-        Some of FAULTS.
-    rng : numpy Generator
-        Chooses one of them every second.
-
-    """
+    """One run; ``stand`` has a node that was not started, ``faults`` are some of FAULTS."""
 
     def __init__(
         self, stand: Stand, rate_hz: float, faults: Sequence[str], rng: np.random.Generator
@@ -78,23 +57,13 @@ class Endurance:
         self._lock = threading.Lock()
         self._last_output_s = time.monotonic()
         self._last_fault = ''
-        #: When a fault that lasts is over, s after the start.
-        self._until: dict[str, float] = {}
         profile: Any = QoSProfile
         stand.node.create_subscription(
             WrenchStamped, 'wrench', self._on_output, profile(depth=5000), raw=True
         )
-        self._raw: Any = None
-        self._warm: Any = None
-        self._rival: Any = None
-        self._make_publishers()
-
-    def _make_publishers(self) -> None:
-        """Come to life."""
-        talker = self._stand.talker
-        if self._raw is None:
-            self._raw = talker.create_publisher(WrenchStamped, 'wrench_raw', 1000)
-            self._warm = talker.create_publisher(Temperature, 'temperature', 100)
+        talker = stand.talker
+        self._raw = talker.create_publisher(WrenchStamped, 'wrench_raw', 1000)
+        self._warm = talker.create_publisher(Temperature, 'temperature', 100)
 
     def _is_away(self) -> bool:
         """Tell whether the last output is long ago."""
@@ -138,7 +107,7 @@ class Endurance:
         self._stand.wait(lambda: self._stand.ready('tare'), 'its services')
         for tick in range(500):
             if tick % 10 == 0:
-                self._send_temperature(0.0)
+                self._warm.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
             self._send(message(time.time_ns(), self._sensor.raw()))
             if tick == 350:
                 self._stand.call('tare')
@@ -151,20 +120,18 @@ class Endurance:
         start = time.monotonic()
         wrenches, temperatures, last_fault_s = 0, 0, 0
         while (now := time.monotonic() - start) < seconds:
-            self._recover(now)
+            if self._stand.process is None or self._stand.process.poll() is not None:
+                self._stand.start_node()
             self._sensor.advance(now)
             if temperatures < now * TEMPERATURE_HZ:
                 temperatures += 1
-                self._send_temperature(now)
+                self._warm.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
             while wrenches < now * self._rate_hz:
                 wrenches += 1
-                if self._raw is not None:
-                    self._send(message(time.time_ns(), self._sensor.raw()))
-                else:
-                    self.counts['not sent: sensor dead'] += 1
+                self._send(message(time.time_ns(), self._sensor.raw()))
             if int(now) > last_fault_s and now < seconds - min(BACK_S, seconds / 4):
                 last_fault_s = int(now)
-                self._inject(now)
+                self._inject()
             with self._lock:
                 away_s = time.monotonic() - self._last_output_s
                 longest_s = self.silence_s.get(self._last_fault, 0.0)
@@ -172,24 +139,7 @@ class Endurance:
             time.sleep(0.001)
         time.sleep(0.5)
 
-    def _send_temperature(self, now: float) -> None:
-        """Send a temperature, right or wrong."""
-        if self._warm is None or now < self._until.get('temperature', 0):
-            return
-        jump = 15.0 if now < self._until.get('jump', 0) else 0.0
-        self._warm.publish(message(time.time_ns(), (self._sensor.celsius + jump, 0.0)))
-
-    def _recover(self, now: float) -> None:
-        """Bring back what is due."""
-        if now >= self._until.get('sensor', 0):
-            self._make_publishers()
-        if self._rival is not None and now >= self._until.get('rival', 0):
-            self._stand.talker.destroy_publisher(self._rival)
-            self._rival = None
-        if self._stand.process is None or self._stand.process.poll() is not None:
-            self._stand.start_node()
-
-    def _inject(self, now: float) -> None:
+    def _inject(self) -> None:
         """Do one wrong thing; a node that is starting is not killed again."""
         with self._lock:
             away = self._is_away()
@@ -199,62 +149,13 @@ class Endurance:
             if not away:
                 self._last_fault = fault
         self._faults[fault] += 1
-        services = {'calibration': 'calibrate', 'tare': 'tare', 'rollback': 'rollback'}
-        if fault.startswith(('temperature', 'thermometer')):
-            self._harm_thermometer(fault, now)
-        elif fault == 'node killed':
+        if fault == 'node killed':
             self._stand.end_node()
-        elif fault == 'sensor dies for 0.5 s':
-            self._until['sensor'] = now + 0.5
-            for publisher in (self._raw, self._warm):
-                self._stand.talker.destroy_publisher(publisher)
-            self._raw = self._warm = None
-        elif fault in services:
-            self._stand.call(services[fault])
-        elif fault == 'recording':
+        elif fault == 'record':
             on = bool(self._rng.integers(2))
             self._stand.call('record', SetBool, SetBool.Request(data=on))
-        elif fault == 'file outside the folder is named':
-            untyped: Any = Parameter
-            named = [untyped('model_file', value='/etc/passwd').to_parameter_msg()]
-            request = SetParameters.Request(parameters=named)
-            self._stand.call('set_parameters', SetParameters, request)
-        elif self._raw is not None:
-            self._harm_wrench(fault, now)
-
-    def _harm_thermometer(self, fault: str, now: float) -> None:
-        """Do something strange with the thermometer."""
-        stamp_ns, celsius = time.time_ns(), self._sensor.celsius
-        readings = {
-            'temperature 5 h ahead': (stamp_ns + FIVE_HOURS_NS, celsius),
-            'temperature 5 h back': (stamp_ns - FIVE_HOURS_NS, celsius),
-            'temperature NaN': (stamp_ns, float('nan')),
-            'temperature 0 K': (stamp_ns, -273.15),
-        }
-        if fault == 'temperature jumps 15 K':
-            self._until['jump'] = now + 0.3
-        elif fault == 'thermometer stops for 3 s':
-            self._until['temperature'] = now + 3.0
-        elif self._warm is not None:
-            stamp_ns, celsius = readings[fault]
-            self._warm.publish(message(stamp_ns, (celsius, 0.0)))
-
-    def _harm_wrench(self, fault: str, now: float) -> None:
-        """Send something strange on the sensor's topic."""
-        stamp_ns, raw = time.time_ns(), self._sensor.raw()
-        if fault == 'wrench NaN':
-            self._raw.publish(message(stamp_ns, [*raw[:5], float('nan')]))
-        elif fault == 'wrench too short':
-            self._raw.publish(message(stamp_ns, raw)[:-8])
-        elif fault == 'wrench without stamp':
-            self._send(message(0, raw))
-        elif fault == 'wrench 5 h ahead':
-            self._send(message(stamp_ns + FIVE_HOURS_NS, raw))
-        elif fault == 'frame changes':
-            self._send(message(stamp_ns, raw, b'tool1\0\0\0'))
-        elif fault == 'another publisher for 0.3 s':
-            self._until['rival'] = now + 0.3
-            self._rival = self._stand.talker.create_publisher(WrenchStamped, 'wrench_raw', 10)
+        else:
+            self._stand.call(fault)
 
     def result(self, seconds: float) -> dict[str, Any]:
         """Sum up."""

@@ -25,18 +25,15 @@ from rosbags.typesys import get_typestore, Stores
 from stand import keep, make_model, message, Sensor, write_warm_up
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.cli.tables import days_text
+from wrist_ft_comp.cli.show import days_text
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
     load_diary,
-    load_memory,
     Memory,
     save_diary,
-    save_memory,
     survey,
 )
 from wrist_ft_comp.recordings.read import read_recording
@@ -83,15 +80,7 @@ def damaged(good: bytes, rng: np.random.Generator) -> bytes:
 
 
 class Targets:
-    """
-    Readers, each with a good input.
-
-    Parameters
-    ----------
-    folder : Path
-        Where files are made.
-
-    """
+    """Readers, each with a good input; files are made in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -105,7 +94,6 @@ class Targets:
         save_state(folder / 'good.json', state)
         history = [HistoryEntry(None), HistoryEntry(model, 'b' * 64, why='It is better.')]
         ModelStore(folder).activate(history, 'b' * 64)
-        save_memory(folder, Memory('c' * 64, 'day_00001.csv', 'better', offered='m.yaml'))
         left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
         save_diary(folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),)))
         lines = recording.read_bytes().splitlines(keepends=True)
@@ -114,10 +102,8 @@ class Targets:
             'model file': (model.read_bytes(), partial(self.file, 'm.yaml', load_model)),
             'state file': ((folder / 'good.json').read_bytes(), self.state),
             'list of models': ((folder / 'active.json').read_bytes(), self.store),
-            'memory': ((folder / 'learning.json').read_bytes(), self.memory),
             'diary': (diary_path(folder).read_bytes(), self.diary),
             'CSV': (b''.join(lines[:40]), partial(self.file, 'r.csv', read_recording)),
-            'day': (b''.join(lines[:40]), self.day),
             'mcap': (
                 self._bag(StoragePlugin.MCAP),
                 partial(self.file, 'b.mcap', read_recording),
@@ -181,26 +167,11 @@ class Targets:
         store.given()
         store.history()
 
-    def memory(self, data: bytes) -> None:
-        """Read what a node that learns remembers."""
-        (self._folder / 'learning.json').write_bytes(data)
-        load_memory(self._folder)
-
     def diary(self, data: bytes) -> None:
         """Show a diary."""
         diary_path(self._folder).write_bytes(data)
         if load_diary(self._folder).days:
             days_text(self._folder, survey(self._folder), Memory())
-
-    def day(self, data: bytes) -> None:
-        """Go on with a day, or begin another."""
-        path = self._folder / 'days/day_00001.csv'
-        path.write_bytes(data)
-        files = DayFiles(self._folder, (*AXES, 'temperature_c'), 1e9)
-        for second in range(3):
-            files.append((1_000_000_000 + second) * 10**9, [1.0] * 7)
-        files.leave()
-        path.unlink(missing_ok=True)
 
 
 class TooSlow(BaseException):

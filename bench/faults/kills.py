@@ -92,17 +92,7 @@ def written(data: Path, pattern: str) -> set[tuple[str, int]]:
 
 
 class Victim:
-    """
-    A node that is kept busy and killed, and what was found in its files.
-
-    Parameters
-    ----------
-    data : Path
-        Its data directory.
-    rng : numpy Generator
-        Chooses when it dies.
-
-    """
+    """A node that is kept busy and killed, when ``rng`` says so, and what its files held."""
 
     def __init__(self, data: Path, rng: np.random.Generator) -> None:
         self.data, self.rng = data, rng

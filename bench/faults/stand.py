@@ -43,15 +43,7 @@ TIMEOUT_S = 60.0
 
 
 class Sensor:
-    """
-    Temperature, and the drift that follows it.
-
-    Parameters
-    ----------
-    seed : int
-        Of the noise.
-
-    """
+    """Temperature, and the drift that follows it; the seed is that of the noise."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -123,15 +115,8 @@ class Stand:
     """
     The compensator's process, and nodes that talk to it and listen to it.
 
-    Parameters
-    ----------
-    data : Path
-        The compensator's data_directory.
-    *parameters : str
-        Further parameters, as NAME:=VALUE.
-    source : str
-        What the process does before it becomes a node, such as HASTE.
-
+    ``parameters`` are NAME:=VALUE beside data_directory; ``source`` is what the process does
+    before it becomes a node, such as HASTE.
     """
 
     def __init__(self, data: Path, *parameters: str, source: str = '') -> None:

@@ -18,32 +18,43 @@ from wrist_ft_comp.channels import (
 )
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.recordings.column_map import STAMPS
+from wrist_ft_comp.recordings.read_options import STAMPS
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\
 ## Recordings
 
-A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`, or a table (CSV or
-its relatives, packed or not, a workbook, parquet) with these columns in any order, or others and a
-map of them. A cell may be empty where a channel has no sample at that stamp.
+A rosbag2 folder (mcap or sqlite3, compressed or not), a bare `.mcap` or `.db3`, or a table: CSV,
+packed or not, a workbook, parquet. A table has these columns in any order, or a map of its own
+columns to these (`--columns`). A cell is empty where a channel has no sample.
 """
 EXITS = """\
-Exit code 0 done, 1 refused or failed with one sentence on standard error, 2 usage, 130
-interrupted. With `--json` an error is `{"error": {"kind": …, "message": …}}` on standard output,
-too. `kind` is %s, `interrupted` or `operating_system`; later versions may have more.
+Options that several commands take stand [below](#options-of-several-commands).
 
-What is written replaces its predecessor only: a model replaces a model; a report or a picture, one
-that this package made; each is known by its content. An empty file may be replaced, too. All else
-stays, and so do the files that the command reads, by whatever spelling or link. An option that
-does nothing for what was given is a warning on standard error.
+| exit code | meaning |
+| --- | --- |
+| 0 | done |
+| 1 | refused or failed: one sentence on standard error. `node status`: something is not OK |
+| 2 | a wrong option or argument |
+| 130 | interrupted by Ctrl-C |
+
+With `--json` an error is also `{"error": {"kind": …, "message": …}}` on standard output. `kind` is
+%s, `interrupted` or `operating_system`. Later versions may have more.
+
+A command replaces files of its own kind only, which it knows by their content: a model replaces a
+model, a report a report, a picture a picture of this package. An empty file may be replaced, too.
+All other files stay, and so do those that the command reads. An option that the
+given files have no use for is ignored.
 """
 MODEL_FILE = """
 ## Model file
 
-YAML, checked against this schema when it is loaded; another version is refused. `[]` stands for an
-element of a list, `*` for the name of an axis.
+YAML, checked when it is loaded; another version is refused. `[]` stands for an element of a list,
+`*` for the name of an axis. `wrist_ft_comp/stored/model.schema.json` has all entries, also those
+of `prediction`, `candidates` and `model`.
 """
+#: Entries whose own entries are left out, because no person reads or writes them.
+INNER = ('prediction', 'axes.*.candidates', 'axes.*.model')
 
 
 def command_line() -> Iterator[str]:
@@ -51,12 +62,22 @@ def command_line() -> Iterator[str]:
     yield '## Command `wrist_ft_comp`\n'
     yield EXITS % ', '.join(f'`{error.kind()}`' for error in WristFtCompError.__subclasses__())
     commands = build_parser().commands
+    users: dict[tuple[str, str], list[str]] = {}
     for name, parser in commands.items():
+        for row in map(option_row, parser._actions[1:]):
+            users.setdefault(row, []).append(name)
+    # What several commands take is described once, but for what they begin with.
+    shared = [row for row, names in users.items() if len(names) > 1 and row[0][1] == '-']
+    for name, parser in commands.items():
+        rows = map(option_row, parser._actions[1:])
         yield f'### `{name}`\n\n{parser.description}\n'
-        yield table(('argument', 'what it is'), map(option_row, parser._actions[1:])) + '\n'
+        yield table(('argument', 'what it is'), (row for row in rows if row not in shared)) + '\n'
+    yield '### Options of several commands\n'
+    several = ((row[0], ', '.join(names), row[1]) for row, names in users.items() if row in shared)
+    yield table(('option', 'commands', 'what it is'), several) + '\n'
 
 
-def option_row(action: argparse.Action) -> list[str]:
+def option_row(action: argparse.Action) -> tuple[str, str]:
     """Describe one option."""
     value = (
         action.metavar
@@ -65,7 +86,7 @@ def option_row(action: argparse.Action) -> list[str]:
     )
     value = '' if action.nargs == 0 else f' {value}' if action.option_strings else str(value)
     name = f'{", ".join(action.option_strings)}{value}'
-    return [f'`{name}`', str(action.help or '') % {**vars(action), 'prog': 'wrist_ft_comp'}]
+    return f'`{name}`', str(action.help or '') % {**vars(action), 'prog': 'wrist_ft_comp'}
 
 
 def csv_columns() -> str:
@@ -142,9 +163,11 @@ def schema_rows(schema: Schema, entry: Schema, path: str) -> Iterator[list[str]]
     entry = resolved(schema, entry)
     names = {'minimum': 'at least', 'maximum': 'at most', 'minItems': 'min.', 'maxItems': 'max.'}
     limits = (f'{word} {entry[key]}' for key, word in names.items() if key in entry)
-    if path and not path.endswith('[]'):
-        what = kind(schema, entry)
+    what = kind(schema, entry)
+    if path and not path.endswith('[]') and (what != 'object' or 'description' in entry):
         yield [f'`{path}`', what, ', '.join(limits), entry.get('description', '')]
+    if path in INNER:
+        return
     for name, inner in entry.get('properties', {}).items():
         yield from schema_rows(schema, inner, f'{path}.{name}'.lstrip('.'))
     if isinstance(entry.get('additionalProperties'), dict):

@@ -16,9 +16,12 @@ import wrist_ft_comp
 HEAD = f"""\
 # Interface
 
-Made from the code by `make docs`; a test compares the two. Units are those of REP-103: N, N m, s;
-and °C. Relative topic names follow the namespace, `~` is the node's own name, and every name can
-be remapped. Version {wrist_ft_comp.__version__}.
+Version {wrist_ft_comp.__version__}. `make docs` makes this page from the code.
+
+- Units are N, N m, s (REP-103) and °C.
+- A topic name without a slash at its beginning follows the node's namespace. `~` stands for the
+  node's own name, such as `/wrist_ft_comp`. Every name can be remapped.
+- A parameter that may change at `start-up` only is read when the node starts.
 """
 
 

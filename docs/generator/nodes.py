@@ -7,6 +7,7 @@ What they are for is written in the parts; a topic or service without such words
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 import json
+import re
 import sys
 import tempfile
 from typing import Any
@@ -19,12 +20,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.node.compensator_node import CompensatorNode, PARAMETERS, SERVICES, TOPICS
 from wrist_ft_comp.node.simulated_sensor import PARAMETERS as SIMULATED
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
 from wrist_ft_comp.ros.parameters import descriptor, Parameter
 
 TIMEOUT_S = 20.0
+#: Beginning of the values that every axis has.
+AN_AXIS = rf'^({"|".join(AXES)})(?=_)'
 #: Every node has these; rclpy's own documentation describes them. With an IMU the last is heard
 #: where the package tf2_msgs is, which is not everywhere that this runs.
 COMMON = {'/rosout', '/parameter_events', '/clock', '/tf_static'}
@@ -33,6 +37,10 @@ COMMON_SERVICES = ('logger_levels', 'parameter', 'type_description')
 _LEARNING = {
     'learning.mode': 'propose', 'calibration.reference': 'payload', 'gravity.source': 'imu',
 }  # fmt: skip
+STATUSES = """\
+Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and so
+on. A model and the first messages bring further values.
+"""
 #: What the topics and services are for.
 PURPOSE = {
     **TOPICS,
@@ -126,11 +134,12 @@ def diagnostics(asker: Any, executor: Any) -> str:
     asker.create_subscription(DiagnosticArray, '/diagnostics', arrays.append, 10)
     while not arrays:
         executor.spin_once(timeout_sec=TIMEOUT_S)
-    statuses = (
-        [f'`{status.name.split(": ")[1]}`', ', '.join(f'`{value.key}`' for value in status.values)]
-        for status in arrays[0].status
-    )
-    return table(('status', 'values before a model and a message'), statuses)
+    rows = []
+    for status in arrays[0].status:
+        keys = [re.sub(AN_AXIS, 'AXIS', value.key) for value in status.values]
+        values = ', '.join(f'`{key}`' for key in dict.fromkeys(keys))
+        rows.append([f'`{status.name.split(": ")[1]}`', values])
+    return table(('status', 'values without a model'), rows)
 
 
 def compensator() -> Iterator[str]:
@@ -149,7 +158,7 @@ def compensator() -> Iterator[str]:
         yield ''
         yield services(node) + '\n'
         yield parameters(PARAMETERS) + '\n'
-        yield 'Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`:\n'
+        yield STATUSES
         yield diagnostics(asker, executor) + '\n'
 
 

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
-import yaml
 
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.stored.model_file import load_model
 
 
@@ -16,11 +16,12 @@ def test_report_reason_and_show_have_the_figures_of_a_calibration(method, done, 
     argv = ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', method]
     fit = json.loads(done(*argv, '--report', page, '--json'))['axes']['force_z']
     before, after = fit['rms_before'], fit['rms_after']
-    row = page.read_text().split('force_z, N</th>')[1].split('</tr>')[0]
-    figures = [float(cell.split('<')[0]) for cell in row.split('<td>')[1:]]
-    assert figures[:2] == pytest.approx([before, after], rel=1e-3)
-    assert figures[2] > before
-    assert figures[3] > after
+    text = page.read_text()
+    rows = text.split('force_z</a></th>')[1], text.split('force_z, N</th>')[1]
+    figures, peaks = (re.findall(r'<td>([\d.]+)</td>', row.split('</tr>')[0]) for row in rows)
+    assert [float(figure) for figure in figures[:2]] == pytest.approx([before, after], rel=5e-3)
+    assert float(peaks[0]) > before
+    assert float(peaks[1]) > after
     assert f'({before:.3g} → {after:.3g} N RMS)' in fit['why']
     assert f'{before:.4g}  ' in done('show', tmp_path / 'm.yaml')
 
@@ -33,7 +34,7 @@ def test_orders_are_given_once_for_all_latents_or_once_per_latent(done, run, mak
         ('--orders 1,2,0 --latents 2', ('n 1, m 2, d 0', 'n 1, m 2, d 0')),
     ):
         fit = json.loads(done(*argv, *given.split()))['axes']['force_z']
-        assert fit['chosen'] == 'arx_pls, 2 latents'
+        assert fit['chosen'].startswith('arx_pls, 2 latents')
         for r, (note, orders) in enumerate(zip(fit['notes'], words, strict=False), 1):
             assert note.startswith(f'latent {r}: {orders}; J_{r} = ')
     both = '--latents', 3, *['--orders', '1,1,0', '--orders', '1,1,0']
@@ -43,8 +44,7 @@ def test_orders_are_given_once_for_all_latents_or_once_per_latent(done, run, mak
 def test_text_says_what_was_learnt_and_where_it_is(done, drift_csv, tmp_path):
     argv = ['calibrate', drift_csv, '-o', tmp_path / 'm.yaml', '--method', 'pls']
     out = done(*argv)
-    assert out.startswith('force_z: ')
-    assert 'force_z: good. ' in out
+    assert re.search('force_z +N +good', out)
     assert json.loads(done(*argv, '--json'))['axes']['force_z']['verdict'] == 'good'
     assert f'saved as {tmp_path / "m.yaml"}' in out
     assert all(len(line) <= 80 for line in out.splitlines() if str(tmp_path) not in line)
@@ -67,17 +67,6 @@ def test_json_is_all_of_standard_output_even_with_warnings(run, make, tmp_path):
     assert (low, high) == pytest.approx((min(finite), max(finite)))
 
 
-def test_knots_below_zero_mean_hats(done, drift_csv, tmp_path):
-    model = tmp_path / 'm.yaml'
-    done(
-        'calibrate', drift_csv, '-o', model, '--method', 'pls',
-        '--hat-temperatures', '-40,20,30,40',
-    )  # fmt: skip
-    features = yaml.safe_load(model.read_text())['axes']['force_z']['model']['features']
-    assert features['kind'] == 'hats'
-    assert features['knots_c'] == [[-40.0, 20.0, 30.0, 40.0]]
-
-
 def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
     target = tmp_path / 'm.yaml'
     target.write_bytes(model.read_bytes())
@@ -92,9 +81,6 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
 @pytest.mark.parametrize(
     ('options', 'expected'),
     [
-        (['--degree', '0'], 'between 1 and 4'),
-        (['--features', 'powers', '--hat-temperatures', '10,20'], 'hats'),
-        (['--min-temperature-span', '50'], '50.0 K are needed'),
         (['--reference', 'recorded'], 'no reference wrench'),
         (['--temperature-topic', '/a:b:Kelvin'], "unit 'Kelvin'; expected C, K or F"),
         (['--thermal-period', '600'], 'spans 0.0 K'),
@@ -115,12 +101,12 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
         argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']
         said = ' '.join(done(*argv, '--report', page).split())
         assert 'days, tared, between 20 and 3' in said
+        assert ('Record on a second day' in said) == (len(recordings) == 1)
         fit = json.loads(done(*argv, '--json'))['axes']['force_z']
-        limit = f'Another day: below {fit["day_limit"]:.2g} N (uncompensated 1'
-        assert re.search(f'force_z: good.*{re.escape(limit)}', said)
-        assert limit in page.read_text().replace('\N{NO-BREAK SPACE}', ' ')
+        limit = rounded(fit['day_limit'])
+        assert re.search(rf'force_z N good [\d.]+ [\d.]+ {limit} ', said)
+        assert f'<td>{limit}</td>' in page.read_text()
         assert said.count('force_z') == 1, 'each axis is told once'
-        assert 'What to record next:' in said
         assert load_model(path).model.day_limits['force_z'] == pytest.approx(fit['day_limit'])
         day = json.loads(done('evaluate', path, days[2], '--json'))['axes']['force_z']
         assert day['max_after'] < fit['day_limit'] + 5 * 0.02  # cells of 1 s are noisier
@@ -155,11 +141,11 @@ def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(don
     judged = json.loads(done('evaluate', model, day(cooling), '--json'))['axes']['force_z']
     assert judged['max_after'] < limit < 0.2 * judged['max_before']
     of_room = day(warming, np.sin(2 * np.pi * time_s / 5000))
-    said = ' '.join(done('calibrate', of_room, '-o', model).split())
-    assert 'nothing can be promised of another day, so record one more' in said
+    said = ' '.join(done('calibrate', of_room, '-o', model, '--verbose').split())
+    assert 'the limit for another day is not known, so record one more day' in said
     fit = json.loads(done('calibrate', of_room, '-o', model, '--json'))
     assert fit['axes']['force_z']['day_limit'] is None
-    assert 'Limit of its peaks' not in done('evaluate', model, of_room)
+    assert 'limit: largest error' not in done('evaluate', model, of_room)
 
 
 @pytest.mark.parametrize('what', ['is silent', 'keeps one value'])
@@ -179,16 +165,3 @@ def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
     assert [warning for warning in fit['warnings'] if said in warning]
     judged = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
     assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']
-
-
-def test_an_axis_of_which_nothing_can_be_promised_is_not_good(done, make, tmp_path):
-    """Its drift is little more than its noise: what is left is, too, and the limit of a day."""
-    columns, rng = make.drifting(1950, seed=1), np.random.default_rng(0)
-    warmed_k = np.array(columns['temperature_c']) - 20
-    columns['force_z'] = (3 + 0.01 * warmed_k + rng.normal(0, 0.02, 1950)).tolist()
-    argv = ['calibrate', make.csv(tmp_path / 'day.csv', columns), '-o', tmp_path / 'm.yaml']
-    text = ' '.join(done(*argv).split())
-    assert re.search('force_z: weak. .*; nothing can be promised of another day, so record', text)
-    fit = json.loads(done(*argv, '--json'))['axes']['force_z']
-    assert fit['rms_after'] < 0.25 * fit['rms_before']
-    assert (fit['verdict'], fit['day_limit']) == ('weak', None)

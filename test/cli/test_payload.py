@@ -107,8 +107,8 @@ def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(day
     assert json.loads(done(*argv, '--json')) == json.loads(
         done(*argv, '--reference', 'payload', '--json')
     )
-    assert 'Reference: payload. Errors are means' in done(*argv)
-    assert 'Reference: unloaded. Errors are means' in done(*argv, '--reference', 'unloaded')
+    assert 'Reference: payload.' in done(*argv, '--verbose')
+    assert 'Reference: unloaded.' in done(*argv, '--verbose', '--reference', 'unloaded')
 
 
 def test_a_weight_that_turns_is_named_where_the_reference_is_another_one(

@@ -96,11 +96,6 @@ def test_another_frame_is_a_warning(apply_model, bag):
     assert 'frame_id ft_sensor in model.yaml, right_ft in other' in warning
 
 
-def test_the_same_names_written_otherwise_are_the_same_sensor(apply_model, bag):
-    words = named('ft/temperature:temperature', 'arm/state:motors.1.celsius:C', wrench='ft/wrench')
-    assert 'sensor' not in ' '.join(warnings(apply_model(bag('again', 1), *words, '--json')))
-
-
 def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_path):
     other = bag('other', 1, frame='right_ft')
     argv = 'calibrate', day, other, '-o', tmp_path / 'm.yaml', '--method', 'pls', *named()
@@ -152,25 +147,3 @@ def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp
     assert models['mcap'] == models['csv']
     assert models['sqlite3'] == models['csv']
     assert models['renamed'] == models['csv']
-
-
-@pytest.mark.parametrize('begin_s', [0.0, 17.0])
-def test_a_day_that_was_saved_again_in_other_digits_is_no_second_day(begin_s, run, make, tmp_path):
-    """Its clock begins at 0, and says nothing of when it was."""
-    day = make.drifting()
-    again = {name: [float(f'{value:.4g}') for value in values] for name, values in day.items()}
-    again['stamp_s'] = [begin_s + stamp for stamp in day['stamp_s']]
-    one, two = make.csv(tmp_path / 'one.csv', day), make.csv(tmp_path / 'two.csv', again, ';')
-    words = ['-o', tmp_path / 'model.yaml', '--method', 'pls']
-    assert 'two.csv holds the readings of one.csv' in run('calibrate', one, two, *words).sentence
-    other = make.csv(tmp_path / 'other.csv', make.drifting(seed=5))
-    assert run('calibrate', one, other, *words).code == 0
-
-
-def test_days_of_few_samples_are_not_alike_for_their_empty_cells(done, make, tmp_path):
-    days = []
-    for seed in (1, 2):
-        day = make.drifting(seed=seed)
-        day['stamp_s'] = [20 * stamp for stamp in day['stamp_s']]
-        days.append(make.csv(tmp_path / f'{seed}.csv', day))
-    done('calibrate', *days, '-o', tmp_path / 'model.yaml', '--method', 'pls')

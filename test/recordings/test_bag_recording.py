@@ -10,9 +10,8 @@ from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag_recording import read_bag
-from wrist_ft_comp.recordings.open_recording import open_bag
-from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.bag import read_bag
+from wrist_ft_comp.recordings.read import open_bag, read_recording
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')

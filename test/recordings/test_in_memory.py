@@ -6,8 +6,7 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
-from wrist_ft_comp.recordings.in_memory import compensate, recording_from_columns
-from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
 from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 ROWS = 400
@@ -41,7 +40,7 @@ def assert_same(one, other):
     )
     assert sorted(one.warnings) == sorted(other.warnings)
     for array in ('temperature_c', 'measured', 'wrench', 'reference'):
-        np.testing.assert_array_equal(getattr(one, array), getattr(other, array))
+        np.testing.assert_allclose(getattr(one, array), getattr(other, array), rtol=1e-14)
 
 
 def test_columns_give_the_recording_of_a_csv_file_that_holds_them(columns, as_csv):

@@ -1,6 +1,7 @@
 """Tables: exact stamps, what other programs write, cut-off files, a sentence for what is bad."""
 
 from contextlib import closing
+from datetime import datetime, timezone
 from decimal import Decimal
 import gzip
 import math
@@ -8,15 +9,22 @@ import sys
 
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
+import numpy as np
 import pandas
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import table as table_file
-from wrist_ft_comp.recordings.csv_writer import CsvRecordingWriter
-from wrist_ft_comp.recordings.open_recording import open_recording
-from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.read import (
+    open_recording,
+    read_recording,
+    recording_from_columns,
+)
+from wrist_ft_comp.recordings.table_form import CsvRecordingWriter
+from wrist_ft_comp.stream.offline import track_drift
 
 EPOCH = 1_723_248_197_123_456_789
 HEADER = 'stamp_s,force_z,temperature_c\n'
@@ -105,16 +113,10 @@ def lines(delimiter=',', *, above='t,Fz,T', behind='', comma=False, end='\n'):
 
 FORMS = {
     'commas': lines(),
-    'quotes': '"t", "Fz", "T"\n' + lines(above='').replace('20.25', '"20.25"').lstrip(),
-    'windows': lines(end='\r\n'),
-    'a byte order mark': '\ufeff' + lines(),
-    'UTF-16': lines('\t').encode('utf-16'),
     'latin-1': (lines() + '# 5 °C\n').encode('latin-1'),
-    'decimal commas': lines(';', comma=True),
     'tabs and decimal commas': lines('\t', comma=True),
     'spaces': lines('   '),
     'spaces and decimal commas': lines(' ', behind=' ', comma=True),
-    'trailing delimiters': lines(behind=','),
     'a trailing delimiter in the header': lines(above='t,Fz,T,'),
     'a column without cells': lines('\t', above='t,Fz,T,Comment'),
     'lines above': 'Logger 3.1\nSerial: FT12345\nRate;1\n\n' + lines(),
@@ -271,3 +273,76 @@ def test_the_writer_refuses_an_existing_file_and_a_missing_folder(tmp_path):
         with pytest.raises(RecordingError, match=f'cannot be written: {reason}'):
             CsvRecordingWriter(target, ('force_z',))
     assert path.read_text() == 'mine'
+
+
+#: What --time says, and how a stamp in seconds is then written.
+TIMES = {
+    's': repr, 'ms': lambda t: f'{t * 1e3:.0f}', 'ns': lambda t: f'{t * 1e9:.0f}',
+    'us': lambda t: f'{t * 1e6:.3f}', 'iso': lambda t: f'{when(t):%Y-%m-%dT%H:%M:%S}Z',
+    '%d.%m.%Y %H:%M:%S': lambda t: f'{when(t):%d.%m.%Y %H:%M:%S}',
+    '%m/%d/%y %I:%M:%S %p': lambda t: f'{when(t):%m/%d/%y %I:%M:%S %p}',
+}  # fmt: skip
+WRITTEN = st.fixed_dictionaries({
+    'sign': st.sampled_from(',;\t|'), 'comma': st.booleans(), 'time': st.sampled_from([*TIMES]),
+    'force': st.sampled_from(['N', 'kN', 'lbf', 'kgf']), 'heat': st.sampled_from('CKF'),
+    'encoding': st.sampled_from(['utf-8', 'utf-8-sig', 'cp1252', 'utf-16']),
+    'above': st.integers(0, 3), 'trailing': st.booleans(), 'quoted': st.booleans(),
+    'by_number': st.booleans(), 'end': st.sampled_from(['\n', '\r\n']), 'packed': st.booleans(),
+})  # fmt: skip
+HEATS = {'C': (1, 0), 'K': (1, 273.15), 'F': (1.8, 32)}
+FORCES = {'N': 1, 'kN': 1e3, 'lbf': 4.4482216152605, 'kgf': 9.80665}
+
+
+def when(t):
+    return datetime.fromtimestamp(t, timezone.utc)
+
+
+def write_warm_up(folder, form):
+    """Write a warm-up of ten minutes in a form; gives its path, what is said of it, and it."""
+    t = 1_772_694_000.0 + np.arange(600.0)
+    celsius = 22 + 9 * (1 - np.exp(-np.arange(600.0) / 150)) + np.sin(np.arange(600.0) / 40)
+    force = 3 + celsius * 0.7 + 0.02 * np.random.default_rng(0).standard_normal(600)
+    scale, zero = HEATS[form['heat']]
+    columns = force / FORCES[form['force']], celsius * scale + zero
+    comma = form['comma'] and form['sign'] != ','
+    lines = [f'logger {k}' for k in range(form['above'])]
+    lines += [form['sign'].join(['when', 'load °', 'heat'])]
+    for stamp, *numbers in zip(t.tolist(), *columns, strict=True):
+        cells = [TIMES[form['time']](stamp), *(f'{number:.15g}' for number in numbers)]
+        cells = [cell.replace('.', ',') if comma else cell for cell in cells]
+        if form['time'].startswith('%d') and comma:
+            cells[0] = cells[0].replace(',', '.')
+        cells = [f'"{cell}"' if form['quoted'] else cell for cell in cells]
+        lines.append(form['sign'].join(cells) + form['sign'] * form['trailing'])
+    data = (form['end'].join(lines) + form['end']).encode(form['encoding'])
+    path = folder / 'log.csv'
+    path.write_bytes(gzip.compress(data) if form['packed'] else data)
+    names = ('1', '2', '3') if form['by_number'] else ('when', 'load °', 'heat')
+    said = 'stamp={},force_z={}:{},temperature_c={}:{}'.format(
+        names[0], names[1], form['force'], names[2], form['heat'])  # fmt: skip
+    columns = {'stamp_s': t, 'force_z': force, 'temperature_c': celsius}
+    return path, Topics(columns=said, time=form['time']), columns
+
+
+@given(WRITTEN)
+@settings(max_examples=25, deadline=None)
+def test_a_table_reads_back_the_same_whatever_it_is_written_with(tmp_path_factory, form):
+    path, topics, columns = write_warm_up(tmp_path_factory.mktemp('log'), form)
+    samples, _ = all_samples(path, topics.columns, topics.time)
+    for channel in ('force_z', 'temperature_c'):
+        stamps_ns, values = samples[channel]
+        np.testing.assert_allclose(values, columns[channel], rtol=1e-13)
+        assert stamps_ns == [int(at) * 10**9 for at in columns['stamp_s']]
+
+
+@given(WRITTEN)
+@settings(max_examples=3, deadline=None)
+def test_a_model_learnt_of_it_is_the_same(tmp_path_factory, form):
+    path, topics, columns = write_warm_up(tmp_path_factory.mktemp('log'), form)
+    plain = recording_from_columns(columns)
+    settings_of_pls = CalibrationSettings(identification=IdentificationSettings(method='pls'))
+    drifts = [
+        track_drift(calibrate([recording], settings_of_pls).model, plain).drift.zero
+        for recording in (read_recording(path, topics=topics), plain)
+    ]
+    np.testing.assert_allclose(*drifts, rtol=1e-9, atol=1e-9)

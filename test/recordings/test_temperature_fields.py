@@ -11,10 +11,9 @@ from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag import Connection
-from wrist_ft_comp.recordings.bag_recording import read_bag
-from wrist_ft_comp.recordings.open_recording import backend as chosen_backend
-from wrist_ft_comp.recordings.open_recording import open_bag
+from wrist_ft_comp.recordings.bag import Connection, read_bag
+from wrist_ft_comp.recordings.read import backend as chosen_backend
+from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.wire.message_layout import _CODES as CODES
 from wrist_ft_comp.wire.message_layout import define_installed
 

@@ -6,6 +6,7 @@ Chromium is installed by .ci/run; elsewhere these are skipped where it is missin
 
 import importlib.util
 from pathlib import Path
+import re
 
 import pytest
 
@@ -140,10 +141,17 @@ def files(text, tmp_path_factory):
     return path_of
 
 
+#: Shows what is folded.
+UNFOLD = "document.querySelectorAll('details').forEach((folded) => { folded.open = true; })"
+
+
 @every_look
 def test_the_page_is_whole_legible_and_without_complaints(kind, width, scheme, browser, files):
     browser.open(files(kind), width, scheme)
     assert browser.complaints() == []
+    folded = browser.evaluate('document.documentElement.scrollHeight')
+    assert folded <= 3 * 1080
+    browser.evaluate(UNFOLD)
     assert browser.evaluate('document.compatMode') == 'CSS1Compat'
     assert browser.evaluate('innerWidth') == width
     assert browser.evaluate('document.documentElement.scrollWidth') <= width
@@ -180,6 +188,26 @@ def test_the_page_prints(kind, browser, files):
         'rgb(255, 255, 255)'
     )
     assert browser.evaluate(CUT_OFF) == []
+
+
+def test_hover_shows_time_and_value_and_a_click_copies_what_to_exclude(browser, files):
+    browser.open(files('good'), 1280)
+    place = browser.evaluate("""(() => {
+      const picture = document.querySelector('svg[data-plot]');
+      picture.scrollIntoView({block: 'center'});
+      const box = picture.getBoundingClientRect();
+      return [box.left + box.width * 0.6, box.top + box.height / 2];
+    })()""")
+    x, y = place
+    browser.send('Input.dispatchMouseEvent', type='mouseMoved', x=x, y=y)
+    said = browser.evaluate("document.querySelector('output').textContent")
+    assert re.match(r'\d:\d\d:\d\d: \S+ N \(without compensation \S+\)', said)
+    for kind in ('mousePressed', 'mouseReleased'):
+        browser.send('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+    said = browser.evaluate("document.querySelector('output').textContent")
+    begin, end = map(int, re.fullmatch(r'--exclude (\d+)\.\.(\d+)', said).groups())
+    assert end - begin == 60
+    assert browser.evaluate('String(getSelection())') == said
 
 
 def test_the_checks_can_fail(browser, tmp_path):

@@ -8,14 +8,14 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.diary import DayEntry, Diary
+from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.page import headline, number, page
+from wrist_ft_comp.report.page import headline, page, write_report
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
 KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus', 'work')
-MAX_BYTES = 2_000_000
+MAX_BYTES = 1_000_000
 every_kind = pytest.mark.parametrize('kind', KINDS)
 
 
@@ -64,9 +64,7 @@ def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind,
     assert text(kind).startswith('<!doctype html>')
     assert len(text(kind).encode()) < MAX_BYTES
     assert len(outline.ids) == len(set(outline.ids))
-    responses = sum(axis.responses is not None for axis in view(kind).axes)
-    pictures = 2 + 2 * len(view(kind).axes) + responses
-    assert outline.seen.count('svg') == pictures
+    assert outline.seen.count('svg') == 1 + 2 * len(view(kind).axes)
     levels = [int(tag[1]) for tag in outline.seen if re.fullmatch(r'h\d', tag)]
     assert levels[0] == 1
     assert levels.count(1) == 1
@@ -74,9 +72,10 @@ def test_the_page_is_small_well_formed_and_steps_down_through_its_headings(kind,
 
 
 @every_kind
-def test_the_page_loads_nothing_and_runs_nothing(kind, text):
+def test_the_page_loads_nothing_and_runs_one_script_of_its_own(kind, text):
     outline = Outline(text(kind))
-    assert not {'script', 'link', 'img', 'iframe', 'object'} & set(outline.seen)
+    assert not {'link', 'img', 'iframe', 'object'} & set(outline.seen)
+    assert outline.seen.count('script') == 1
     assert all(target.startswith('#') for target in outline.loads)
     assert {target[1:] for target in outline.loads} <= set(outline.ids)
     links = set(re.findall(r'https?://[^"\s<]*', text(kind)))
@@ -97,11 +96,11 @@ def test_names_are_text_and_never_tags(text, make):
 def test_every_axis_has_its_verdict_and_its_numbers(kind, text, view):
     whole = Outline(text(kind)).whole
     for axis in view(kind).axes:
-        assert whole.count(axis.verdict.sentence) == 2  # at the top, and at the axis
+        assert whole.count(axis.verdict.sentence) == 1
         for value in astuple(axis.errors):
-            assert number(value) in whole
+            assert rounded(value) in whole
         for candidate in axis.entry['candidates']:
-            assert number(candidate['rms']) in whole
+            assert rounded(candidate['rms']) in whole
 
 
 def test_a_sensor_gets_the_verdict_it_deserves(view):
@@ -114,28 +113,10 @@ def test_a_sensor_gets_the_verdict_it_deserves(view):
         assert {axis.verdict.level for axis in view(kind).axes} <= levels
 
 
-def test_the_page_of_a_model_that_days_gave_shows_the_days(view):
-    days = [
-        DayEntry(f'day_{n}.csv', 10**18 + n * 86_400 * 10**9, left={'none': (2.0,) * 6}, kind=kind,
-                 incident='Thermometer 2 <i>stopped</i>.')
-        for n, kind in enumerate(('tool', 'thermometer', 'thermometer'))
-    ]  # fmt: skip
-    with_days = replace(view('good'), diary=Diary(tuple(days)))
-    outline, before = Outline(brief(with_days)), Outline(brief(view('good')))
-    assert not outline.open
-    assert outline.seen.count('svg') == before.seen.count('svg') + 1
-    assert len(outline.ids) == len(set(outline.ids))
-    assert (
-        '3 days, 2001-09-09 to 2001-09-11: on a usual day a force drifted by 2 N' in outline.whole
-    )
-    assert '2001-09-10 to 2001-09-11  thermometer 2 out: Thermometer 2 <i>stopped' in outline.whole
-
-
 def test_the_headline_counts(view):
-    assert headline(view('good')).startswith('3 axes: 3 good. Seen: 2.')
-    assert headline(view('none')).startswith('3 axes: 3 not calibrated.')
+    assert headline(view('good')) == '3 axes: 3 good.'
     mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
-    assert headline(mixed).startswith('3 axes: 2 good, 1 not calibrated.')
+    assert headline(mixed) == '3 axes: 2 good, 1 not calibrated.'
 
 
 def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
@@ -152,7 +133,19 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
     assert axis.verdict.level == 'uncalibrated'
     assert axis.verdict.sentence.startswith(refusal)
-    assert axis.entry['reason'] == ''
+    assert Outline(page(replace(view, axes=(axis,)))).whole.count(refusal) == 1
+
+
+def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(make, tmp_path):
+    recordings = [make.recording('monday.csv')]
+    calibration, stored = make.learn(recordings, tmp_path, method='pls')
+    write_report(tmp_path / 'r.html', stored, calibration, recordings)
+    whole = Outline((tmp_path / 'r.html').read_text()).whole
+    lines = calibration_content(calibration, recordings, stored, 'unloaded').lines()
+    assert lines[0].startswith('force_x: good. ')
+    advice = [line.removeprefix('next: ') for line in lines if line.startswith('next: ')]
+    assert len(advice) == 3
+    assert all(sentence in whole for sentence in advice)
 
 
 def test_a_calibration_says_what_was_held_out(text):
@@ -212,20 +205,6 @@ def test_names_that_are_no_text_do_not_stop_the_report(make, judge):
     assert b'?.csv' in brief(judge(make.recording('\udcff.csv'))).encode(errors='replace')
 
 
-def test_loads_are_shown_where_there_is_a_reference(make, tmp_path):
-    load = np.outer(np.sin(np.arange(400) / 5), [20, 20, 20, 1, 1, 1])
-    recordings = [make.recording(reference=load)]
-    calibration, stored = make.learn(recordings, tmp_path, 'recorded', method='pls')
-    whole = Outline(brief(calibration_content(calibration, recordings, stored, 'recorded'))).whole
-    assert 'Loads by the reference' in whole
-    assert 'zero and gain' in whole
-    assert 'Loads are not known' not in whole
-    unloaded = replace(recordings[0], reference=np.zeros_like(load))
-    whole = Outline(brief(calibration_content(calibration, [unloaded], stored, 'recorded'))).whole
-    assert 'Nothing loaded the sensor: the reference is zero.' in whole
-    assert 'Loads by the reference' not in whole
-
-
 def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
     entry = {
         'time_constants_s': [60.0, 7200.0],
@@ -235,7 +214,7 @@ def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
     first = view('good').axes[0]
     first = replace(first, entry={**first.entry, **entry})
     whole = Outline(page(replace(view('good'), axes=(first,)))).whole
-    assert '60 ± 3 s, 2.0 h' in whole
+    assert '60 ± 3 s, 7200 s' in whole
     assert 'It was the simplest.' in whole
 
 
@@ -243,20 +222,16 @@ def test_the_page_names_its_sources(text, view):
     whole = Outline(text('good')).whole
     assert 'a' * 64 in whole
     assert view('good').provenance['SHA-256'] in whole
-    for word in ('numpy', 'scipy', 'reference unloaded', 'method auto'):
-        assert word in whole
 
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):
-    whole, work = Outline(text('work')).whole, view('work').work
-    tool, both = work.learnt.payloads.values()
+    whole, work = Outline(text('work')).whole, view('work')
+    tool, both = work.payloads.payloads.values()
     assert f'{tool.mass_kg:.3f} ± ' in whole
     assert f'{1e3 * both.center_m[2]:.1f} ± ' in whole
-    used, pushed = (int(share) for share in re.findall(r'(\d+)%', work.used))
+    used, pushed = (int(share) for share in re.findall(r'(\d+)%', work.at_work))
     assert 50 < used <= 100 - pushed < 95
-    assert 'Gravity moved along all of three directions' in work.used
-    assert work.used.partition(';')[0] in whole
-    assert 'Loads by what was mounted' in whole
+    assert 'Gravity moved along all of three directions' in work.at_work
+    assert work.at_work.partition(';')[0] in whole
     assert 'drift of the gain is not known' not in whole
-    without = brief(replace(view('work'), work=replace(work, learnt=None)))
-    assert 'No payload could be identified' in Outline(without).whole
+    assert 'No payload could be identified' in Outline(brief(replace(work, payloads=None))).whole

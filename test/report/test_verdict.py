@@ -1,17 +1,18 @@
-"""The table of verdicts, at both sides of every threshold."""
+"""The table of verdicts, at both sides of every threshold, and a calibration in a few lines."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO
+from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO
 from wrist_ft_comp.report.verdict import (
     Evidence,
     GOOD_REMAINDER,
     judge,
     NOISE_MARGIN,
     SMALLEST_CHANGE_K,
+    summarise,
 )
 
 FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
@@ -83,16 +84,6 @@ def test_an_axis_without_a_model_has_its_reason():
     assert quiet.startswith('There is nothing to remove')
 
 
-def test_a_harmful_axis_says_of_how_many_recordings():
-    def said(count):
-        blocks = FoldErrors(np.ones(count), np.ones(count))
-        return judge(replace(FINE, after=20.0, blocks=blocks, block_name='recording')).sentence
-
-    assert said(1).endswith('would: 10 → 20 N RMS, in 1 recording.')
-    assert said(3).endswith('would: 10 → 20 N RMS, in 3 recordings.')
-    assert judge(replace(FINE, after=20.0)).sentence.endswith('10 → 20 N RMS.')
-
-
 @pytest.mark.parametrize('after', [1.0, 4.0, 11.0])
 @pytest.mark.parametrize(
     ('recordings', 'words'),
@@ -102,3 +93,14 @@ def test_a_verdict_from_few_recordings_names_their_number(after, recordings, wor
     assert words in judge(replace(FINE, after=after, recordings=recordings)).sentence
     for enough in (0, 3):
         assert words not in judge(replace(FINE, after=after, recordings=enough)).sentence
+
+
+@pytest.mark.parametrize(('after', 'more'), [(0.0123456, ''), (14.0, ': WORSE THAN NONE')])
+def test_a_calibration_is_a_line_per_axis_and_warnings_follow(after, more):
+    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, unit='N', day_limit=0.5)}
+    ranges_c = np.array([[20, 35.5], [-5, 30]])
+    assert summarise(Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))).splitlines() == [
+        f'force_z: 12.3 -> {after:.3g} N RMS held out (pls){more}, limit 0.5 N',
+        'warning: One.',
+        'warning: Two.',
+    ]

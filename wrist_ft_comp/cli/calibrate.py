@@ -6,22 +6,21 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import (
-    advice_lines,
-    payloads_json,
-    print_result,
-    Result,
-    verdict_lines,
-)
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS, Orders
-from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
+from wrist_ft_comp.fit.settings import (
+    CalibrationSettings,
+    IdentificationSettings,
+    METHODS,
+    Orders,
+)
+from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recordings.read import period_of
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.report.report_content import ReportContent
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -43,20 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_recordings(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
-    defaults = CalibrationSettings()
     parser.add_argument(
         '--method', choices=METHODS, metavar='METHOD',
         help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
-        help='powers of temperature, or hat functions at given temperatures (default: powers, or '
-        'hats where --hat-temperatures are given)')  # fmt: skip
-    parser.add_argument(
-        '--degree', type=int,
-        help='highest power of temperature, 1 to 4 (default: 3 for auto, else 2)')  # fmt: skip
-    parser.add_argument(
-        '--hat-temperatures', type=_temperatures, default=(), metavar='T1,T2,…',
-        help='of hat functions, °C (default: the plateaus that were recorded)')  # fmt: skip
+        help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
+        '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
         '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
     )
@@ -66,24 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'delay in cells, as in eq. 20 of the paper; direct: the newest input comes a cell sooner '
         '(default: chosen on held-out blocks)')  # fmt: skip
     parser.add_argument(
-        '--thermal-period', type=options.number(*PERIODS_S), default=1.0, metavar='SECONDS',
-        help='length of a thermal cell (default: %(default)s)')  # fmt: skip
-    parser.add_argument(
-        '--min-temperature-span', type=options.number(0.0),
-        default=defaults.min_temperature_span_k, metavar='KELVIN',
-        help='refuse when no thermometer spans this much (default: %(default)s)')  # fmt: skip
+        '--thermal-period', type=options.number(*PERIODS_S), metavar='SECONDS',
+        help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
     options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
-
-
-def _temperatures(text: str) -> tuple[float, ...]:
-    """Parse temperatures that are separated by commas: increasing, without repetitions, °C."""
-    parse = options.number(-273.15)
-    temperatures = tuple(sorted({parse(part) for part in text.split(',')}))
-    if len(temperatures) < 2:
-        raise argparse.ArgumentTypeError(f'expected at least two temperatures, got {text!r}')
-    return temperatures
 
 
 def _orders(text: str) -> Orders:
@@ -99,7 +78,8 @@ def _orders(text: str) -> Orders:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_recordings(arguments.recordings, options.topics_from(arguments))
+    topics = options.topics_from(arguments)
+    options.check_recordings(arguments.recordings, topics)
     # Nothing that a person made may be overwritten, and it is said before the work.
     others = list(arguments.recordings)
     if arguments.reference == 'payload':
@@ -108,61 +88,33 @@ def run(arguments: argparse.Namespace) -> int:
     MODEL.check_target(arguments.output, others)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
-    job = _job(arguments)
-    options.warn_of_idle(arguments, arguments.recordings)
-    # Choices that the method does not leave.
-    method, hats = arguments.method, job.settings.identification.features == 'hats'
-    if method == 'arx_pls_oe' or (method == 'auto' and not hats):
-        options.warn_of(arguments, ['latents'], f'the method {method} has none to choose')
-    if method != 'arx_pls':
-        options.warn_of(arguments, ['orders'], 'only the method arx_pls has any')
-    if hats:
-        options.warn_of(arguments, ['degree'], 'hats have no degree')
+    identification = IdentificationSettings(
+        arguments.method, features=arguments.features, latents=arguments.latents,
+        orders=tuple(arguments.orders))  # fmt: skip
+    job = CalibrationJob(
+        tuple(arguments.recordings), arguments.output,
+        CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
+        arguments.thermal_period or period_of(arguments.recordings, topics),
+        topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
     if job.report:
         REPORT.write(job.report, page(content))
-    print_result(_result(outcome, content, job.report), as_json=arguments.json)
-    return 0
-
-
-def _job(arguments: argparse.Namespace) -> CalibrationJob:
-    """Build the job; given temperatures of hats mean hats."""
-    if arguments.hat_temperatures and arguments.features == 'powers':
-        raise SettingsError('--hat-temperatures belongs to --features hats; leave one out.')
-    default: FeatureKind = 'hats' if arguments.hat_temperatures else 'powers'
-    settings = CalibrationSettings(
-        reference=arguments.reference or 'unloaded',
-        min_temperature_span_k=arguments.min_temperature_span,
-        identification=IdentificationSettings(
-            method=arguments.method, features=arguments.features or default,
-            degree=arguments.degree, hat_temperatures_c=arguments.hat_temperatures,
-            latents=arguments.latents, orders=tuple(arguments.orders)))  # fmt: skip
-    return CalibrationJob(
-        tuple(arguments.recordings), arguments.output, settings, arguments.thermal_period,
-        options.topics_from(arguments), report=arguments.report)  # fmt: skip
-
-
-def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) -> Result:
-    """Say what was learnt and saved, and where; ``content`` is that of its report."""
-    calibration, path = outcome.calibration, outcome.stored.path
-    ranges = ', '.join(f'{low:.1f} to {high:.1f}' for low, high in calibration.temperature_range_c)
-    lines = [
-        *verdict_lines(content),
-        *(calibration.payloads.lines() if calibration.payloads else ()),
-        f'learnt from {calibration.duration_s / 3600:.2f} h at {ranges} °C',
-        *advice_lines(content),
+    words = [
+        *content_words(content, verbose=arguments.verbose),
         '',
-        f'saved as {path}',
-        *([f'report: {report}'] if report else ()),
+        f'saved as {outcome.stored.path}',
+        *([f'report: {job.report}'] if job.report else ()),
     ]
+    # For scripts: what was learnt and saved.
+    calibration = outcome.calibration
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
     )  # fmt: skip
     document = {
-        'model': str(path),
+        'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
         'axes': {
             axis.axis: {
@@ -178,4 +130,5 @@ def _result(outcome: JobOutcome, content: ReportContent, report: Path | None) ->
         'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    return Result('\n'.join(lines), document, content.warnings)
+    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    return 0

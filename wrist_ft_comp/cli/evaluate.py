@@ -2,27 +2,24 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-import textwrap
 
 import numpy as np
 
-from wrist_ft_comp.cli import options, tables
-from wrist_ft_comp.cli.progress import progress_bar
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
+from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Reference, Topics
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
-from wrist_ft_comp.report.evaluation import (
-    AxisEvaluation,
-    judge_errors,
-    tared_errors,
-    without_steps,
-)
+from wrist_ft_comp.report.advice import SAME_K
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import (
     EvaluatedRecording,
@@ -33,6 +30,7 @@ from wrist_ft_comp.report.report_content import (
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
+from wrist_ft_comp.stream.offline import thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -60,89 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output_forms(parser)
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """What a model leaves of the drift in recordings: the command's result."""
-
-    stored: StoredModel
-    paths: Sequence[Path]
-    judged: Sequence[EvaluatedRecording]
-    tare_s: float
-    #: What its report shows.
-    content: ReportContent
-
-    @property
-    def errors(self) -> dict[str, AxisEvaluation]:
-        """Figures by axis, of all recordings together."""
-        return {axis.axis: axis.errors for axis in self.content.axes}
-
-    def result(self, report: Path | None) -> tables.Result:
-        """Put it into words and numbers, with the report that was written."""
-        table = tables.table_text(
-            ['axis', 'unit', 'RMS before', 'after', 'peak before', 'after', 'RMS ratio'],
-            [
-                [axis.axis, axis.unit, *(rounded(figure, 4) for figure in vars(left).values()),
-                 f'{left.rms_before / left.rms_after:.1f}' if left.rms_after > 0 else '-']
-                for axis, left in zip(self.content.axes, self.errors.values(), strict=True)
-            ],
-        )  # fmt: skip
-        references = dict.fromkeys(judged.reference for judged in self.judged)
-        basis = (
-            f'Reference: {", ".join(references)}. Errors are means over '
-            f'{averaged_s(self.stored.model):g} s, as those of calibrate.'
-        )
-        lines = [
-            table,
-            '',
-            *tables.verdict_lines(self.content),
-            '',
-            textwrap.fill(basis, tables.WIDTH),
-            *tables.advice_lines(self.content),
-            *(['', f'report: {report}'] if report else ()),
-        ]
-        document = {
-            'model': str(self.stored.path),
-            'sha256': self.stored.sha256,
-            'tare_s': self.tare_s,
-            'averaged_s': averaged_s(self.stored.model),
-            'axes': self.errors,
-            'day_limits': dict(self.stored.model.day_limits),
-            'recordings': [
-                {
-                    'name': judged.recording.name,
-                    'path': str(path),
-                    'reference': judged.reference,
-                    'duration_s': judged.recording.duration_s,
-                    'axes': judge_errors([judged.errors]),
-                    'warnings': judged.recording.warnings,
-                }
-                for path, judged in zip(self.paths, self.judged, strict=True)
-            ],
-            'verdicts': {
-                axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
-                for axis in self.content.axes
-            },
-            'advice': self.content.advice,
-            'warnings': self.content.warnings,
-        }
-        return tables.Result('\n'.join(lines), document, self.content.warnings)
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_model(arguments.model)
     topics = options.topics_from(arguments)
     options.check_recordings(arguments.recordings, topics)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
-    options.warn_of_idle(arguments, arguments.recordings)
     with progress_bar('evaluating') as progress:
-        evaluation = evaluate_recordings(
+        content, document = evaluate_recordings(
             arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
+    words = content_words(content, verbose=arguments.verbose)
     if arguments.report:  # before what a closed pipe may end
-        REPORT.write(arguments.report, page(evaluation.content))
-    tables.print_result(evaluation.result(arguments.report), as_json=arguments.json)
+        REPORT.write(arguments.report, page(content))
+        words += ['', f'report: {arguments.report}']
+    print_result(Result(words, document, content.warnings), as_json=arguments.json)
     return 0
 
 
@@ -150,59 +80,99 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     model: Path,
     paths: Sequence[Path],
     topics: Topics | None = None,
-    reference: Reference | None = None,
+    wanted: Reference | None = None,
     tare_s: float = 60.0,
     progress: Progress = lambda _: None,
-) -> Evaluation:
-    """Judge a model file on recordings; the reference is that of the model by default."""
-    stored, count = load_model(model), len(paths)
-    judged = [
-        _judge(stored, path, topics or Topics(), reference, tare_s, part_of(progress, i, count))
-        for i, path in enumerate(paths)
+) -> tuple[ReportContent, dict[str, object]]:
+    """
+    Judge a model file on recordings; the reference is that of the model by default.
+
+    Gives what its report shows, and the numbers for scripts.
+    """
+    stored, judged = load_model(model), list[EvaluatedRecording]()
+    period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
+    for number, path in enumerate(paths):
+        recording = read_recording(
+            path, period_s=period_s, topics=topics or Topics(),
+            progress=part_of(progress, number, len(paths)))  # fmt: skip
+        # What the model was learnt with, where the recording holds it, too.
+        reference: Reference = wanted or 'unloaded'
+        if wanted is None and stored.reference == 'payload':
+            reference = 'unloaded' if recording.specific_force is None else 'payload'
+        elif wanted is None and stored.reference == 'recorded':
+            reference = 'recorded' if np.isfinite(recording.reference).any() else 'unloaded'
+        warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
+        if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
+            warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
+        warnings += recording.warnings
+        if reference in {'unloaded', 'constant'}:
+            warnings += tuple(follows_gravity([recording], reference))
+        compared, true = recording, reference
+        if reference == 'payload':
+            work = learn_at_work([recording])
+            compared, true = work.drift[0], 'recorded'
+            others = [payload for payload, _ in load_payloads(known).values()]
+            warnings += work.warnings
+            warnings += tuple(
+                f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
+                f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
+                for payload in (work.payloads.payloads.values() if work.payloads else ())
+                if not any(same_payload(payload, other) for other in others)
+            )
+        warnings += tuple(without_steps(compared, true)[1])
+        errors = tared_errors(stored.model, compared, true, tare_s)
+        warnings += range_warnings(stored, recording)  # of a recording that fits the model
+        recording = replace(recording, warnings=warnings)
+        judged.append(EvaluatedRecording(recording, reference, errors))
+    content = evaluation_content(stored, judged, tare_s, paths)
+    document = {
+        'model': str(stored.path),
+        'sha256': stored.sha256,
+        'tare_s': tare_s,
+        'averaged_s': averaged_s(stored.model),
+        'axes': {axis.axis: axis.errors for axis in content.axes},
+        'day_limits': dict(stored.model.day_limits),
+        'recordings': [
+            {
+                'name': one.recording.name,
+                'path': str(path),
+                'reference': one.reference,
+                'duration_s': one.recording.duration_s,
+                'axes': judge_errors([one.errors]),
+                'warnings': one.recording.warnings,
+            }
+            for path, one in zip(paths, judged, strict=True)
+        ],
+        'verdicts': {
+            axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
+            for axis in content.axes
+        },
+        'advice': content.advice,
+        'warnings': content.warnings,
+    }
+    return content, document
+
+
+def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
+    """Say where thermometers leave the range of a model, are silent for long, or are doubted."""
+    sentences = []
+    pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
+    for number, (column, thermometer) in enumerate(pairs):
+        low, high = thermometer['range_c']
+        share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
+        if share > 0:
+            sentences.append(
+                f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '
+                f'{column.max():.1f} °C; the model was learnt from {low:.1f} to {high:.1f} °C. '
+                f'For {rounded(100 * share, 2)} % of the time the correction is a guess.'
+            )
+    heard = recording.measured
+    if stored.model.prediction is not None:  # one that is silent is predicted by the others
+        heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
+    silent = [replace(recording, measured=heard)]
+    sentences += silent_stretches(silent, CalibrationSettings().max_gap_s)
+    sentences += [
+        f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
+        for doubt, share in thermometer_doubts(stored.model, recording).items()
     ]
-    return Evaluation(stored, paths, judged, tare_s, evaluation_content(stored, judged, tare_s))
-
-
-def _judge(  # noqa: PLR0913, PLR0917 -- of one recording
-    stored: StoredModel,
-    path: Path,
-    topics: Topics,
-    wanted: Reference | None,
-    tare_s: float,
-    progress: Progress,
-) -> EvaluatedRecording:
-    """Read a recording and compare it, raw and compensated, with its reference."""
-    period_s = stored.model.period_ns / NANOSECONDS
-    recording = read_recording(path, period_s=period_s, topics=topics, progress=progress)
-    reference: Reference = wanted or 'unloaded'
-    # What the model was learnt with, where the recording holds it, too.
-    if wanted is None and stored.reference == 'payload' and recording.specific_force is not None:
-        reference = 'payload'
-    if (
-        wanted is None
-        and stored.reference == 'recorded'
-        and np.isfinite(recording.reference).any()
-    ):
-        reference = 'recorded'
-    warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
-    if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
-        warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
-    warnings += recording.warnings
-    if reference in {'unloaded', 'constant'}:
-        warnings += tuple(follows_gravity([recording], reference))
-    compared, true = recording, reference
-    if reference == 'payload':
-        work = learn_at_work([recording])
-        compared, true = work.drift[0], 'recorded'
-        known = load_payloads(stored.path.with_name(PAYLOADS)).values()
-        unknown = tuple(
-            f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
-            f'{PAYLOADS} beside the model; its weight was fitted to this recording.'
-            for payload in (work.payloads.payloads.values() if work.payloads else ())
-            if not any(same_payload(payload, other) for other, _ in known)
-        )
-        warnings += (*work.warnings, *unknown)
-    warnings += tuple(without_steps(compared, true)[1])
-    errors = tared_errors(stored.model, compared, true, tare_s)
-    warnings += tables.range_warnings(stored, recording)  # of a recording that fits the model
-    return EvaluatedRecording(replace(recording, warnings=warnings), reference, errors)
+    return tuple(sentences)

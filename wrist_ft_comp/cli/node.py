@@ -4,27 +4,33 @@ import argparse
 from collections.abc import Iterator
 from contextlib import suppress
 import sys
-import textwrap
 import time
 from typing import TYPE_CHECKING
 
-from tqdm import tqdm
-
-from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.output import (
+    filled,
+    print_json,
+    print_words,
+    renderables,
+    Table,
+    waiting,
+    WIDTH,
+)
 from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
     from wrist_ft_comp.cli.operate import Operator, Watch
-    from wrist_ft_comp.ros.diagnostics import Status
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
 DESCRIPTION = """\
-Let a running compensator do something, wait for its answer, and print it. Exit
-code 0 when it was done, 1 when it was refused. status shows temperatures, drift
-and what is wrong: once a second in a terminal, until Ctrl-C; else once. Its exit
-code is 1 when anything is not ok. All services are actions; those
-of this node are listed where another one is asked for."""
+Let a running compensator do something, wait for its answer, and print it.
+status shows what is wrong and what to do, the wrench before and after, drift,
+tare and temperatures: again and again in a terminal, until Ctrl-C; else once.
+Its exit code is 1 when the wrench is not compensated or anything else is not ok.
+All services are actions; those of this node are listed where another one is
+asked for."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp node record
@@ -37,11 +43,7 @@ examples:
   wrist_ft_comp node rollback
   wrist_ft_comp node status
 """
-#: Columns of a terminal that every page fits into.
-WIDTH = 79
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}
-#: Clears the terminal and goes to its corner.
-_CLEAR = '\x1b[2J\x1b[H'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--name', default='',
         help='which node, by its name or namespace, where several run')  # fmt: skip
+    parser.add_argument(
+        '--once', action='store_true', help='print the status once, in a terminal, too'
+    )
     options.add_json(parser)
 
 
@@ -59,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
     from wrist_ft_comp.cli.operate import (  # noqa: PLC0415 -- loads rclpy
+        ask,
         DISCOVERY_S,
         operating,
         Watch,
@@ -68,97 +74,89 @@ def run(arguments: argparse.Namespace) -> int:
         name = operator.find(arguments.name)
         watch = Watch(operator, name)
         if arguments.action == 'status':
-            return _show(operator, name, watch, as_json=arguments.json)
+            return _show(operator, name, watch, arguments)
         service = 'record' if arguments.action == 'stop' else arguments.action
         if not operator.wait_for(lambda: service in operator.services(name), DISCOVERY_S / 10):
             raise NodeError(
                 f'{name} has no service {arguments.action}. Ask for status, stop, or one of '
                 f'{", ".join(operator.services(name))}.'
             )
-        answer = _ask(operator, name, watch, arguments.action)
+        with waiting(arguments.action) as describe:
+
+            def show() -> None:
+                # What takes long has a status of its own, as payload for identify_payload.
+                said = [s.message for n, s in watch.statuses.items() if n in arguments.action]
+                describe(': '.join([arguments.action, *said]))
+
+            timer = operator.node.create_timer(0.5, show)
+            try:
+                answer = ask(operator, name, arguments.action, watch)
+            finally:
+                operator.node.destroy_timer(timer)
     if arguments.json:
-        options.print_json({'node': name, 'action': arguments.action, 'answer': answer})
+        print_json({'node': name, 'action': arguments.action, 'answer': answer})
     else:
         print(answer)
     return 0
 
 
-def _ask(operator: 'Operator', name: str, watch: 'Watch', action: str) -> str:
-    """Ask, and show on standard error how far it is, where that is a terminal."""
-    from wrist_ft_comp.cli.operate import ask  # noqa: PLC0415 -- loads rclpy
-
-    with tqdm(bar_format='{desc} {elapsed}', disable=None, leave=False) as line:
-
-        def show() -> None:
-            # What takes long has a status of its own, as payload for identify_payload.
-            said = [status.message for name, status in watch.statuses.items() if name in action]
-            line.set_description_str(': '.join([action, *said])[: WIDTH - 8])
-
-        timer = operator.node.create_timer(0.5, show)
-        try:
-            return ask(operator, name, action, watch)
-        finally:
-            operator.node.destroy_timer(timer)
-
-
-def _show(operator: 'Operator', name: str, watch: 'Watch', *, as_json: bool) -> int:
+def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.Namespace) -> int:
     """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
     from wrist_ft_comp.cli.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
 
     if not operator.wait_for(lambda: watch.reports, SILENCE_S):
         raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')
-    if as_json:
+    if arguments.json:
         statuses = {
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
             for key, part in watch.statuses.items()
         }
-        options.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
-    elif sys.stdout.isatty():
-        with suppress(KeyboardInterrupt):
+        print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
+    elif arguments.once or not sys.stdout.isatty():
+        print_words(page(name, watch))
+    else:
+        from rich.console import Group  # noqa: PLC0415 -- in a terminal only
+        from rich.live import Live  # noqa: PLC0415
+
+        with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                print(_CLEAR + '\n'.join(page(name, watch)), flush=True)
+                live.update(Group(*renderables(page(name, watch))), refresh=True)
                 watch.reports = 0
                 operator.wait_for(lambda: watch.reports, 1.0)
-    else:
-        print('\n'.join(page(name, watch)))
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
 
 
-def page(name: str, watch: 'Watch') -> list[str]:
-    """Write what was heard in at most WIDTH columns: what is wrong first, then the numbers."""
-    statuses = watch.statuses
+def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
+    """Write what was heard: what is wrong first, then the numbers."""
     sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
-    lines = [f'{name}{sensor}'[: WIDTH - 10] + f'  {time.strftime("%H:%M:%S")}', '']
-    if watch.silent:
-        lines += ['Nothing was heard of it for ten seconds: it has ended, or hangs.', '']
-    for status in sorted(statuses.values(), key=lambda status: status.level, reverse=True):
-        head = f'{_LEVELS[status.level]:8}{status.name:15}'
-        text = ' '.join(status.message.split())
-        lines += textwrap.wrap(
-            head + text, WIDTH, subsequent_indent=' ' * len(head), break_on_hyphens=False
-        )
-    return [*lines, '', *_temperatures(statuses), *_drifts(statuses)]
-
-
-def _temperatures(statuses: 'dict[str, Status]') -> Iterator[str]:
-    """Write what the thermometers read, and how old that is."""
-    values = statuses['temperature'].values if 'temperature' in statuses else {}
-    j = 1
-    while f'thermometer_{j}_age_s' in values:
-        celsius, age = values.get(f'thermometer_{j}_c'), values[f'thermometer_{j}_age_s']
-        yield f'thermometer {j:2}  ' + (
-            f'{celsius:>8} °C, {age} s ago' if celsius else 'not heard'
-        )
-        j += 1
-
-
-def _drifts(statuses: 'dict[str, Status]') -> Iterator[str]:
-    """Write what is subtracted from every axis."""
-    values = statuses['output'].values if 'output' in statuses else {}
-    if f'{AXES[0]}_drift' not in values:
-        return
+    yield f'{name}{sensor}'[: WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
     yield ''
-    yield f'{"axis":10}{"drift":>16}{"uncertain by":>16}{"tare":>16}'
+    if watch.silent:
+        yield 'ERROR   Nothing was heard of it for ten seconds: it has ended, or hangs.'
+    ordered = sorted(watch.statuses.values(), key=lambda status: status.level, reverse=True)
+    for status in ordered:
+        head = f'{_LEVELS[status.level]:8}{status.name:13}'
+        yield from filled(' '.join(status.message.split()) or '-', head).splitlines()
+    values = {name: status.values for name, status in watch.statuses.items()}
+    output, heard = values.get('output', {}), values.get('temperature', {})
+    rows = []
     for axis in AXES:
-        drift, tare = values.get(f'{axis}_drift', '-'), values.get(f'{axis}_tare', '-')
-        yield f'{axis:10}{drift:>16}{values.get(f"{axis}_drift_deviation", "-"):>16}{tare:>16}'
+        names = ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
+        numbers = [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in names]
+        rows.append([axis, axis_unit(axis), *numbers])
+    if f'{AXES[0]}_drift' in output:
+        yield ''
+        yield Table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
+    rows, j = [], 1
+    while f'thermometer_{j}_age_s' in heard:
+        learnt = values.get('model', {}).get(f'thermometer_{j}_calibrated_c', '–')
+        recorded = values.get('calibration', {}).get(f'recording_thermometer_{j}_c', '–')
+        celsius, age_s = heard.get(f'thermometer_{j}_c', '–'), heard[f'thermometer_{j}_age_s']
+        rows.append([f'{j}', celsius, age_s, learnt, recorded])
+        j += 1
+    if rows:
+        yield ''
+        yield Table(['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'], rows)
+    if seconds := values.get('calibration', {}).get('recording_s'):
+        minutes = float(seconds) / 60
+        yield f'A recording has run for {minutes:.0f} min. End it: wrist_ft_comp node stop'

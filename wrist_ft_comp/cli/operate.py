@@ -84,11 +84,11 @@ class Operator:
             ]
 
         if not self.wait_for(found, DISCOVERY_S):
-            others = ', '.join(self.running()) or 'none'
+            others = f'; running are: {", ".join(self.running())}' if self.running() else ''
             raise NodeError(
                 f'No compensator {wanted and f"named {wanted} "}was found within '
-                f'{DISCOVERY_S:.0f} s; running are: {others}. Start it, or look at ROS_DOMAIN_ID '
-                'and ROS_AUTOMATIC_DISCOVERY_RANGE, which must be as where it runs.'
+                f'{DISCOVERY_S:.0f} s{others}. Start it: ros2 run wrist_ft_comp compensator. If '
+                'it runs, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE here as there.'
             )
         if not wanted:
             self.wait_for(lambda: False, _SETTLE_S)
@@ -179,8 +179,8 @@ def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
     answer = operator.request(kind, service, request, lambda: watch.silent)
     if answer is None:
         raise NodeError(
-            f'{name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Whether '
-            f'{action} was done, its log tells.'
+            f'{name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Its log says '
+            f'whether {action} was done.'
         )
     if not answer.success:
         raise NodeError(str(answer.message))

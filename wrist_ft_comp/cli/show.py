@@ -1,7 +1,7 @@
 """wrist_ft_comp show: what a file is."""
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -11,40 +11,61 @@ import numpy as np
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.progress import progress_bar
-from wrist_ft_comp.cli.tables import (
-    days_json,
-    days_text,
-    payloads_json,
-    print_result,
-    Result,
-    table_text,
-)
+from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, Table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import diary_problem, load_memory, Memory, node_folders, survey
-from wrist_ft_comp.payload.weight import driver_lines, payload_line
+from wrist_ft_comp.learning.diary import (
+    Diary,
+    diary_problem,
+    last_change,
+    load_memory,
+    Memory,
+    node_folders,
+    survey,
+    TORQUES,
+)
+from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.bag_survey import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.recordings.describe import describe_recording, RecordingSummary, REFERENCE
+from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recordings.describe import (
+    Candidate,
+    describe_recording,
+    RAW_WRENCH,
+    RecordingSummary,
+    REFERENCE,
+    TEMPERATURE,
+)
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
-from wrist_ft_comp.report.days import PICTURE
+from wrist_ft_comp.report.days import (
+    date_of,
+    drift_left,
+    DriftLeft,
+    event_line,
+    events,
+    judged_drifts,
+    PICTURE,
+    summary,
+    usual_drift,
+)
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
+from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
 #: What a model is for, to whoever finds one.
 _PURPOSE = (
     'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
     '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
 )
+#: Most days in the table; JSON has all.
+MOST_DAYS = 40
+#: Newest days whose verdicts are printed.
+_VERDICTS = 3
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
@@ -67,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--picture',
         type=Path,
         metavar='PICTURE.png',
-        help="draw a node's days: what drifted, what was left, what happened",
+        help="draw a recording, or a node's days: what drifted, what was left, what happened",
     )
     options.add_topics(parser)
     options.add_json(parser)
@@ -77,13 +98,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path, folders = arguments.file, node_folders(arguments.file)
     if arguments.picture:
-        if not folders:
+        if path.is_file() and (MODEL.is_own(path) or REPORT.is_own(path) or path.name == PAYLOADS):
             raise SettingsError(
-                f'--picture draws the days of a node that learns, and {path} holds none. Name its '
-                'data_directory.'
+                f'--picture draws a recording, or the days of a node that learns; {path} is none.'
             )
-        PICTURE.check_target(arguments.picture)
-    recordings = []
+        PICTURE.check_target(arguments.picture, [path])
+    lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
@@ -99,31 +119,41 @@ def run(arguments: argparse.Namespace) -> int:
         for name, payload in payloads.items():
             lines += ['', payload_line(name, payload), *driver_lines(payload)]
     else:
-        recordings = [path]
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
-            options.check_recordings(recordings, topics)
-            summary = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, found = _read(summary, path, part_of(progress, 1, 2))
-            doubts = dict.fromkeys((*summary.warnings, *found))
+            options.check_recordings([path], topics)
+            described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
+            refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
+            found = []
+            if recording:
+                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
+                found += [*recording.warnings, *silent]
+            doubts = dict.fromkeys((*described.warnings, *found))
             said = tuple(doubt for doubt in doubts if doubt not in refusal)
-            summary = replace(summary, warnings=said)
+            described = replace(described, warnings=said)
         document = {
-            **vars(summary),
-            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
-            'commands': [] if refusal else _commands(summary, path),
+            **vars(described),
+            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in described.candidates],
+            'commands': [] if refusal and not described.is_open else _commands(described, path),
             'refusal': refusal,
         }
-        lines = [*_recording_lines(summary, path, refusal)]
-    options.warn_of_idle(arguments, recordings)
-    print_result(Result('\n'.join(lines), document), as_json=arguments.json)
+        lines = [*_recording_lines(described, path, refusal)]
+        if arguments.picture and recording:
+            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
+
+            PICTURE.write(arguments.picture, recording_png(recording))
+        elif arguments.picture:
+            raise RecordingError(f'There is nothing to draw. {refusal}')
+    print_result(Result(lines, document), as_json=arguments.json)
     return 0
 
 
-def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, object], list[str]]:
+def _days(
+    folders: Sequence[Path], picture: Path | None
+) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of nodes; a picture is of the first node's."""
     document: dict[str, object] = {}
-    texts = []
+    words: list[str | Table] = []
     for folder in folders:
         diary, memory = survey(folder), Memory()
         warnings = [diary_problem(folder)]
@@ -133,16 +163,16 @@ def _days(folders: Sequence[Path], picture: Path | None) -> tuple[dict[str, obje
             warnings.append(str(error))
         warnings = [*filter(None, warnings)]
         document[str(folder)] = {**days_json(diary, memory), 'warnings': warnings}
-        lines = (f'warning: {warning}' for warning in warnings)
-        texts.append('\n'.join((days_text(folder, diary, memory), *lines)))
+        words += ['', *days_text(folder, diary, memory)]
+        words += [f'warning: {warning}' for warning in warnings]
     if picture:
-        from wrist_ft_comp.report.days_picture import days_png  # noqa: PLC0415 -- matplotlib
+        from wrist_ft_comp.report.pictures import days_png  # noqa: PLC0415 -- matplotlib
 
         PICTURE.write(picture, days_png(survey(folders[0])))
-    return document, ['\n\n'.join(texts)]
+    return document, words[1:]
 
 
-def _model_lines(stored: StoredModel) -> Iterator[str]:
+def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     """Describe a model for people, who may have edited its provenance."""
     document, axes = stored.document, stored.document['axes']
     created = document['provenance'].get('created', 'at an unknown time')
@@ -168,13 +198,15 @@ def _model_lines(stored: StoredModel) -> Iterator[str]:
          ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
         for axis, entry in axes.items()
     ]  # fmt: skip
-    yield f'\n{table_text(header, rows)}\n'
+    yield ''
+    yield Table(header, rows)
+    yield ''
     yield from (f'{axis}: {entry["chosen"]}' for axis, entry in axes.items())
     yield from (f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes'])
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
-def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str | Table]:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
@@ -185,7 +217,8 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
-    yield f'{summary.name}: {summary.kind}, {span}\n{table_text(header, rows)}'
+    yield f'{summary.name}: {summary.kind}, {span}'
+    yield Table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.
@@ -210,7 +243,7 @@ def _range(reads: tuple[float, float] | None) -> str:
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
-def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
+def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
@@ -221,10 +254,10 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
         for c in candidates
     ]  # fmt: skip
     header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
-    lines = table_text(header, rows).splitlines()
-    width = max(map(len, lines))
-    for line, topic in zip(lines, ['topic', *(c.entry for c in candidates)], strict=True):
-        yield f'{line:{width}}  {topic}'
+    yield Table(
+        [*header, 'topic'],
+        [[*row, c.entry] for row, c in zip(rows, candidates, strict=True)],
+    )
     yield ''
     for candidate in candidates:
         if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
@@ -233,26 +266,23 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str]:
 
 
 def _read(
-    summary: RecordingSummary, path: Path, progress: Progress
-) -> tuple[str, tuple[str, ...]]:
-    """Read a recording as others do: say why nothing can be learnt from it, and what to doubt."""
+    summary: RecordingSummary, recording: Recording | None, path: Path, progress: Progress
+) -> tuple[str, Recording | None]:
+    """Read a recording as others do, or say why nothing can be learnt from it."""
     if summary.is_open:
-        return summary.refusal, ()
+        return summary.refusal, None
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
-        return f'It holds no {what}{named}, so nothing can be learnt from it.', ()
-    if summary.refusal and not summary.candidates:
-        return f'Nothing can be learnt from it. {summary.refusal}', ()
-    try:
-        recording = read_recording(
-            path, period_s=summary.period_s, topics=summary.topics, progress=progress
-        )
+        return f'It holds no {what}{named}, so nothing can be learnt from it.', None
+    if summary.refusal:
+        return f'Nothing can be learnt from it. {summary.refusal}', None
+    try:  # of a bag, which topics to read is known by now
+        recording = recording or read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:
-        with_topics = ' with these topics' if summary.candidates else ''
-        return f'Nothing can be learnt from it{with_topics}. {error}', ()
+        return f'Nothing can be learnt from it with these topics. {error}', None
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
@@ -260,9 +290,8 @@ def _read(
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
             'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
         )
-        return sentence, ()
-    silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
-    return '', (*recording.warnings, *silent)
+        return sentence, None
+    return '', recording
 
 
 def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
@@ -303,6 +332,7 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
     topics = summary.topics or Topics()
     reference = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    reference &= not summary.is_unloaded
     force = summary.specific_force
     at_work = force is not None and force.seen > 0 and not reference
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
@@ -310,8 +340,6 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     if not summary.candidates:
         if topics.columns:
             words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-        if summary.period_s != 1.0:
-            calibrate += ['--thermal-period', f'{summary.period_s:g}']
         another = f'another_day{"".join(path.suffixes[-2:])}'
         evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
         return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]
@@ -336,3 +364,73 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     calibrate += ['--report', 'model.html']
     evaluate += ['--report', 'evaluation.html']
     return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
+
+
+def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table]:
+    """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
+    days, happened = diary.days[-MOST_DAYS:], events(diary)
+    rows = []
+    for day in days:
+        drift = drift_left(day)
+        drifts = (*drift, 100 * drift.share)
+        rows.append(
+            [
+                day.name.removesuffix('.csv'),
+                date_of(day),
+                f'{day.hours:.1f}' if day.first_ns else '-',
+                ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
+                *('-' if np.isnan(value) else rounded(value) for value in drifts),
+            ]
+        )
+    header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
+    newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
+    lines = [
+        f'What happened{newest}:' if happened else '',
+        *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
+        *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
+        f'last change: {last_change(diary.history) or "none yet"}',
+        f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
+        f'paused: {diary.paused}' if diary.paused else '',
+    ]
+    newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
+    head = [
+        f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
+        *map(filled, summary(diary)),
+    ]
+    return [*head, Table(header, rows), '', *map(filled, filter(None, lines))]
+
+
+def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
+    """Turn days, what was left of their drift, and what happened into plain values."""
+    # Where its recording could not be read, a day has neither date nor length.
+    unknown = {'first_ns': None, 'hours': None}
+    days = [
+        {**vars(day), 'known': sorted(day.known), 'force_n': _shares(drift_left(day)),
+         **({} if day.first_ns else unknown)}
+        for day in diary.days
+    ]  # fmt: skip
+    happened = [
+        {**event._asdict(), 'first': days[event.first]['name'], 'last': days[event.last]['name']}
+        for event in events(diary)
+    ]
+    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
+    medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
+    decisions = [(entry.day, entry.why) for entry in diary.history if entry.day]
+    node = {**vars(memory), 'change': last_change(diary.history)}
+    sentence, counted = summary(diary)
+    figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
+    said = {'summary': figures, 'events': happened}
+    return {'days': days, 'decisions': decisions, 'paused': diary.paused, 'node': node, **said}
+
+
+def _shares(drift: DriftLeft) -> dict[str, float]:
+    """Turn what was left of a drift into plain values."""
+    return {**drift._asdict(), 'share': drift.share}
+
+
+def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:
+    """Put payloads into plain values; what is not known is null."""
+    return [
+        {'name': name, **payload_figures(payload), 'driver_calls': driver_calls(payload)}
+        for name, payload in payloads.items()
+    ]

@@ -17,7 +17,6 @@ from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.weight import driver_lines, ForceFrame, payload_line
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.report.summary import summarise
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
 #: Nice value of a job for which somebody waits.
@@ -41,8 +40,7 @@ def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     outcome = run_job(job)
     content = outcome.view(job)
     lines = [
-        summarise(outcome.calibration),
-        *(f'next: {sentence}' for sentence in content.advice[:1]),
+        *content.lines(),
         *(f'warning: {sentence}' for sentence in outcome.left_out),
         f'saved as {outcome.stored.path}',
     ]

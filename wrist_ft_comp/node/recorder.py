@@ -213,7 +213,8 @@ class RecordService(Part):
 
     def begin(self) -> str:
         """Start recording; say where to."""
-        from wrist_ft_comp.recordings import csv_writer  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.recordings import table_form  # noqa: PLC0415 -- rare
+        from wrist_ft_comp.recordings.read_options import origin_column  # noqa: PLC0415
 
         if self.current is not None:
             raise RecordingError(
@@ -226,8 +227,8 @@ class RecordService(Part):
         try:
             with writing(self.store.directory):
                 path = self.store.new_recording_path()
-                origin = csv_writer.origin_column(self.recorder.sensor())
-                writer = csv_writer.CsvRecordingWriter(path, (*self.recorder.channels, origin))
+                origin = origin_column(self.recorder.sensor())
+                writer = table_form.CsvRecordingWriter(path, (*self.recorder.channels, origin))
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'

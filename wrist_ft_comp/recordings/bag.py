@@ -1,15 +1,36 @@
 """What a bag is, whichever backend reads it."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 import difflib
-from itertools import islice
+from itertools import chain, islice
 from typing import Any, TypeVar
 
+import numpy as np
+
+from wrist_ft_comp.channels import (
+    AXES,
+    FORCE_CHANNELS,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+    SensorNames,
+    temperature_channel,
+)
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.series import Progress
-from wrist_ft_comp.wire.message_layout import Definitions
+from wrist_ft_comp.recording import Samples, Topics
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader, Path
+from wrist_ft_comp.wire.temperature_source import (
+    parse_sources,
+    path_text,
+    temperatures_in,
+    TemperatureSource,
+)
+from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -142,3 +163,243 @@ def translated(name: str) -> Iterator[None]:
             "Try 'ros2 bag reindex' on the folder, 'mcap recover' on an .mcap file, or "
             "'sqlite3 FILE .recover' on a .db3 file."
         ) from error
+
+
+#: A wrench is stamped by another clock than the recorder's where its time of arrival is farther
+#: from its stamp, ns.
+_APART_NS = 10 * NANOSECONDS
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+#: Gravity by TF is computed once in this time, ns.
+_STEP_NS = NANOSECONDS // 50
+#: Steps after a transform in which it may be used: until a gap would begin.
+_STEPS = np.arange(GAP_NS // _STEP_NS)
+
+
+@dataclass(frozen=True, eq=False)
+class _TopicStream:
+    """A topic that is read: a header and doubles, or any message with numbers in it."""
+
+    connection: Connection
+    #: Channels of the first doubles, or of the sources.
+    channels: tuple[str, ...]
+    sources: tuple[TemperatureSource, ...] = ()
+    reader: NumberReader | None = None
+
+
+def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
+    """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
+    found = _streams(bag, topics)
+    streams = {stream.connection.id: stream for stream in found}
+    unstamped = [stream for stream in found if not stream.sources]
+    unread = {stream for stream in found if stream.sources}
+    ahead_ns = 0
+    if topics.gravity_frame:
+        yield from gravity_samples(bag, topics)
+    for stream, times_ns, messages in bag.grouped(streams, progress):
+        connection, channels = stream.connection, stream.channels
+        stamps_ns, values = decode(bag, connection, messages, stream.reader)
+        if not stream.sources:
+            if stamps_ns.any():
+                unstamped = [other for other in unstamped if other is not stream]
+                ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
+            stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)
+            if connection.msgtype == cdr.IMU:
+                yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
+                speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
+                measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
+                yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+            else:
+                yield Samples(channels, stamps_ns, values[:, : len(channels)])
+            continue
+        if stream in unread:
+            unread.discard(stream)
+            for source, column in zip(stream.sources, values.T, strict=True):
+                if not np.isfinite(column).any():
+                    layout = follow(bag.define(connection), connection.msgtype, messages[0])
+                    raise RecordingError(f'{bag.name}: {source.missing(layout)}')
+        if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
+            raise RecordingError(
+                f'Messages on {connection.topic} of {bag.name} have no stamp, and their '
+                'time of arrival says nothing: wrenches are stamped '
+                f'{abs(ahead_ns) / NANOSECONDS:.0f} s {"after" if ahead_ns > 0 else "before"} '
+                "they arrived, by another clock than the recorder's. Let the wrench's driver "
+                'stamp by the clock of ROS, and record again.'
+            )
+        if stamps_ns.any():
+            stamps_ns = np.where(stamps_ns, stamps_ns, times_ns)
+        else:  # in simulated time, many may arrive at once
+            stamps_ns, first = np.unique(times_ns, return_index=True)
+            values = values[first]
+        for channel, source, column in zip(channels, stream.sources, values.T, strict=True):
+            yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
+    for stream in unstamped:
+        topic, remedy = stream.connection.topic, 'and record again'
+        if stream.connection.msgtype == cdr.TEMPERATURE:
+            remedy = f'or name it {topic}:temperature, which takes the times of arrival'
+        raise RecordingError(
+            f'Every message on {topic} of {bag.name} has the header stamp 0; expected the time of '
+            f'measurement. Let the driver fill header.stamp, {remedy}.'
+        )
+
+
+def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
+    """Find the topics; a stream for each connection."""
+    plain: list[tuple[str, str, str, tuple[str, ...]]] = [
+        (topics.wrench, cdr.WRENCH, 'raw wrench', AXES)
+    ]
+    fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
+    sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
+    for number, source in enumerate(sources):
+        channel = temperature_channel(number)
+        if source.path:
+            fields[source.topic.strip('/')].append((channel, source))
+            continue
+        for connection in bag.named(source.topic):
+            if connection.msgtype == cdr.TEMPERATURE:
+                continue
+            for path in temperatures_inside(bag, connection)[:1]:
+                raise RecordingError(
+                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
+                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
+                    f'{source.topic}:{path_text(path)}?'
+                )
+        plain.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
+    holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
+    if holds_reference or topics.reference != Topics().reference:
+        plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
+    if topics.imu:
+        plain.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
+    streams = [
+        _TopicStream(connection, channels)
+        for topic, message_type, role, channels in plain
+        for connection in bag.find(topic, message_type, role)
+    ]
+    for topic, parts in fields.items():
+        channels, named = zip(*parts, strict=True)
+        paths = [source.path for source in named]
+        for connection in bag.find(topic, None, 'temperature'):
+            reader = NumberReader(bag.define(connection), connection.msgtype, paths)
+            streams.append(_TopicStream(connection, channels, named, reader))
+    seen: set[int] = set()
+    for stream in streams:
+        if stream.connection.id in seen:
+            raise RecordingError(
+                f'Topic {stream.connection.topic} is named twice; each must be another one.'
+            )
+        seen.add(stream.connection.id)
+    return streams
+
+
+def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
+    """Find the numbers of a topic's first message that are named like temperatures."""
+    with suppress(RecordingError):  # a message that cannot be decoded shows none
+        if content := bag.first(connection):
+            layout = follow(bag.define(connection), connection.msgtype, content)
+            return temperatures_in(layout, connection.topic)
+    return []
+
+
+def decode(
+    bag: Bag, connection: Connection, messages: list[bytes], reader: NumberReader | None = None
+) -> tuple[IntArray, FloatArray]:
+    """
+    Read stamps, ns, (n,), and the doubles of messages, or the reader's numbers, shape (n, P).
+
+    RecordingError, which names bag and topic, where one is damaged.
+    """
+    topic = connection.topic
+    try:
+        if reader is not None:
+            return reader.read(messages)
+        return cdr.decode_many(messages, cdr.DOUBLES[connection.msgtype])
+    except RecordingError as error:
+        if messages[0].startswith(_ZSTD_MAGIC):
+            raise RecordingError(
+                f'Messages on {topic} of {bag.name} are compressed one by one, which only '
+                "metadata.yaml tells. Name the bag's folder, after 'ros2 bag reindex' if need be."
+            ) from error
+        raise RecordingError(f'A message on {topic} of {bag.name} is damaged. {error}') from error
+
+
+def sensor_of(bag: Bag, topics: Topics) -> SensorNames:
+    """Find the names of the sensor of a bag."""
+    wrench = bag.find(topics.wrench, cdr.WRENCH, 'raw wrench')[0]
+    temperatures = [f'/{entry.strip("/")}' for entry in topics.temperatures]
+    names = {'wrench_topic': [wrench.topic], 'temperature_topics': temperatures}
+    # Who decodes the wrench says what is wrong with it.
+    with suppress(RecordingError):
+        data = bag.first(wrench) or b''
+        if frame_id := cdr.locate(data, cdr.WRENCH_DOUBLES).frame_id(data):
+            names['frame_id'] = [frame_id]
+    return names
+
+
+def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
+    """Compute specific force by TF, 50 times a second; RecordingError where TF gives none."""
+    moving = bag.find(_tf_topic(bag, '/tf'), cdr.TF, 'gravity')
+    gravity = _static_gravity(bag, topics)
+    due: IntArray = np.empty(0, np.int64)
+    last_step, found = 0, False
+    for batch in chain(bag.batches(moving), [[]]):
+        stamps = _add_transforms(bag, gravity, batch)
+        steps = np.unique(np.concatenate([due[:0], *(part // _STEP_NS for part in stamps)]))
+        due = np.union1d(due, np.add.outer(steps, _STEPS))
+        settled_ns = gravity.settled_ns() if batch else None
+        now = due * _STEP_NS <= (settled_ns or np.iinfo(np.int64).max) - _STEP_NS // 2
+        steps, due = due[now & (due > last_step)], due[~now]
+        last_step = max([last_step, *steps[-1:].tolist()])
+        times_ns = steps * _STEP_NS + _STEP_NS // 2
+        force, speed = gravity.read(times_ns)
+        gravity.forget()
+        linked, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
+        found |= bool(linked.any())
+        yield Samples(FORCE_CHANNELS, times_ns[linked], force[linked])
+        yield Samples((ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
+    if not found:
+        raise RecordingError(
+            f'{bag.name}: {gravity.missing()} Name another --gravity-frame; of a split bag, name '
+            'the folder: /tf_static is in its first file.'
+        )
+
+
+def uppermost_frame(bag: Bag, topics: Topics) -> str:
+    """Find the frame that most probably has z upwards: the one above all that hold the sensor."""
+    gravity = _static_gravity(bag, topics)
+    for batch in islice(bag.batches(bag.named(_tf_topic(bag, '/tf'))), 1):
+        _add_transforms(bag, gravity, batch)
+    return gravity.root()
+
+
+def _static_gravity(bag: Bag, topics: Topics) -> GravityByTf:
+    """Begin with the frame of the raw wrench and the static transforms of all of the bag."""
+    sensor = sensor_of(bag, topics)
+    if 'frame_id' not in sensor:
+        raise RecordingError(
+            f'{sensor["wrench_topic"][0]} of {bag.name} has no frame_id, so TF cannot say how the '
+            'sensor is turned. Let the driver fill header.frame_id, or use an IMU.'
+        )
+    gravity = GravityByTf(topics.gravity_frame, sensor['frame_id'][0])
+    static = bag.named(_tf_topic(bag, '/tf_static'))
+    for batch in bag.batches(static) if static else ():
+        _add_transforms(bag, gravity, batch, static=True)
+    return gravity
+
+
+def _tf_topic(bag: Bag, name: str) -> str:
+    """Find a topic of TF, also in a namespace if there is one only."""
+    found = {c.topic for c in bag.connections if c.topic.endswith(name)}
+    return found.pop() if len(found) == 1 else name
+
+
+def _add_transforms(
+    bag: Bag, gravity: GravityByTf, batch: Sequence[Message], *, static: bool = False
+) -> list[IntArray]:
+    """Take the transforms of messages in; returns their stamps, ns."""
+    stamps = []
+    try:
+        for transforms in decode_transforms([data for _, _, data in batch]):
+            gravity.add(transforms, static=static)
+            stamps.append(transforms.stamps_ns)
+    except RecordingError as error:
+        raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
+    return stamps

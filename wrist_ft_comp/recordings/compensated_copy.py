@@ -10,10 +10,9 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
-from wrist_ft_comp.recordings.bag import Bag, SUFFIXES
-from wrist_ft_comp.recordings.bag_recording import decode
-from wrist_ft_comp.recordings.column_map import COMPENSATED, ORIGIN
-from wrist_ft_comp.recordings.open_recording import backend, open_recording, OpenTable
+from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
+from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
+from wrist_ft_comp.recordings.read_options import COMPENSATED, ORIGIN
 from wrist_ft_comp.recordings.table import Rows
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.stored.own_file import Output, writing
@@ -135,18 +134,25 @@ def _write_table(
     import pandas  # noqa: PLC0415 -- a bag is copied without it
 
     source.require('stamp', 'raw wrench')
-    names = [column.channel for column in source.columns.channels]
-    present = [axis for axis in AXES if axis in names]
-    origin = [name for name in source.table.names if name.startswith(ORIGIN)]
+    channels = [column.channel for placed in source.columns for column in placed.channels]
+    origin = [name for name in source.names if name.startswith(ORIGIN)]
+    present = [axis for axis in AXES if axis in channels]
     for number, rows in enumerate(source.rows(progress)):
-        columns: dict[str, object] = {'stamp_ns': rows.stamps_ns, **rows.values}
-        columns |= _corrected(rows, present, correct, '')
+        # Of tables that are joined, each fills its own columns.
+        absent = np.full(len(rows.stamps_ns), np.nan)
+        values = {channel: rows.values.get(channel, absent) for channel in channels}
+        filled = replace(rows, values=values)
+        columns: dict[str, object] = {'stamp_ns': rows.stamps_ns, **values}
+        columns |= _corrected(filled, present, correct, '')
         columns |= dict.fromkeys([*origin, COMPENSATED], '')
         if external:
-            columns |= _corrected(rows, present, external, 'external_')
+            columns |= _corrected(filled, present, external, 'external_')
         pandas.DataFrame(columns).to_csv(
             target, mode='a', index=False, header=not number, lineterminator='\n'
         )
+    if len(source.tables) > 1:
+        frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})
+        frame.sort_values('stamp_ns', kind='stable').to_csv(target, index=False)
 
 
 def _corrected(

@@ -1,8 +1,11 @@
 """What a file or a folder holds, for people: channels, and how they would be read."""
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -10,38 +13,231 @@ from wrist_ft_comp.channels import (
     AXES,
     axis_unit,
     FORCE_CHANNELS,
+    is_plausible,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
+    temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
-from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.bag import Bag
-from wrist_ft_comp.recordings.bag_recording import gravity_samples, uppermost_frame
-from wrist_ft_comp.recordings.bag_survey import (
-    Candidate,
-    RAW_WRENCH,
-    suggested_topics,
-    survey_bag,
-    TEMPERATURE,
-    TF,
+from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recordings.bag import (
+    Bag,
+    Connection,
+    gravity_samples,
+    temperatures_inside,
+    uppermost_frame,
 )
-from wrist_ft_comp.recordings.column_map import KINDS, listed
-from wrist_ft_comp.recordings.log_proposal import OPEN, propose
-from wrist_ft_comp.recordings.open_recording import BAG, open_recording, OpenTable, TABLE
+from wrist_ft_comp.recordings.log_proposal import missing_sentence, OPEN
+from wrist_ft_comp.recordings.read import (
+    BAG,
+    open_recording,
+    OpenTable,
+    read_opened,
+    TABLE,
+)
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.series import NANOSECONDS, Progress
-from wrist_ft_comp.stream.batch_grid import SampleChecks
-from wrist_ft_comp.wire.temperature_source import parse_source
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
+from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire.message_layout import NumberReader
+from wrist_ft_comp.wire.message_layout import Path as FieldPath
+from wrist_ft_comp.wire.temperature_source import parse_source, path_text
+
+RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
+_ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
+#: Names of wrenches that were processed before; /wrench is what compensate adds.
+_TREATED = re.compile(
+    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
+)
+#: Names of temperatures of the sensor, or near it.
+_NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
+#: Names of temperatures of what heats the sensor, or of its surroundings.
+_FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
+#: A thermometer that changes by less, K, sees no warm-up.
+_MOVES_K = 0.5
+#: Number of thermometers that are suggested: one inside the sensor, one at the motor's side.
+_SUGGESTED = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A topic, or a number in its messages, that may be used, and how good it is."""
+
+    #: RAW_WRENCH, TEMPERATURE, IMU or TF.
+    role: str
+    #: As an option takes it: a topic, or ``topic:field``.
+    entry: str
+    samples: int
+    #: Time from the first to the last sample.
+    span_s: float
+    #: Longest time without a sample.
+    longest_gap_s: float
+    #: Whether the stamps are the headers'; else times of arrival.
+    stamped: bool
+    #: Lowest and highest reading, in the driver's unit; None but for temperatures.
+    reads: tuple[float, float] | None = None
+    #: Specific force of an IMU; None for other roles.
+    force: ForceSummary | None = None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Samples per second, on average."""
+        return (self.samples - 1) / self.span_s if self.span_s > 0 else None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a temperature that moved."""
+        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is a temperature that moved, probably in °C."""
+        return self.moves and all(map(is_plausible, self.reads or ()))
+
+
+@dataclass(eq=False)
+class _Tally:
+    """Statistics of the messages of a connection."""
+
+    connection: Connection
+    #: Empty for messages of another type, with temperatures inside.
+    role: str
+    #: Of messages of another type: where the temperatures are.
+    paths: list[FieldPath] = field(default_factory=list)
+    reader: NumberReader | None = None
+    samples: int = 0
+    stamped: bool = False
+    first_ns: int | None = None
+    last_ns: int = 0
+    gap_ns: int = 0
+    #: Of each temperature.
+    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    #: Of specific force.
+    moments: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
+
+    def add(self, times_ns: list[int], messages: list[bytes]) -> None:
+        """Take messages into account."""
+        if self.reader is not None:
+            stamps_ns, values = self.reader.read(messages)
+        elif self.role == TF:
+            stamps_ns, values = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
+        else:
+            stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
+        if self.role == IMU:
+            self.moments += moments_of(values[:, cdr.ACCELERATION])
+        if self.role:
+            values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
+        self.stamped |= bool(stamps_ns.any())
+        # A single message without a stamp must not mix the clock of arrival with that of stamps.
+        stamps_ns = np.asarray(stamps_ns[stamps_ns != 0] if stamps_ns.any() else times_ns)
+        self.samples += len(messages)
+        if self.first_ns is None:
+            self.first_ns = self.last_ns = int(stamps_ns[0])
+        steps = np.diff(stamps_ns, prepend=self.last_ns)
+        self.gap_ns = max(self.gap_ns, int(steps.max()))
+        self.last_ns = int(stamps_ns[-1])
+        self.low = np.fmin(self.low, np.fmin.reduce(values))
+        self.high = np.fmax(self.high, np.fmax.reduce(values))
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Make the candidates of the connection."""
+        span_ns = self.last_ns - (self.first_ns or 0)
+        figures = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
+        topic = self.connection.topic
+        if self.role and self.role != TEMPERATURE:
+            yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
+            return
+        # What has no stamp counts at its time of arrival where it is read as a field.
+        plain: list[FieldPath] = [()] if self.stamped else [('temperature',)]
+        paths = plain if self.role else self.paths
+        for path, low, high in zip(paths, self.low, self.high, strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else topic
+            yield Candidate(TEMPERATURE, entry, *figures, (float(low), float(high)))
+
+
+def survey_bag(
+    bag: Bag, progress: Progress | None = None
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """List what may be used of a bag, by role and topic, and warnings."""
+    warnings: list[str] = []
+    tallies: dict[int, _Tally] = {}
+    for connection in (c for c in bag.connections if c.msgcount):
+        number, kind = connection.id, connection.msgtype
+        if role := _ROLES.get(kind):
+            tallies[number] = _Tally(connection, role)
+            continue
+        try:
+            definitions = bag.define(connection)
+        except RecordingError as error:
+            warnings.append(f'Whether it holds temperatures is not known: {error}')
+            continue
+        if paths := temperatures_inside(bag, connection):
+            reader = NumberReader(definitions, kind, paths)
+            tallies[number] = _Tally(connection, '', paths, reader)
+    for tally, times_ns, messages in bag.grouped(tallies, progress):
+        try:
+            tally.add(times_ns, messages)
+        except RecordingError as error:  # noqa: PERF203 -- others are whole
+            del tallies[tally.connection.id]
+            warnings.append(f'{tally.connection.topic} cannot be used: {error}')
+    found = (c for tally in tallies.values() if tally.samples for c in tally.candidates())
+    order = list(_ROLES.values())
+    return (
+        tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
+        tuple(warnings),
+    )
+
+
+def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
+    """
+    Choose the topics of a bag: the named ones that it holds, else the most probable ones.
+
+    The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
+    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
+    without the name of a motor, with the longest common beginning of its name and the wrench's, or
+    with the name of something at the tool; the same holds for IMUs. In an array, the last element
+    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
+    """
+    wrenches = [c for c in candidates if c.role == RAW_WRENCH]
+    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = wrenches[0].entry if wrenches else ''
+    rivals = [c.entry for c in wrenches]
+
+    def is_of_another_sensor(candidate: Candidate) -> bool:
+        names, ours = _names(candidate.entry), _names(wrench)
+        others = (_names(other) for other in rivals if other != wrench)
+        return any(names & (other - ours) and not names & (ours - other) for other in others)
+
+    def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
+        pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
+        common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
+        indices = re.findall(r'\[(\d+)\]', candidate.entry)
+        far, near = _FAR.search(candidate.entry), _NEAR.search(candidate.entry)
+        return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
+
+    topics = replace(topics, wrench=wrench)
+    candidates = [c for c in candidates if not is_of_another_sensor(c)]
+    imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
+    if imus and not topics.imu and not topics.gravity_frame:
+        topics = replace(topics, imu=imus[0].entry)
+    if topics.temperatures != Topics().temperatures:
+        return topics
+    found = [c for c in candidates if c.role == TEMPERATURE]
+    found = sorted([c for c in found if c.usable] or found[:1], key=distance)
+    return replace(topics, temperatures=tuple(c.entry for c in found[:_SUGGESTED]))
+
+
+def _names(entry: str) -> set[str]:
+    """Split a topic into the names between its slashes, and these into words."""
+    return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
+
 
 REFERENCE = 'reference'
-#: Thermal cells are as long as rows are apart where that is between these, s: rows that are more
-#: than a day apart are those of a log in another unit.
-_SLOW_S = 120.0, 86_400.0
 SPECIFIC_FORCE = 'specific force'
 #: Roles of channels that are no temperatures.
-_ROLES = {
+_CHANNEL_ROLES = {
     **dict.fromkeys(AXES, RAW_WRENCH),
     **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
     **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
@@ -87,117 +283,109 @@ class RecordingSummary:
     is_open: bool = False
     #: Why a file cannot be read as a recording; empty where it can, and of a bag.
     refusal: str = ''
-    #: Length of the thermal cells that fit: 1 s, or that from row to row of a slow log.
-    period_s: float = 1.0
+    #: Whether a reference was recorded that is zero throughout.
+    is_unloaded: bool = False
 
 
 def describe_recording(
     path: Path | str, topics: Topics | None = None, progress: Progress | None = None
-) -> RecordingSummary:
+) -> tuple[RecordingSummary, Recording | None]:
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Of a bag, the topics say which role which one has; what they don't name is chosen.
-    RecordingError when it cannot be read.
+    Of a bag, the topics say which role which one has; what they don't name is chosen. A table is
+    read on the way: the recording, or None. RecordingError when it cannot be read.
     """
     topics = topics or Topics()
     with open_recording(Path(path), topics) as opened:
         if isinstance(opened, OpenTable):
             return _describe_table(opened, progress)
-        return _describe_bag(opened.bag, topics, progress)
+        # Take topics, counts and times from the bag's own index, and survey what may be used.
+        bag = opened.bag
+        candidates, warnings = survey_bag(bag, progress)
+        topics = suggested_topics(candidates, topics)
+
+        # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
+        force, asked = None, topics.gravity_frame
+        if topics.imu:
+            imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
+            force = next(imus, None)
+        elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
+            moments = np.zeros((4, 4))
+            try:
+                topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
+                for block in gravity_samples(bag, topics):
+                    moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
+                force = describe_force(moments)
+            except RecordingError as error:
+                topics = replace(topics, gravity_frame='')
+                warnings = *warnings, *([str(error)] if asked else [])
+
+        temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+        wrench = topics.wrench.strip('/')
+        both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
+        roles = {
+            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+            topics.reference.strip('/'): REFERENCE,
+            **dict.fromkeys(temperatures, TEMPERATURE),
+            wrench: both,
+        }
+        counts: Counter[tuple[str, str]] = Counter()
+        for connection in bag.connections:
+            counts[connection.topic, connection.msgtype] += connection.msgcount
+        first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+        channels = tuple(
+            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+            for (topic, kind), count in sorted(counts.items())
+        )
+        compressed = f', {bag.compression} compression' if bag.compression else ''
+        summary = RecordingSummary(
+            bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+            (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
+        return summary, None
 
 
-def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
-    """Describe a table; what cannot be read as it is, by a map that is proposed."""
-    if not opened.columns.lacks(list(KINDS)):
-        return _count_samples(opened, progress)
-    topics, table = opened.options.topics, opened.table
-    proposal, time = propose(opened.columns, table.shown_rows())
-    columns = ','.join([*filter(None, [topics.columns]), proposal])
-    topics = replace(topics, columns=columns, time=topics.time or time)
-    if OPEN not in proposal:
-        summary = _count_samples(OpenTable(table, parse_options(topics)), progress)
-        return replace(summary, guessed=True)
-    refusal = (
-        f'Some of what a recording needs cannot be told from the columns of {table.name}: '
-        f'{listed(table.names)}. Name a column in the place of {OPEN}, or give its number.'
-    )
-    summary = RecordingSummary(table.name, TABLE, (), None, None, topics=topics)
-    return replace(summary, is_open=True, guessed=True, refusal=refusal)
-
-
-def _count_samples(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
-    """Count samples, judge them one by one, and name every channel's unit and role."""
-    checks, moments = SampleChecks(opened.name), np.zeros((4, 4))
-    ends: list[int] = []
-    spacings_s: list[float] = []
-    for block in opened.samples(progress):
-        if block.channels == FORCE_CHANNELS:
-            moments += moments_of(block.values)
-        if len(block.stamps_ns):
-            ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
-            ends = [min(ends), max(ends)]
-        if len(block.stamps_ns) > 1:
-            spacings_s.append(float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS)
-        checks.admit(block)
-    period_s, spacing_s = 1.0, min(spacings_s, default=0.0)
-    if _SLOW_S[0] < spacing_s < _SLOW_S[1]:  # as of a row in ten minutes for weeks
-        period_s = min(float(round(spacing_s)), PERIODS_S[1])
-    found: dict[str, ChannelSummary] = {}
-    for channels, tally in checks.tallies.items():
-        for channel in channels:
-            role = _ROLES.get(channel, TEMPERATURE)
-            unit = axis_unit(channel.removeprefix('reference_'))
-            reads = (tally.least, tally.largest) if role == TEMPERATURE else None
-            samples = tally.samples + (found[channel].samples if channel in found else 0)
-            found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
-    first_ns, last_ns = ends or (None, None)
-    return RecordingSummary(
-        opened.name, TABLE, tuple(found.values()), first_ns, last_ns,
-        warnings=(*opened.warnings, *(sentence for sentence, _ in checks.judge())),
-        topics=opened.options.topics, specific_force=describe_force(moments),
-        refusal=opened.compensated, period_s=period_s)  # fmt: skip
-
-
-def _describe_bag(bag: Bag, topics: Topics, progress: Progress | None) -> RecordingSummary:
-    """Take topics, counts and times from the bag's own index, and survey what may be used."""
-    candidates, warnings = survey_bag(bag, progress)
-    topics = suggested_topics(candidates, topics)
-
-    # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
-    force, asked = None, topics.gravity_frame
-    if topics.imu:
-        imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
-        force = next(imus, None)
-    elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
-        moments = np.zeros((4, 4))
-        try:
-            topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
-            for block in gravity_samples(bag, topics):
-                moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
-            force = describe_force(moments)
-        except RecordingError as error:
-            topics = replace(topics, gravity_frame='')
-            warnings = *warnings, *([str(error)] if asked else [])
-
-    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
-    wrench = topics.wrench.strip('/')
-    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
-    roles = {
-        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
-        topics.reference.strip('/'): REFERENCE,
-        **dict.fromkeys(temperatures, TEMPERATURE),
-        wrench: both,
-    }
-    counts: Counter[tuple[str, str]] = Counter()
-    for connection in bag.connections:
-        counts[connection.topic, connection.msgtype] += connection.msgcount
-    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
-    channels = tuple(
-        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
-        for (topic, kind), count in sorted(counts.items())
-    )
-    compressed = f', {bag.compression} compression' if bag.compression else ''
-    return RecordingSummary(
-        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
-        (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
+def _describe_table(
+    opened: OpenTable, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
+    topics, guessed = opened.options.topics, bool(opened.lacks())
+    if guessed:
+        proposal = opened.propose()
+        columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
+        topics = replace(topics, columns=columns, time=topics.time or proposal.time)
+        if OPEN in columns:
+            refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
+            summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
+            return replace(summary, is_open=True, guessed=True, refusal=refusal), None
+        opened = OpenTable(opened.tables, parse_options(topics))
+    recording, refusal = None, ''
+    try:
+        recording = read_opened(opened, period_s=opened.period_s, progress=progress)
+    except RecordingError as error:
+        if not opened.is_read:
+            raise
+        refusal = str(error)
+    force, is_unloaded, reads = None, False, {}
+    if recording:
+        heats = np.where(recording.measured, recording.temperature_c, np.nan)
+        limits = zip(np.nanmin(heats, axis=0).tolist(), np.nanmax(heats, axis=0), strict=True)
+        reads = {
+            temperature_channel(j): (low, float(high)) for j, (low, high) in enumerate(limits)
+        }
+        is_unloaded = not np.nan_to_num(recording.reference).any()
+        if recording.specific_force is not None:
+            known = np.isfinite(recording.specific_force).all(axis=1)
+            force = describe_force(moments_of(recording.specific_force[known]))
+    first_ns, last_ns = opened.span_ns or (None, None)
+    channels = []
+    for channel, count in opened.counts.items():
+        role = _CHANNEL_ROLES.get(channel, TEMPERATURE)
+        unit = '°C' if role == TEMPERATURE else axis_unit(channel.removeprefix('reference_'))
+        channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    summary = RecordingSummary(
+        opened.name, TABLE, tuple(channels), first_ns, last_ns,
+        warnings=opened.warnings, topics=topics,
+        specific_force=force, guessed=guessed, refusal=opened.compensated or refusal,
+        is_unloaded=is_unloaded)  # fmt: skip
+    return summary, recording

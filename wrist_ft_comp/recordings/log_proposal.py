@@ -4,35 +4,45 @@ What the columns of another program's log may be: proposed by names, units and v
 A time increases; of two, one that is no row number. A temperature has its name or its unit, and
 readings that a thermometer makes. A force has its name, or it is what is left with a unit or a
 word of forces. What never changes, what counts, and texts are none of them. What cannot be told
-stays open, as in ``force_z=…``.
+stays open, as in ``force_z=…``, with the columns that it could be.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-import difflib
+from dataclasses import dataclass, field
 from itertools import count
 from math import isnan
 import re
 import shlex
-from typing import NoReturn
+from unicodedata import normalize
 
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
-from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.column_map import (
+from wrist_ft_comp.recordings.read_options import (
     CHANNELS,
     COMPENSATED,
+    EXCEL,
     KINDS,
     known_unit,
     listed,
     ORIGIN,
     Placed,
+    ROW_NUMBER,
     STAMP,
+    STAMP_COLUMNS,
+    STAMP_DATE,
     STAMP_NANOSEC,
+    TIME_UNITS_NS,
 )
-from wrist_ft_comp.recordings.table import exact_ns, find_form
-from wrist_ft_comp.recordings.table_header import number_in
+from wrist_ft_comp.recordings.table_form import (
+    epoch_unit,
+    exact_ns,
+    find_form,
+    Header,
+    number_in,
+    unit_of_times,
+)
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 _EXPECTED = {
@@ -42,33 +52,52 @@ _EXPECTED = {
 }
 #: Stands in a map for a column that a person has to name.
 OPEN = '…'
-#: Names of columns by other loggers, in small letters, without signs and a unit in brackets.
-_ALIASES = {
-    f'{short}{axis}': f'{channel}_{axis}'
-    for shorts, channel in (
-        (('f', 'f_', 'kraft_'), 'force'),
-        (('t', 't_', 'm', 'm_'), 'torque'),
-        (('a', 'acc_'), 'linear_acceleration'),
-    )
-    for short in shorts
-    for axis in 'xyz'
-}
-#: T, T1, T_sensor or T [°C] is a temperature; t is a time, and T_x a torque.
-_SHORT_TEMPERATURE = re.compile(
-    r'T(\d+|_(?![xyzXYZ]\b)\w+)?\s*(/\s*°\w|[\[(]\W*(deg)?\W*[CKF]\w*\W*)?'
+#: Words of quantities, in small letters, in the languages of common recorders.
+_QUANTITIES = {
+    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', '力', '荷重'},
+    'torque': {
+        'torque', 'torques', 'trq', 't', 'm', 'mom', 'moment', 'drehmoment', 'couple', 'momento',
+        'coppia', 'トルク', '力矩', '扭矩',
+    },
+    'linear_acceleration': {'acceleration', 'accel', 'acc', 'a', 'beschleunigung'},
+}  # fmt: skip
+#: A word that ends in an axis, and the quantity before it.
+_AXIS = re.compile(
+    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク)?([xyz])'
 )
-#: Words of times, of the true wrench, and of forces, in names.
+#: Words of times, in words of names, and alone.
 _TIME_WORD = re.compile(
-    r'_*(t|.*(time|stamp|zeit|date|datum|elapsed|epoch|clock|secs?|seconds|x_?value))'
-    r'(_?(ns|us|ms|s|min|h))?'
+    'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
+    'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
-_TRUE = re.compile('reference|ref|truth|true')
-_FORCE_WORD = re.compile(r'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms')
+_SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
+_DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
+#: Words of thermometers beside those of any language that begin with "temp".
+_TEMPERATURE_WORDS = {'t', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度'}
+#: Words of the true wrench, of what was made of the raw one, and of any force.
+_TRUE = {'reference', 'ref', 'truth', 'true'}
+_TREATED = {
+    'external', 'target', 'desired', 'cmd', 'command', 'setpoint', 'std', 'variance', 'filtered',
+    'filter', 'compensated', 'rms', 'min', 'max',
+}  # fmt: skip
+_FORCE_WORD = re.compile(
+    'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
+    'fuerza|peso|carga|forza|力|荷重|重'
+)
+#: What has six or three numbers that are no wrench of the sensor.
+_NO_WRENCH = re.compile('joint|motor|current|target|tau')
+_NUMBERED = (
+    (AXES, re.compile('wrench|force|torque|(^|_)(ft|f)(_|$)')),
+    (AXES[:3], re.compile('force')),
+    (AXES[3:], re.compile('torque')),
+)
+_FAR = re.compile('motor|drive(?!r)|joint|cabinet|ambient|room')
+_NO_THERMOMETER_OF_METAL = re.compile('cpu|battery|batt|gpu|soc')
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
+#: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
+_NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
-#: A column is probably meant where its name is as similar as this, 0 to 1.
-_LEAST_SIMILARITY = 0.7
 #: Between which readings a day may begin in a unit, and hardly in °C.
 _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
 #: Forces that move by less than this over a whole recording, less than any sensor's noise, are in
@@ -76,29 +105,59 @@ _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
 _NEVER_NEWTONS, _PERHAPS_NEWTONS = 0.02, 0.5
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
-#: Times of clocks are at least this, in any unit since 1970: 2001.
-_CLOCK_S = 1e9
 #: A time runs back, as at midnight, in at most this share of the rows.
 _MOST_BACK = 0.05
-#: Most entries of a proposed map.
-_MOST_ENTRIES = 30
+#: Days of a spreadsheet since 1899-12-30: from 1982 to 2118.
+_EXCEL_DAYS = 30_000, 80_000
+#: Most entries of a proposed map, and most columns that are named for one that is open.
+_MOST_ENTRIES, _MOST_CANDIDATES = 30, 12
 
 
-def refuse_missing(
-    placed: Placed, missing: Sequence[str], rows: Sequence[Sequence[str]] = ()
-) -> NoReturn:
-    """Refuse a table for the KINDS of columns that are missing, and propose a map of it."""
-    columns, time = propose(placed, rows)
+@dataclass(frozen=True)
+class Proposal:
+    """A map of a table's columns."""
+
+    #: As ``--columns`` takes it; empty where nothing is missing.
+    columns: str
+    #: As ``--time`` takes it.
+    time: str
+    #: By what is open: the columns that it could be.
+    candidates: dict[str, list[str]] = field(default_factory=dict)
+
+    def sentence(self) -> str:
+        """Say what is open, and what it could be; empty where nothing is."""
+        if OPEN not in self.columns:
+            return ''
+        could = [
+            f'{ours} could be {" or ".join(theirs)}'
+            for ours, theirs in self.candidates.items()
+            if theirs
+        ]
+        sentence = f'Put the name or the number of a column in the place of {OPEN}'
+        sentence += f': {"; ".join(could)}.' if could else '.'
+        if not self.candidates.get('stamp', ['']):
+            sentence += (
+                f' Where no column is a time, and rows come at a fixed rate, stamp={ROW_NUMBER}*'
+                '0.01 is a hundred of them a second.'
+            )
+        if not self.candidates.get('temperature_c', ['']):
+            sentence += (
+                ' If the temperature is in another file with the same clock, join both: '
+                'force.csv+temperature.csv.'
+            )
+        return sentence
+
+
+def missing_sentence(
+    table: str, names: Sequence[str], missing: Sequence[str], proposal: Proposal
+) -> str:
+    """Say which KINDS of columns a table lacks, with a map of it."""
     expected = ' and '.join(_EXPECTED[kind] for kind in missing)
-    form = f' --time {shlex.quote(time)}' if time not in {'', 's'} else ''
-    remedy = f"Rename them, or say what they are, such as --columns '{columns}'{form}"
-    if OPEN in columns:
-        remedy += f', with the name or the number of a column in the place of {OPEN}'
-    if columns == f'temperature_c={OPEN}':
-        remedy += '. If it is in another file, join both in Python (recording_from_columns)'
-    raise RecordingError(
-        f'{placed.table} has no {" and no ".join(missing)} column; expected {expected}, got '
-        f'{listed(placed.names)}. {remedy}.'
+    form = f' --time {shlex.quote(proposal.time)}' if proposal.time not in {'', 's'} else ''
+    remedy = f"Rename them, or say what they are, such as --columns '{proposal.columns}'{form}"
+    return (
+        f'{table} has no {" and no ".join(missing)} column; expected {expected}, got '
+        f'{listed(names)}. {remedy}. {proposal.sentence()}'.rstrip()
     )
 
 
@@ -113,7 +172,7 @@ def warn_of_unused(placed: Placed) -> list[str]:
     if not unused:
         return []
     sentence = f'{placed.table} has columns that are not understood and not used: {listed(unused)}'
-    entries = [e for e in propose(placed)[0].split(',') if e and OPEN not in e]
+    entries = [e for e in propose(placed).columns.split(',') if e and OPEN not in e]
     meant = f" Perhaps they are: --columns '{','.join(entries)}'." if entries else ''
     return [f'{sentence}.{meant}']
 
@@ -121,26 +180,39 @@ def warn_of_unused(placed: Placed) -> list[str]:
 class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
-    def __init__(self, place: int, name: str, unit: str, cells: Sequence[str]) -> None:
+    def __init__(self, place: int, name: str, unit: str, cells: Sequence[str], sign: str) -> None:
         self.place, self._name, self._unit = place, name, unit
-        #: The name in small letters, its parts separated by _, without a unit.
-        self.plain = re.sub(r'\W+', '_', re.sub(r'[\[(].*|\s/\s.*', '', name.lower())).strip('_')
-        self._filled = [cell for cell in cells if cell]
+        #: The words and numbers of its name in small letters, without a unit.
+        text = _NO_WORD.sub(' ', normalize('NFKC', name))
+        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\u9fff])(?=[A-Za-z])', ' ', text)
+        self.words = re.findall(r'[^\W\d_]+|\d+', text.lower())
+        self.plain = '_'.join(self.words)
+        self.filled = [cell for cell in cells if cell]
         numbers = []
-        for cell in self._filled:
+        for cell in self.filled:
             with suppress(ValueError):
                 numbers.append(number_in(cell, ''))
         self.numbers = np.array([number for number in numbers if not isnan(number)])
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
-        self._is_number = not cells or len(self.numbers) > 0.9 * len(self._filled) > 0
+        self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
         self._steps = steps = np.diff(self.numbers)
         self._is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
-        self._is_short = bool(_SHORT_TEMPERATURE.fullmatch(name.strip()))
+        # A column without a name that grows by the same again and again.
+        spread, mean = (float(f(steps)) if len(steps) > 2 else 0.0 for f in (np.ptp, np.mean))
+        is_nameless = not any(map(str.isalpha, name))
+        self._is_regular = is_nameless and not self._counts and 0 <= spread < 0.1 * mean
+        # t is a time, and T is a temperature.
+        is_short = self.plain in _SHORT_TIME and not name.strip().startswith('T')
+        self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
         #: What --time has to say where it is a time.
-        self.form = find_form(self._filled)
-        if self._is_number:
-            self.form = self.unit_of(STAMP) or self.form or 's'
+        self.form = find_form(self.filled, month_first=sign == ',')
+        if self._is_number and len(self.numbers):
+            own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
+            self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
+            first, last = self.numbers[0], self.numbers[-1]
+            if _DATE_WORD.search(self.plain) and _EXCEL_DAYS[0] < first <= last < _EXCEL_DAYS[1]:
+                self.form = EXCEL
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -154,29 +226,38 @@ class _Looks:
 
     def time_score(self) -> float:
         """Tell how well it is a time; 0 where it is none."""
-        is_named = bool(_TIME_WORD.fullmatch(self.plain)) and not self._is_short
-        if not self._filled:
-            return float(is_named)
+        if not self.filled:
+            return float(self._is_time_word)
         has_unit = bool(self.unit_of(STAMP))
-        is_clock = not self._is_number or self.numbers[0] >= _CLOCK_S
-        if not self.form or not (is_clock or is_named or has_unit):
+        is_clock = not self._is_number or self.form == EXCEL
+        if self._is_number and len(self.numbers):
+            is_clock |= bool(epoch_unit(float(self.numbers[0])))
+        if not self.form or not (is_clock or self._is_time_word or has_unit or self._is_regular):
             return 0.0
         try:
-            steps = np.diff(exact_ns(self._filled, self.form))
+            steps = np.diff(exact_ns(self.filled, self.form))
         except (ValueError, ArithmeticError):
             return 0.0
         if not len(steps) or np.mean(steps < 0) > _MOST_BACK:
             return float(not len(steps))
         # A clock is better than seconds, and seconds are better than what counts rows.
         is_row_number = self._counts and not is_clock and not has_unit
-        merit = 1.0 + 2.0 * is_clock + 0.5 * is_named - 0.5 * is_row_number
+        merit = 1.0 + 2.0 * is_clock + 0.5 * self._is_time_word - 0.5 * is_row_number
         return merit * float(np.mean(steps > 0))
+
+    def is_date(self) -> bool:
+        """Whether it is a date without a time of day."""
+        form = self.form if not self._is_number else ''
+        return form not in {'', *TIME_UNITS_NS} and not any(':' in cell for cell in self.filled)
 
     def temperature_unit(self) -> str | None:
         """Find the unit in which it reads like a thermometer; None where it is none."""
-        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
-        is_smooth = len(steps) < 8 or np.median(steps) < _SMOOTH * np.ptp(self.numbers)
-        is_named = may_be_temperature((self.plain,)) or (self._is_short and is_smooth)
+        unit = self.unit_of('temperature_c')
+        is_named = may_be_temperature((self.plain,)) or (
+            not _TEMPERATURE_WORDS.isdisjoint(self.words)
+            and not any(map(_AXIS.fullmatch, self.words))
+            and self.is_smooth()
+        )
         if not (unit or is_named) or not self.may_be('temperature_c'):
             return None
         if not len(self.numbers):
@@ -187,108 +268,158 @@ class _Looks:
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
 
+    def is_smooth(self) -> bool:
+        """Whether it moves from sample to sample as a temperature does."""
+        steps = np.abs(self._steps)
+        return len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers))
 
-def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[str, str]:
+    def could_be(self, channel: str) -> bool:
+        """Whether its values do not exclude a channel, or a stamp."""
+        if not self.may_be(channel) or not len(self.numbers):
+            return False
+        if channel == STAMP:
+            return bool((self._steps > 0).all())
+        is_warm = is_plausible(float(self.numbers[0])) and self.is_smooth()
+        return is_warm or channel != 'temperature_c'
+
+    def channel(self) -> str:
+        """Find the axis that its name means, or ''; of a reference only if it says so."""
+        quantity, axis = '', ''
+        for word in sorted(self.words, key=len):
+            match = _AXIS.fullmatch(word)
+            if match and (axis := match[2]) and not match[1]:
+                continue
+            part = match[1] if match else word
+            quantity = next((q for q, words in _QUANTITIES.items() if part in words), quantity)
+        if not quantity and axis:
+            units = (('force', 'force_x'), ('torque', 'torque_x'))
+            quantity = next((q for q, channel in units if self.unit_of(channel)), '')
+        if not quantity or not axis or self.words[0] == 'external':
+            return ''
+        return f'{"reference_" * (not _TRUE.isdisjoint(self.words))}{quantity}_{axis}'
+
+
+def propose(
+    placed: Placed, rows: Sequence[Sequence[str]] = (), header: Header | None = None
+) -> Proposal:
     """
-    Propose what columns are that are not understood, as ``--columns`` and ``--time`` take it.
+    Propose what columns are that are not understood.
 
     By names, units and some rows of texts. A stamp, a force and a temperature that are missing
-    stay OPEN where no column can be said to be one; empty where nothing is missing.
+    stay OPEN where no column can be said to be one.
     """
     units = (*placed.units, *[''] * len(placed.names))
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(placed.names)
     used = {column.place for column in placed.columns.values()}
+    sign = header.delimiter if header else ''
     free = [
-        _Looks(place, name, units[place], cells[place])
+        _Looks(place, name, units[place], cells[place], sign)
         for place, name in enumerate(placed.names)
-        if place not in used and name
+        if place not in used and (name or any(cells[place]))
     ]
-    found: dict[str, tuple[_Looks, str]] = {}
-    absent = [c for c in (STAMP, STAMP_NANOSEC, *CHANNELS) if c not in placed.columns]
+    absent = [c for c in (*STAMP_COLUMNS, *CHANNELS) if c not in placed.columns]
+    found, time = _find_times(free, sign) if STAMP in absent else ({}, '')
+    _find_channels(free, found, absent, placed)
 
-    def take(channel: str, looks: _Looks, unit: str) -> None:
-        found[channel] = looks, unit
+    # Where newtons cannot be, forces that name no unit are in kilonewtons.
+    spans = {c: float(np.ptp(of.numbers)) for c, of in found.items() if len(of.numbers)}
+    force, torque = (max(spans.get(c, 0.0) for c in axes) for axes in (AXES[:3], AXES[3:]))
+    in_kilonewtons = 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS))
+    entries = []
+    order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
+    for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
+        looks, factor, quantity = found[channel], '', channel.split('_')[0]
+        unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
+        if channel.startswith('temperature'):
+            unit = looks.temperature_unit() or ''
+        if channel in AXES and header:
+            unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
+            counts = header.said_counts.get(quantity, 1.0)
+            factor = f'*{1 / counts:g}' if counts > 1 else ''
+        if in_kilonewtons and channel in AXES[:3]:
+            unit = unit or 'kN'
+        entries.append(f'{channel}={_called(placed, looks)}{factor}{f":{unit}" if unit else ""}')
+    candidates: dict[str, list[str]] = {}
+    for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
+        if {*kind}.isdisjoint({*placed.columns, *found}):
+            entries.append(f'{channel}={OPEN}')
+            may_be = [_called(placed, looks) for looks in free if looks.could_be(channel)]
+            candidates[channel] = may_be[:_MOST_CANDIDATES]
+    return Proposal(','.join(entries[:_MOST_ENTRIES]), time, candidates)
+
+
+def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
+    """Take the columns of the stamps from those that are free, and their form."""
+    found: dict[str, _Looks] = {}
+    scores = {looks: score for looks in free if (score := looks.time_score())}
+    if not scores:
+        return found, ''
+    best = max(scores, key=scores.__getitem__)
+    found[STAMP], time = best, best.form
+    nanosec = [x for x in free if _NANOSEC.fullmatch(x.plain) and time == 's']
+    dates = [x for x in free if x.is_date() and time.startswith(('%H', '%I'))]
+    if nanosec:
+        found[STAMP_NANOSEC] = nanosec[0]
+    if dates:
+        joined = map(' '.join, zip(dates[0].filled, best.filled, strict=False))
+        found[STAMP_DATE], time = dates[0], find_form([*joined], month_first=sign == ',')
+    others = {looks for looks, score in scores.items() if score > 1}
+    free[:] = [looks for looks in free if looks not in others | {*found.values()}]
+    return found, time
+
+
+def _find_channels(
+    free: list[_Looks], found: dict[str, _Looks], absent: list[str], placed: Placed
+) -> None:
+    """Take the columns of thermometers, forces and torques from those that are free."""
+
+    def take(channel: str, looks: _Looks) -> None:
+        found[channel] = looks
         free.remove(looks)
         if channel in absent:
             absent.remove(channel)
 
-    time, scores = '', {looks: score for looks in free if (score := looks.time_score())}
-    if STAMP in absent and scores:
-        best = max(scores, key=scores.__getitem__)
-        time = best.form
-        take(STAMP, best, '')
-        for looks in [looks for looks in free if _NANOSEC.fullmatch(looks.plain)][:1]:
-            take(STAMP_NANOSEC, looks, '')
-    for looks, score in scores.items():
-        if score > 1 and looks in free:  # another time
-            free.remove(looks)
     if set(AXES) <= set(absent):
-        for channel, looks in zip(AXES, _six_of(free), strict=False):
-            take(channel, looks, looks.unit_of(channel))
-    thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
-    for looks in list(free):
-        channel = _named_like(looks.plain, absent)
-        if (unit := looks.temperature_unit()) is not None:
-            take(next(thermometers), looks, unit)
-        elif not may_be_temperature((looks.plain,)) and channel and looks.may_be(channel):
-            take(channel, looks, looks.unit_of(channel))
-    if set(AXES) <= set(absent):
+        # Six numbered columns of a wrench, the raw one first, or three and three.
+        groups: dict[str, list[_Looks]] = {}
         for looks in free:
-            unit = looks.unit_of('force_z')
-            if looks.may_be('force_z') and (unit or _FORCE_WORD.search(looks.plain)):
-                take('force_z', looks, unit)
-                break
-    return _written(placed, found), time
+            base = '_'.join(looks.words[:-1])
+            if looks.words and looks.words[-1].isdecimal() and not _NO_WRENCH.search(base):
+                groups.setdefault(base, []).append(looks)
+        ranked = sorted(groups.items(), key=lambda item: 'raw' not in item[0])
+        for axes, pattern in _NUMBERED:
+            named = (g for name, g in ranked if len(g) == len(axes) and pattern.search(name))
+            for channel, looks in zip(axes, next(named, ()), strict=False):
+                if channel in absent:
+                    take(channel, looks)
+    thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
+    hot = [looks for looks in free if looks.temperature_unit() is not None]
+    metal = [looks for looks in hot if not _NO_THERMOMETER_OF_METAL.search(looks.plain)]
+    for looks in sorted(metal or hot, key=lambda looks: bool(_FAR.search(looks.plain))):
+        take(next(thermometers), looks)
+
+    def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
+        words = {*looks.words}
+        return not words.isdisjoint(_TREATED), 'raw' not in words, len(looks.words), looks.place
+
+    for looks in sorted((looks for looks in free if looks not in hot), key=rank):
+        channel = looks.channel()
+        if channel in absent and looks.may_be(channel):
+            take(channel, looks)
+    if set(AXES) <= set(absent):
+        forces = (
+            looks
+            for looks in free
+            if looks not in hot
+            and looks.may_be('force_z')
+            and (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
+        )
+        for looks in [*forces][:1]:
+            take('force_z', looks)
 
 
-def _written(placed: Placed, found: Mapping[str, tuple[_Looks, str]]) -> str:
-    """Write a map of what was found, and of what has to be named."""
-    # Where newtons cannot be, forces that name no unit are in kilonewtons.
-    spans = {c: float(np.ptp(of.numbers)) for c, (of, _) in found.items() if len(of.numbers)}
-    force, torque = (max(spans.get(c, 0.0) for c in axes) for axes in (AXES[:3], AXES[3:]))
-    in_kilonewtons = 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS))
-    entries = []
-    order = STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100)), *CHANNELS
-    for channel in dict.fromkeys(order):
-        if channel in found:
-            looks, unit = found[channel]
-            if in_kilonewtons and channel in AXES[:3]:
-                unit = unit or 'kN'
-            name = placed.names[looks.place]
-            if _MAP_SIGNS.search(name) or placed.names.count(name) > 1:
-                name = str(looks.place + 1)
-            entries.append(f'{channel}={name}:{unit}' if unit else f'{channel}={name}')
-    for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
-        if {*kind}.isdisjoint({*placed.columns, *found}):
-            entries.append(f'{channel}={OPEN}')
-    return ','.join(entries[:_MOST_ENTRIES])
-
-
-def _six_of(free: Iterable[_Looks]) -> list[_Looks]:
-    """Find six columns of a wrench that are numbered: the raw one first."""
-    groups: dict[str, list[_Looks]] = {}
-    for looks in free:
-        if match := re.fullmatch(r'(.*(?:wrench|force|torque|ft).*?)_?(\d+)', looks.plain):
-            groups.setdefault(match[1], []).append(looks)
-    six = {name: group for name, group in groups.items() if len(group) == len(AXES)}
-    return six[min(six, key=lambda name: 'raw' not in name)] if six else []
-
-
-def _named_like(plain: str, absent: Sequence[str]) -> str:
-    """Find the missing channel that a column may be, or ''; a reference only if it says so."""
-    prefix = 'reference_' if _TRUE.search(plain) else ''
-    plain = _TRUE.sub('', plain).strip('_')
-    if plain.startswith('external_'):
-        return ''
-    names = [n.removeprefix(prefix) for n in absent if n.startswith('reference_') == bool(prefix)]
-    short = re.sub(r'_(k|m|c)?n(m|mm)?$|_(lbf|kgf?|g)$', '', plain)
-    # Such as /ft/wrench/force/x, whatever stands before.
-    ends = [name for name in names if plain.replace('_', '').endswith(name.replace('_', ''))]
-    # A second force_z is like force_y, but of another axis; and so is Z Force.
-    axes = [part for part in re.split(r'[\d_]+', plain) if part in {'x', 'y', 'z'}]
-    axes += re.findall(r'[xyz]$', plain)
-    alike = [n for n in names if not axes or n[-2:-1] != '_' or n[-1] in axes]
-    near = difflib.get_close_matches(short, alike, 1, _LEAST_SIMILARITY)
-    last = re.sub(r'.*_(?=f[xyz]$)', '', short)  # such as ft_fz
-    name = _ALIASES.get(short) or _ALIASES.get(last) or next(iter((*ends, *near)), '')
-    return f'{prefix}{name}' if name in names else ''
+def _called(placed: Placed, looks: _Looks) -> str:
+    """Name a column as a map can: by its number where its name is none for a map."""
+    name = placed.names[looks.place]
+    by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
+    return str(looks.place + 1) if by_number else name

@@ -1,19 +1,303 @@
-"""A recording of any kind read onto the thermal grid."""
+"""What a path is, and the recording behind it opened: a bag, by whatever reads it, or a table."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 from dataclasses import replace
 import hashlib
+from importlib import import_module
+from itertools import islice
 from pathlib import Path
+import re
+import shlex
+from types import ModuleType
+from typing import Any, Protocol
 
-from wrist_ft_comp.drift.drift_model import order_problem
+import numpy as np
+
+from wrist_ft_comp.channels import AXES, SensorNames
+from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
-from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.open_recording import open_recording, OpenTable
-from wrist_ft_comp.recordings.read_options import Excerpt
-from wrist_ft_comp.series import Progress
+from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
+from wrist_ft_comp.recordings.log_proposal import (
+    missing_sentence,
+    OPEN,
+    Proposal,
+    propose,
+    warn_of_unused,
+)
+from wrist_ft_comp.recordings.read_options import (
+    Column,
+    ColumnMap,
+    COMPENSATED,
+    Excerpt,
+    KINDS,
+    options_beside,
+    parse_options,
+    Placed,
+    ReadOptions,
+    samples_of,
+    sensor_in,
+    STAMP,
+    STAMP_NANOSEC,
+    TIME_UNITS_NS,
+)
+from wrist_ft_comp.recordings.table import Rows, Table
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
+from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+
+#: Turns a table of a chamber test into a recording.
+_CONVERTER = 'examples/paper/chamber_table.py'
+BAG, TABLE = 'rosbag2', 'table'
+#: Rows of a table that are farther apart are those of a log in another unit, s.
+LONGEST_SPACING_S = 86_400.0
+
+
+def kind_of(path: Path) -> str:
+    """Find the kind of a recording from its name; a table if in doubt."""
+    files = files_of(path)
+    if len(files) > 1:
+        return TABLE
+    (path,) = files
+    if not path.exists():
+        raise RecordingError(
+            f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
+        )
+    if path.is_char_device() or path.is_block_device():
+        raise RecordingError(
+            f'{path} is a device, which may never end; expected a file or a folder. Write what '
+            'it gives into a file first.'
+        )
+    if path.is_dir() or path.suffix in SUFFIXES:
+        return BAG
+    if path.suffix in {'.bag', '.zstd', '.zst'}:
+        raise RecordingError(
+            f'{path.name} cannot be read alone. Of a compressed bag, name the folder; convert a '
+            "ROS 1 bag with 'rosbags-convert'."
+        )
+    return TABLE
+
+
+def backend() -> ModuleType:
+    """Choose the backend: rosbags where it can be imported, else rosbag2_py."""
+    try:
+        return import_module('wrist_ft_comp.recordings.rosbags_backend')
+    except ImportError as no_rosbags:
+        try:
+            return import_module('wrist_ft_comp.recordings.rosbag2_backend')
+        except ImportError as no_rosbag2:
+            raise RecordingError(
+                f'A bag needs rosbags ({no_rosbags}) or rosbag2_py ({no_rosbag2}), and neither '
+                "can be imported. Run 'pip install rosbags', or install ros-jazzy-rosbag2-py and "
+                'source ROS 2.'
+            ) from no_rosbag2
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """
+    Open a bag for reading, also a cut off one, for as long as the context lasts.
+
+    A folder without ``metadata.yaml``, as a killed recorder leaves it, is read when it holds one
+    storage file. Of a cut-off ``.mcap``, rosbags reads everything up to its last complete chunk.
+    """
+    # The backend gets the folder, or a storage file.
+    chosen = path
+    if path.is_dir() and not (path / 'metadata.yaml').exists():
+        files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
+        if len(files) > 1:
+            raise RecordingError(
+                f'{path} holds {len(files)} storage files and no metadata.yaml. Run '
+                f"'ros2 bag reindex {path}', or name one of the files."
+            )
+        if not files:
+            raise RecordingError(
+                f'{path} is no bag: expected a folder with metadata.yaml or one .mcap or .db3 '
+                'file. Name the folder that ros2 bag record made.'
+            )
+        chosen = files[0]
+    if chosen.is_file() and not chosen.stat().st_size:
+        raise RecordingError(f'{chosen} is empty (0 bytes); nothing was recorded. Record again.')
+    journals = chosen.glob('*.db3-wal') if chosen.is_dir() else [Path(f'{chosen}-wal')]
+    for journal in journals:
+        if journal.exists() and journal.stat().st_size:
+            database = str(journal).removesuffix('-wal')
+            raise RecordingError(
+                f'{journal} holds messages which are not in the bag yet: its recorder is running '
+                f"or was killed. Stop it, then run: sqlite3 {database} 'PRAGMA wal_checkpoint'"
+            )
+    with ExitStack() as stack:
+        with translated(path.name):
+            bag = backend().open_bag(path.name, chosen, stack)
+        yield bag
+
+
+class OpenBag:
+    """A bag, and which of its topics are read."""
+
+    def __init__(self, bag: Bag, options: ReadOptions) -> None:
+        self.bag, self.name, self.options = bag, bag.name, options
+        self.sources: tuple[TemperatureSource, ...] = parse_sources(options.topics.temperatures)
+
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read by batch."""
+        return read_bag(self.bag, self.options.topics, progress)
+
+    @property
+    def sensor(self) -> SensorNames:
+        """What the sensor is called: by topics, and the frame of the first wrench."""
+        return sensor_of(self.bag, self.options.topics)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was lost."""
+        return self.bag.warnings
+
+
+class OpenTable:
+    """A table, or several with one clock, and which of their columns are read."""
+
+    def __init__(self, tables: Sequence[Table], options: ReadOptions) -> None:
+        self.tables, self.options = tables, options
+        self.name = '+'.join(table.name for table in tables)
+        self.sources = ()
+        self.names = names = [name for table in tables for name in table.names]
+        if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
+            path = tables[0].path
+            words = 'python', _CONVERTER, str(path), '-o', f'{path.stem}_recording.csv'
+            raise RecordingError(
+                f'{self.name} is a table of a chamber test, which has no times. Make a recording '
+                f'of it: {shlex.join(words)}'
+            )
+        self.columns: list[Placed] = []
+        for table in tables:
+            own = ColumnMap().place(table.name, table.names, table.units)
+            # A map beside a recording of our own, such as a compensated copy, is of others.
+            if options.columns.source == '--columns' or own.lacks(list(KINDS)):
+                own = options.columns.place(
+                    table.name, table.names, table.units, joined=len(tables) > 1
+                )
+            self.columns.append(own)
+        for column in options.columns.columns:
+            if len(tables) > 1 and all(column.channel not in p.columns for p in self.columns):
+                options.columns.place(self.name, names)  # refuses what no table has
+        #: Once samples were read: whether all were, how many by channel, and the outermost stamps.
+        self.is_read, self.counts = False, Counter[str]()
+        self.span_ns: tuple[int, ...] = ()
+        #: What the sensor is called: by the name of a column.
+        self.sensor = sensor_in(names)
+        #: Says that drift was removed from it; empty where it was not.
+        self.compensated = ''
+        if any(name.startswith(COMPENSATED) for name in names):
+            self.compensated = f'{self.name} was compensated already. Name the raw recording.'
+
+    def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
+        """List those of some KINDS that no column is of; each table needs its stamps."""
+        missing = [placed.lacks(kinds) for placed in self.columns]
+        least = {kind: 1 if kind == STAMP else len(missing) for kind in kinds}
+        return [kind for kind in kinds if sum(kind in m for m in missing) >= least[kind]]
+
+    def propose(self) -> Proposal:
+        """Propose what the columns are that are not understood."""
+        found = [
+            propose(placed, table.shown_rows(), table.header)
+            for placed, table in zip(self.columns, self.tables, strict=True)
+        ]
+        if len(found) == 1:
+            return found[0]
+        # What one table leaves open may be in another one.
+        times = {proposal.time for proposal in found if proposal.time}
+        entries = []
+        for proposal in found:
+            # Each has its own form of times; forms of dates are found again.
+            unit = f':{proposal.time}' if len(times) > 1 and proposal.time in TIME_UNITS_NS else ''
+            entries += [
+                entry + unit if entry.startswith('stamp=') and OPEN not in entry else entry
+                for entry in proposal.columns.split(',')
+            ]
+        named = {entry.partition('=')[0] for entry in entries if not entry.endswith(OPEN)}
+        kinds = {channel: kind for kind in KINDS.values() for channel in kind}
+        known = named.union(*(kinds.get(n, ()) for n in named), *(p.columns for p in self.columns))
+        kept = [e for e in entries if not e.endswith(OPEN) or e.partition('=')[0] not in known]
+        candidates = {c: theirs for p in found for c, theirs in p.candidates.items()}
+        return Proposal(
+            ','.join(dict.fromkeys(filter(None, kept))),
+            times.pop() if len(times) == 1 else '',
+            candidates,
+        )
+
+    def require(self, *kinds: str) -> None:
+        """Refuse a table without columns of some kinds, all by default, and propose a map."""
+        if lacking := self.lacks(kinds or tuple(KINDS)):
+            raise RecordingError(missing_sentence(self.name, self.names, lacking, self.propose()))
+
+    def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
+        """Read all rows of the columns that are used, one table after the other."""
+        self.require(STAMP)
+        for table, placed in zip(self.tables, self.columns, strict=True):
+            yield from table.rows(placed, progress)
+
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read by block; a group that some rows fill in part comes channel by channel."""
+        for rows in self.rows(progress):
+            self.counts.update(dict.fromkeys(rows.values, 0))
+            for block in samples_of(rows.stamps_ns, rows.values):
+                self.counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
+                ends = *self.span_ns, *block.stamps_ns[:1].tolist(), *block.stamps_ns[-1:].tolist()
+                self.span_ns = (min(ends), max(ends)) if ends else ()
+                yield block
+        self.is_read = True
+
+    @property
+    def period_s(self) -> float:
+        """How long thermal cells have to be, s: 1, or as samples of a slow log are apart."""
+        self.require()
+        spacings_s = [
+            float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
+            for table, placed in zip(self.tables, self.columns, strict=True)
+            for rows in islice(table.rows(placed), 1)
+            for block in samples_of(rows.stamps_ns, rows.values)
+            if len(block.stamps_ns) > 1
+        ]
+        spacing_s = min(spacings_s, default=1.0)
+        if spacing_s > LONGEST_SPACING_S:
+            return 1.0
+        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is not used, and was left out; complete when the samples were read."""
+        found = [self.compensated] if self.compensated else []
+        for table, placed in zip(self.tables, self.columns, strict=True):
+            found += [*placed.warnings, *warn_of_unused(placed), *table.warnings]
+        return tuple(found)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Find the files that a path names: ``force.csv+heat.csv`` are two with one clock."""
+    if path.exists():
+        return [path]
+    first, *others = map(Path, str(path).split('+'))
+    # Beside the first one, where only their names are given.
+    files = [first, *(f if f.exists() else first.with_name(f.name) for f in others)]
+    return files if all(file.is_file() for file in files) else [path]
+
+
+@contextmanager
+def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
+    """Open a recording of any kind for as long as the context lasts."""
+    if kind_of(path) == BAG:
+        with open_bag(path) as bag:
+            yield OpenBag(bag, parse_options(topics))
+    else:
+        files = files_of(path)
+        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
+
 
 #: Bytes of a file that are hashed at once.
 _HASHED_AT_ONCE = 1 << 20
@@ -34,34 +318,56 @@ def read_recording(
     default. The recording's warnings say what was left out. RecordingError when it cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
-    topics = topics or Topics()
-    origin_ns: int | None = None
-    with open_recording(Path(path), topics) as source:
-        if isinstance(source, OpenTable):
-            source.require()
-
-        def blocks() -> Iterator[Samples]:
-            """Read, and note the first stamp of all, from which times count."""
-            nonlocal origin_ns
-            for block in source.samples(progress):
-                timed = block.stamps_ns[block.stamps_ns != NO_TIME]
-                if origin_ns is None and len(timed):
-                    origin_ns = int(timed[0])
-                yield block
-
-        excerpt = source.options.excerpt
-        recording = grid_samples(
-            blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
-            name=source.name,
-            period_s=period_s,
-            max_bad_share=max_bad_share,
-            temperatures=source.sources,
+    with open_recording(Path(path), topics or Topics()) as source:
+        return read_opened(
+            source, period_s=period_s, max_bad_share=max_bad_share, progress=progress
         )
-        sensor = source.sensor
-        if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
-            raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
-        warnings = *source.warnings, *recording.warnings
-        return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+
+
+def read_opened(
+    source: OpenBag | OpenTable,
+    *,
+    period_s: float,
+    max_bad_share: float = 0.01,
+    progress: Progress | None = None,
+) -> Recording:
+    """Read what was opened, as read_recording does."""
+    origin_ns: int | None = None
+    if isinstance(source, OpenTable):
+        source.require()
+
+    def blocks() -> Iterator[Samples]:
+        """Read, and note the first stamp of all, from which times count."""
+        nonlocal origin_ns
+        for block in source.samples(progress):
+            timed = block.stamps_ns[block.stamps_ns != NO_TIME]
+            if origin_ns is None and len(timed):
+                origin_ns = int(timed[0])
+            yield block
+
+    excerpt, sensor = source.options.excerpt, source.sensor
+    recording = grid_samples(
+        blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
+        name=source.name,
+        period_s=period_s,
+        max_bad_share=max_bad_share,
+        temperatures=source.sources,
+    )
+    said = {'temperature_topics': source.options.topics.temperatures}
+    if problem := order_problem(said, sensor):
+        raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
+    warnings = *source.warnings, *recording.warnings
+    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+
+
+def period_of(paths: Iterable[Path], topics: Topics) -> float:
+    """Find how long thermal cells of recordings have to be, s: as the slowest table asks."""
+    periods_s = [1.0]
+    for path in paths:
+        if kind_of(path) == TABLE:
+            with open_recording(path, topics) as source:
+                periods_s += [source.period_s] if isinstance(source, OpenTable) else []
+    return max(periods_s)
 
 
 def hash_recording(path: Path) -> str:
@@ -70,11 +376,103 @@ def hash_recording(path: Path) -> str:
 
     What else lies in the folder may change: metadata.yaml, notes, a database's journal.
     """
-    digest, files = hashlib.sha256(), [path]
+    digest = hashlib.sha256()
+    files = files_of(path)
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
         with file.open('rb') as content:
-            while part := content.read(_HASHED_AT_ONCE):
-                digest.update(part)
+            while some := content.read(_HASHED_AT_ONCE):
+                digest.update(some)
     return digest.hexdigest()
+
+
+class Columns(Protocol):
+    """Columns of equal length by name; NaN where a channel has no sample at a stamp."""
+
+    def keys(self) -> Iterable[Any]:
+        """Give the names."""
+
+    def __getitem__(self, name: str, /) -> Any:
+        """Give what numpy makes an array of."""
+
+
+def recording_from_columns(
+    *tables: Columns, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
+) -> Recording:
+    """
+    Make a recording of columns in memory, as read_recording does of a CSV file.
+
+    A table is a mapping of names to arrays, or a DataFrame. It has a column ``stamp_s``,
+    ``stamp_ms``, ``stamp_us`` or ``stamp_ns`` (whole ns, or datetime64), ascending, and any
+    channels (N, N m, °C, or as ``temperature_k`` says); NaN is no sample. Channels of different
+    rates may come in several tables. Messages and reports use ``name``; cells last ``period_s``.
+    The recording's warnings say what was left out. RecordingError when a table cannot be read,
+    when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
+    """
+    blocks: list[Samples] = []
+    names: list[str] = []
+    for table in tables:
+        placed, stamps_ns, values = _read(table, name)
+        blocks += samples_of(stamps_ns, values)
+        stamps = {column.name for column in placed.stamps} if names else ()
+        names += [column for column in placed.names if column not in stamps]
+    placed = ColumnMap().place(name, names)
+    if lacking := placed.lacks(list(KINDS)):
+        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
+    recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)
+    return replace(recording, warnings=(*recording.warnings, *warn_of_unused(placed)))
+
+
+def compensate(
+    model: DriftModel, table: Columns, *others: Columns, tare_s: float = 0.0
+) -> dict[str, FloatArray]:
+    """
+    Remove the drift from the wrench of a table, as the command ``compensate`` does from a file.
+
+    Tables are as for recording_from_columns. Gives the compensated axes of the first one, N and
+    N m, tared on its first ``tare_s`` seconds, which must be unloaded; 0 gives no tare.
+    RecordingError as there, or when the thermometers are not those of the model.
+    """
+    recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
+    _, stamps_ns, values = _read(table, recording.name)
+    absent = np.full(len(stamps_ns), np.nan)
+    raw = np.stack([values.get(axis, absent) for axis in AXES], axis=1)
+    tare = initial_tare(model, recording, tare_s)
+    corrected = correct_many(track_drift(model, recording), stamps_ns, raw, tare)
+    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in values}
+
+
+def _read(table: Columns, name: str) -> tuple[Placed, IntArray, dict[str, FloatArray]]:
+    """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
+    placed = ColumnMap().place(name, list(map(str, table.keys())))
+    if lacking := placed.lacks(['stamp']):
+        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
+    stamp = placed.columns[STAMP]
+    stamps = np.asarray(table[stamp.name])
+    shape = (stamps.size,)
+
+    def numbers(column: Column) -> FloatArray:
+        try:
+            values = np.asarray(table[column.name], dtype=float)
+        except (TypeError, ValueError) as error:
+            raise RecordingError(f'{column.name} of {name} must hold numbers: {error}.') from error
+        if values.shape != shape:
+            raise RecordingError(
+                f'{column.name} of {name} must have shape {shape}, as its stamps; got '
+                f'{values.shape}.'
+            )
+        return values
+
+    is_date = stamps.dtype.kind == 'M'
+    if stamps.ndim == 1 and not is_date and (stamp.unit != 'ns' or stamps.dtype.kind not in 'iu'):
+        stamps = np.rint(numbers(stamp) * TIME_UNITS_NS[stamp.unit])
+    if stamps.ndim != 1 or not np.isfinite(stamps).all():
+        raise RecordingError(
+            f'{stamp.name} of {name} must be one time per row; leave out rows without it.'
+        )
+    stamps_ns = (stamps.astype('datetime64[ns]') if is_date else stamps).astype(np.int64)
+    if STAMP_NANOSEC in placed.columns:
+        stamps_ns = stamps_ns + numbers(placed.columns[STAMP_NANOSEC]).astype(np.int64)
+    values = {column.channel: column.to_channel(numbers(column)) for column in placed.channels}
+    return placed, stamps_ns, values

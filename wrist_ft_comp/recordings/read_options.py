@@ -1,25 +1,367 @@
 """
-How a recording is read: topics of a bag, columns of a table, and which part of it counts.
+How columns of a table become channels: names, units, factors, and the form of times.
 
-A part is from, until, and without some stretches, in seconds since the first stamp of the file.
+``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``;
+a column that has no name is called by its number, from 1 on. A date beside a time of day is
+``stamp_date=date,stamp=time``; rows without a time, a hundred a second, are ``stamp=#*0.01``.
+``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
+1899-12-30), or a form of strptime. The same may stand in ``recording.yaml`` beside the recordings.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 import re
+from unicodedata import normalize
+from urllib.parse import parse_qs, urlencode
 
 import numpy as np
 import yaml
 
-from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.channels import (
+    AXES,
+    axis_unit,
+    FORCE_CHANNELS,
+    REFERENCE_CHANNELS,
+    ROTATION_CHANNEL,
+    SensorNames,
+)
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples, Topics
-from wrist_ft_comp.recordings.column_map import ColumnMap, parse_map
-from wrist_ft_comp.series import CLOCK_NS, NANOSECONDS
+from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.wire.temperature_source import to_celsius
+
+#: Columns of stamps, and how many nanoseconds their unit has.
+STAMPS = {
+    'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS,
+    'stamp_min': 60 * NANOSECONDS, 'stamp_h': 3600 * NANOSECONDS,
+}  # fmt: skip
+#: What stands for a channel where a column holds stamps, the nanoseconds beyond whole seconds, or
+#: the date of times of day.
+STAMP, STAMP_NANOSEC, STAMP_DATE = STAMP_COLUMNS = 'stamp', 'stamp_nanosec', 'stamp_date'
+#: Stands in a map for the number of the row, from 0 on, where no column has this name.
+ROW_NUMBER = '#'
+#: The place of that column.
+ROW = -2
+#: A form of times: days since 1899-12-30, as spreadsheets have them.
+EXCEL = 'excel'
+#: Channels with one name; thermometers have a number and a unit.
+CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
+#: What a recording has to have: channels of which one is enough.
+KINDS = {'stamp': (STAMP,), 'raw wrench': AXES, 'temperature': ('temperature_c',)}
+_THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
+#: Beginning of the name of an empty column, followed by the names of the sensor.
+ORIGIN = 'recorded_from?'
+#: Name of the empty column of a recording from which drift was removed.
+COMPENSATED = 'compensated_by_wrist_ft_comp'
+#: Units of times, the first of which is taken where none is named.
+TIME_UNITS_NS = {
+    's': NANOSECONDS, **{name.removeprefix('stamp_'): ns for name, ns in STAMPS.items()},
+    'd': 86_400 * NANOSECONDS,
+}  # fmt: skip
+#: Weight of a kilogram as units define it, N.
+_KILOPOND_N = 9.80665
+#: By quantity: what one of a unit is in the channel's. The first is taken where none is named.
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    's': TIME_UNITS_NS,
+    '°C': dict.fromkeys('CKF', 1.0),
+    'N': {
+        'N': 1.0, 'kN': 1e3, 'daN': 10.0, 'mN': 1e-3, 'cN': 1e-2, 'lbf': 4.4482216152605,
+        'ozf': 0.27801385095378, 'kgf': _KILOPOND_N, 'gf': _KILOPOND_N / 1e3,
+        'g': _KILOPOND_N / 1e3,
+    },
+    'N m': {
+        'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3, 'Nmm': 1e-3, 'Ncm': 1e-2, 'lbfin': 0.1129848290276,
+        'lbfft': 1.3558179483314, 'kgfm': _KILOPOND_N, 'kgfcm': _KILOPOND_N / 1e2,
+    },
+    'm/s²': {'m/s2': 1.0, 'g': _KILOPOND_N},
+    'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943},
+}  # fmt: skip
+#: All names of units.
+UNIT_WORDS = {unit for units in _UNITS.values() for unit in units}
+#: Other names of units, in small letters, without the signs that plain_unit leaves out.
+_OTHER_UNITS = {
+    **{unit.lower(): unit for unit in ('N', 'kN', 'Nm', 'kNm', 'Nmm', 'Ncm', 'C', 'K', 'F')},
+    'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf', 'kg': 'kgf',
+    'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm', 'lbin': 'lbfin',
+    'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft', 'ftlbf': 'lbfft',
+    'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
+    'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
+    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
+    'hr': 'h', 'hrs': 'h', 'stunden': 'h', 'minutes': 'min', 'mins': 'min', 'days': 'd',
+}  # fmt: skip
+#: A word in brackets in a column's name.
+_IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
+#: A word beside times of a clock that is no unit.
+_CLOCK_WORD = re.compile(r'TS|UTC|GMT|local|iso\W*\d*|[dhmsyf:./ -]+', re.IGNORECASE)
+#: A name of ours, a column of theirs, a factor, and a unit.
+_ENTRY = re.compile(
+    r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+\d.eE]+))?(:(?P<unit>[A-Za-z/²°0-9µ·*-]+))?'
+)
+_FORM = (
+    'expected NAME=COLUMN, NAME=COLUMN:UNIT or NAME=COLUMN*FACTOR, separated by commas, such as '
+    'stamp=time,force_z=fz:kN,temperature_c=temp:F'
+)
+#: Most columns that a sentence lists, and most letters of each.
+_LISTED, _SHOWN = 30, 40
+
+
+@dataclass(frozen=True)
+class Column:
+    """What a column of a table is."""
+
+    #: As the table calls it.
+    name: str
+    #: A channel, STAMP or STAMP_NANOSEC.
+    channel: str
+    #: As plain_unit writes it; of stamps also iso, or a form of strptime. Empty where unknown.
+    unit: str = ''
+    #: What its numbers are multiplied with; None where nothing was said.
+    factor: float | None = None
+    #: Its place in the rows.
+    place: int = -1
+
+    def to_channel(self, values: FloatArray) -> FloatArray:
+        """Convert numbers of the column to the unit of the channel."""
+        values = values if self.factor is None else values * self.factor
+        if self.channel.startswith('temperature'):
+            return to_celsius(values, self.unit or 'C')
+        units = units_of(self.channel)
+        factor = units[self.unit] if self.unit else 1.0
+        return values if factor == 1.0 else values * factor
+
+
+def own_column(name: str) -> Column | None:
+    """Tell what a column with one of our names is; None where it is none of ours."""
+    if name in STAMPS:
+        return Column(name, STAMP, name.removeprefix('stamp_'))
+    if thermometer := _THERMOMETER.fullmatch(name):
+        return Column(name, f'{thermometer[1]}c', thermometer[2].upper())
+    return Column(name, name) if name in {*CHANNELS, STAMP_NANOSEC, STAMP_DATE} else None
+
+
+def units_of(channel: str) -> Mapping[str, float]:
+    """List the units that a channel, or a stamp, may be in."""
+    if channel == STAMP:
+        return _UNITS['s']
+    if channel.startswith('temperature'):
+        return _UNITS['°C']
+    return _UNITS[axis_unit(channel.removeprefix('reference_'))]
+
+
+def plain_unit(text: str) -> str:
+    """Write a unit as the tables have it: Nm for N*m, lbfin for lb-in, C for °C."""
+    plain = re.sub(r'[\s*·.^°_()\[\]-]', '', normalize('NFKC', text))
+    return plain if plain in UNIT_WORDS else _OTHER_UNITS.get(plain.lower(), plain)
+
+
+def known_unit(channel: str, name: str, unit: str = '') -> str:
+    """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
+    # In brackets, behind a slash or a comma, or behind an underscore or a blank at the end.
+    behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
+    words = map(plain_unit, (*said_units(name, unit), *behind))
+    return next((word for word in words if word in units_of(channel)), '')
+
+
+def said_units(name: str, unit: str = '') -> list[str]:
+    """List what clearly is meant as a unit of a column: in its name, or beside it."""
+    return [
+        *_IN_BRACKETS.findall(name),
+        *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
+        *filter(None, [unit]),
+    ]
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """What was said of a table's columns, by ``--columns`` and ``--time`` or by a file."""
+
+    columns: tuple[Column, ...] = ()
+    #: A unit, iso, a form of strptime; empty where nothing was said.
+    time: str = ''
+    #: Who said so.
+    source: str = '--columns'
+
+    def place(
+        self, table: str, names: Sequence[str], units: Sequence[str] = (), *, joined: bool = False
+    ) -> 'Placed':
+        """
+        Find the columns of a table of given names, and units where it has a row or column of them.
+
+        RecordingError where two hold the same, or one is not there, unless in a table that is
+        joined with it.
+        """
+        found: dict[str, Column] = {}
+        warnings: list[str] = []
+        mapped: dict[int, Column] = {}
+        for named in self.columns:
+            if named.name in names:
+                mapped[list(names).index(named.name)] = named
+            elif named.name.isdecimal() and 0 < int(named.name) <= len(names):
+                mapped[int(named.name) - 1] = named
+            elif named.name == ROW_NUMBER and named.channel == STAMP:
+                mapped[ROW] = named
+            elif not joined:
+                remedy = 'Write it as the header does, or give its number, from 1 on.'
+                if self.source != '--columns':
+                    remedy = (
+                        'Move one of them into another folder, or say by --columns what the '
+                        f'columns of {table} are.'
+                    )
+                raise RecordingError(
+                    f'{table} has no column {named.name!r}, which {self.source} names; it has '
+                    f'{listed(names)}. {remedy}'
+                )
+        said = {column.channel for column in mapped.values()}
+        for place, name in [*enumerate(names), *[(ROW, ROW_NUMBER)] * (ROW in mapped)]:
+            column = mapped.get(place) or own_column(name)
+            if column is None or (place not in mapped and column.channel in said):
+                continue
+            if column.channel in found:
+                raise RecordingError(
+                    f'{table} has the column {name} and {found[column.channel].name}, which is '
+                    'the same; remove or rename one.'
+                    if name != found[column.channel].name
+                    else f'{table} has the column {name} twice; remove or rename one.'
+                )
+            # A word of the person counts most, then that of the name, then that beside it.
+            unit = self.time if column.channel == STAMP and self.time else column.unit
+            is_plain = column.factor is None and column.channel not in STAMP_COLUMNS[1:]
+            if not unit and is_plain:
+                beside = units[place] if 0 <= place < len(units) else ''
+                unit = known_unit(column.channel, name, beside)
+                word = next(iter(said_units(name, beside)[-1:]), '')
+                is_clock = column.channel == STAMP and _CLOCK_WORD.fullmatch(word)
+                if word and not unit and not is_clock:
+                    taken = next(iter(units_of(column.channel)))
+                    warnings.append(
+                        f'{name} of {table} is in {word}, a unit that is not understood, and is '
+                        f'read in {taken}. Put the right one, or a factor, behind the column, '
+                        f"such as '{column.channel}={name}:{taken}' or "
+                        f"'{column.channel}={name}*0.001'."
+                    )
+            found[column.channel] = replace(column, name=name, unit=unit, place=place)
+        stamp = found.get(STAMP)
+        if STAMP_NANOSEC in found and stamp and stamp.unit not in {'', 's'}:
+            raise RecordingError(
+                f'{table} has nanoseconds beside stamps that are not in seconds; leave '
+                f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
+            )
+        return Placed(table, names, units, found, tuple(warnings))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where a table has what."""
+
+    table: str
+    names: Sequence[str]
+    units: Sequence[str]
+    #: By channel, STAMP and STAMP_NANOSEC.
+    columns: Mapping[str, Column]
+    #: Units that are not understood, in sentences.
+    warnings: tuple[str, ...] = ()
+
+    def lacks(self, kinds: Sequence[str]) -> list[str]:
+        """List those of some KINDS that no column is of."""
+        return [kind for kind in kinds if self.columns.keys().isdisjoint(KINDS[kind])]
+
+    @property
+    def stamps(self) -> list[Column]:
+        """List the columns of stamps: one, or also that of the nanoseconds or of the date."""
+        return [c for c in self.columns.values() if c.channel in STAMP_COLUMNS]
+
+    @property
+    def channels(self) -> list[Column]:
+        """List the other columns."""
+        return [c for c in self.columns.values() if c.channel not in STAMP_COLUMNS]
+
+
+def parse_map(columns: str, time: str, source: str = '--columns') -> ColumnMap:
+    """Understand ``--columns`` and ``--time``; SettingsError where they can't be meant so."""
+    time = time if '%' in time else plain_unit(time)
+    check_time(time)
+    entries = filter(None, re.split(r',(?=\s*\w+=)', columns))
+    return ColumnMap(tuple(_parse_entry(entry.strip()) for entry in entries), time, source)
+
+
+def _parse_entry(entry: str) -> Column:
+    """Understand one entry of a map; SettingsError where it can't be meant so."""
+    match = _ENTRY.fullmatch(entry)
+    if match is None:
+        raise SettingsError(f'A map of columns cannot be read: {_FORM}; got {entry!r}.')
+    if match['theirs'].strip() in {'…', '...'}:
+        raise SettingsError(
+            f'The column of {match["ours"]} is left open: put its name, or its number, in the '
+            f'place of … in {entry!r}.'
+        )
+    ours = Column('', STAMP) if match['ours'] == STAMP else own_column(match['ours'])
+    if ours is None:
+        raise SettingsError(
+            f'{match["ours"]} is no name of a column; names are stamp, stamp_nanosec, force_x … '
+            'torque_z, temperature_c, temperature_2_c …, reference_force_x … and '
+            f'linear_acceleration_x …; got {entry!r}.'
+        )
+    unit, factor = plain_unit(match['unit'] or ''), None
+    if ours.channel == STAMP and unit:
+        check_time(unit)
+    elif unit and unit not in units_of(ours.channel):
+        allowed = ', '.join(units_of(ours.channel))
+        raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
+    if match['factor']:
+        with suppress(ValueError):
+            factor = float(match['factor'])
+        if factor is None or not math.isfinite(factor):
+            raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
+    # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
+    said = '' if ours.unit == 'C' else ours.unit
+    return Column(match['theirs'].strip(), ours.channel, unit or said, factor)
+
+
+def check_time(time: str) -> None:
+    """Refuse a time that is no unit and no form, by a SettingsError."""
+    if time and time not in {*TIME_UNITS_NS, EXCEL, 'iso'} and '%' not in time:
+        raise SettingsError(
+            f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, or a form such as %d.%m.%Y '
+            f'%H:%M:%S.%f; got {time!r}.'
+        )
+
+
+def listed(names: Iterable[str]) -> str:
+    """Enumerate names for people, the first of many."""
+    names = [name[:_SHOWN] for name in names]
+    more = f' and {len(names) - _LISTED} more' if len(names) > _LISTED else ''
+    return f'{", ".join(names[:_LISTED])}{more}'
+
+
+def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterator[Samples]:
+    """
+    Make blocks of samples of the values of channels, shape (n,), NaN where there is none.
+
+    A group of channels is split where a row holds a part of it. Rows of one stamp, which the clock
+    of a recorder is too coarse to tell apart, are one sample: their mean.
+    """
+    alone = [(channel,) for channel in values if channel.startswith('temperature')]
+    for whole in (AXES, *alone, REFERENCE_CHANNELS, FORCE_CHANNELS, (ROTATION_CHANNEL,)):
+        group = tuple(channel for channel in whole if channel in values)
+        if not group:
+            continue
+        filled = np.stack([~np.isnan(values[channel]) for channel in group])
+        together = (filled == filled[0]).all()
+        for channels in [group] if together else [(channel,) for channel in group]:
+            at = ~np.isnan(values[channels[0]])
+            block, times_ns = np.stack([values[c][at] for c in channels], 1), stamps_ns[at]
+            starts = np.flatnonzero(np.diff(times_ns, prepend=times_ns[:1] - 1))
+            if len(starts) < len(times_ns):
+                counts = np.diff(starts, append=len(times_ns))
+                block = np.add.reduceat(block, starts) / counts[:, np.newaxis]
+                times_ns = times_ns[starts]
+            yield Samples(channels, times_ns, block)
+
 
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'
@@ -57,20 +399,14 @@ class Excerpt:
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
         if first_ns is None:
             return
-        begins = ''
-        if first_ns >= CLOCK_NS:  # stamps are of a clock
-            clock = str(np.datetime64(first_ns // NANOSECONDS, 's')).replace('T', ' ')
-            begins = f'begins at {clock} UTC and '
-        lasts = f'{name}, which {begins}lasts {lasts_s:.0f} s'
-        if not left:
-            raise SettingsError(
-                f'Nothing is left of {lasts}: what counts begins at {self.begin_s:.0f} s. Give an '
-                'earlier --from.'
-            )
         if gone := {'wrench', 'temperature'} & (came - left):
+            begins = ''
+            if first_ns >= CLOCK_NS:  # stamps are of a clock
+                clock = str(np.datetime64(first_ns // NANOSECONDS, 's')).replace('T', ' ')
+                begins = f'begins at {clock} UTC and '
             raise SettingsError(
-                f'Every {min(gone)} of {lasts}, is left out by --from, --until and --exclude. '
-                'Leave some in.'
+                f'Every {max(gone)} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
+                'by --from, --until and --exclude. Leave some in.'
             )
 
 
@@ -152,3 +488,13 @@ def _seconds(text: str) -> float:
         hours, minutes, seconds = (*map(float, text.strip().split(':')), 0.0)[:3]
         return 3600 * hours + 60 * minutes + seconds
     raise SettingsError(f'A time is written 4800, 80min, 1.5h or 1:20:00; got {text!r}.')
+
+
+def origin_column(sensor: SensorNames) -> str:
+    """Name the column that says what the sensor is called."""
+    return ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
+
+
+def sensor_in(columns: Sequence[str]) -> SensorNames:
+    """Read what the sensor is called from the names of columns."""
+    return parse_qs(''.join(c.removeprefix(ORIGIN) for c in columns if c.startswith(ORIGIN)))

@@ -6,7 +6,7 @@ import errno
 from functools import partial
 from pathlib import Path
 import sqlite3
-from typing import Any, BinaryIO
+from typing import Any
 
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -31,7 +31,7 @@ from wrist_ft_comp.wire.message_layout import (
 )
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
-_MCAP_DATA_END = 0x0F
+_MCAP_DATA_END = b'\x0f'
 
 
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
@@ -76,8 +76,14 @@ def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
     """Scan a cut-off .mcap file without its index, up to the last complete record."""
     reader = McapReader(path)
     reader.bio = stack.enter_context(path.open('rb'))
-    reader.data_start = len(_MCAP_MAGIC)
-    reader.data_end = _end_of_last_record(reader.bio)
+    reader.data_start = end = len(_MCAP_MAGIC)
+    # Hop over complete records (opcode, 8-byte length, content) up to the end of the data.
+    size, opcode = path.stat().st_size, b''
+    while end <= size and opcode != _MCAP_DATA_END:
+        reader.data_end = end
+        reader.bio.seek(end)
+        opcode, length = reader.bio.read(1), reader.bio.read(8)
+        end += 9 + int.from_bytes(length, 'little') if len(length) == 8 else size
     reader.meta_scan()
     statistics = reader.statistics
     if statistics is None or not statistics.message_count:
@@ -96,19 +102,6 @@ def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
         name=name, storage='mcap', compression='', connections=_connections(counted),
         span_ns=(statistics.start_time, statistics.end_time),
         read=partial(_read, reader.messages_scan), define=_define, warnings=(lost,))  # fmt: skip
-
-
-def _end_of_last_record(file: BinaryIO) -> int:
-    """Hop over complete records (opcode, 8-byte length, content) up to the end of the data."""
-    size = file.seek(0, 2)
-    end = len(_MCAP_MAGIC)
-    while True:
-        file.seek(end)
-        head = file.read(9)
-        following = end + 9 + int.from_bytes(head[1:], 'little')
-        if len(head) < 9 or head[0] == _MCAP_DATA_END or following > size:
-            return end
-        end = following
 
 
 @contextmanager

@@ -8,31 +8,41 @@ cut off; where it is incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
-from decimal import Decimal
 import gzip
 from io import StringIO, TextIOWrapper
-from itertools import islice
 import lzma
 from math import nan
 from pathlib import Path
+import re
+import shlex
 from typing import Any
 import zlib
 
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.column_map import Column, Placed, STAMP, STAMP_NANOSEC, TIME_UNITS_NS
-from wrist_ft_comp.recordings.table_header import (
+from wrist_ft_comp.recordings.read_options import (
+    EXCEL,
+    Placed,
+    ROW,
+    STAMP,
+    STAMP_DATE,
+    STAMP_NANOSEC,
+    TIME_UNITS_NS,
+)
+from wrist_ft_comp.recordings.table_form import (
     COMMENTS,
     cut_line,
+    DIGITS,
+    exact_ns,
+    find_form,
     find_header,
     FIRST_LINES,
     MISSING,
-    NUMBER,
     number_in,
 )
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
@@ -47,25 +57,15 @@ _BATCH_ROWS = 20_000
 _START = 200_000
 #: Rows of a table that show what its columns are: of its first block, and of each other one.
 _SHOWN_ROWS, _SHOWN_LATER = 3000, 100
+#: A clock begins anew where this many rows after a step back, all in order, are before as many
+#: that were in order before it; fewer are samples that came late.
+_SURE_ROWS = 10
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 #: What a cell cannot be converted with.
-_BAD = ValueError, ArithmeticError, TypeError
+_BAD = ValueError, ArithmeticError, TypeError, AttributeError
 #: What is no text, and the library that reads it by rows.
 _LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
-#: Forms that are understood without a word. Day and month are told by what makes times follow.
-_FORMS = (
-    'iso', '%d.%m.%Y %H:%M:%S', '%d.%m.%Y %H:%M:%S.%f', '%d.%m.%Y %H:%M', '%d.%m.%y %H:%M:%S',
-    '%m/%d/%Y %H:%M:%S', '%d/%m/%Y %H:%M:%S', '%m/%d/%Y %H:%M', '%d/%m/%Y %H:%M',
-    '%m/%d/%Y %H:%M:%S.%f', '%d/%m/%Y %H:%M:%S.%f', '%m/%d/%Y %I:%M:%S %p',
-    '%Y/%m/%d %H:%M:%S', '%Y/%m/%d %H:%M:%S.%f', '%d-%b-%Y %H:%M:%S', '%H:%M:%S', '%H:%M:%S.%f',
-    '%H:%M', '%I:%M:%S %p',
-)  # fmt: skip
-#: Stamps that are looked at for their form.
-_LOOKED_AT = 500
 _DAY_NS = 86_400 * NANOSECONDS
-#: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
-#: nanoseconds of 64 bits end; in a smaller unit they are as much larger.
-_EPOCH_S, _EPOCH_RANGE = 1e9, 9.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,8 @@ class Rows:
     stamps_ns: IntArray
     #: By channel, in its unit, shape (n,).
     values: dict[str, FloatArray]
+    #: Numbers of their lines in the file.
+    lines: IntArray
 
 
 class Table:
@@ -84,6 +86,8 @@ class Table:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
+        #: Whether it is of a terminal that writes a time, an arrow, and what was sent.
+        self._has_arrows = False
         lines: list[str] = []
         for _, text in self._texts():
             if '\0' in text and text.endswith('\n'):
@@ -99,6 +103,9 @@ class Table:
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
+        self._has_arrows = ' -> ' in next(line for line in reversed(lines) if line.strip())
+        if self._has_arrows:
+            lines = [line.replace(' -> ', ',') for line in lines]
         self.header = find_header(lines[:FIRST_LINES])
         self.names, self.units = self.header.names, self.header.units
 
@@ -123,16 +130,10 @@ class Table:
                     packed = module.open(raw) if magic.startswith(sign) else packed
                 start = packed.read(_START)
                 packed.seek(0)
-                is_utf16 = start.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-                encoding = 'utf-16' if is_utf16 else 'utf-8-sig'
-                try:  # the last character may be cut
-                    getincrementaldecoder(encoding)().decode(start)
-                except UnicodeDecodeError:
-                    encoding = 'cp1252'
-                file = TextIOWrapper(packed, encoding, errors='replace')
+                file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
                 size, number, rest = max(self.path.stat().st_size, 1), 1, ''
                 while piece := file.read(BLOCK):
-                    rest += piece
+                    rest += piece.replace(' -> ', ',') if self._has_arrows else piece
                     end = rest.rfind('\n') + 1
                     if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                         end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
@@ -177,8 +178,14 @@ class Table:
         return rows
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
-        """Read the columns that are used; RecordingError, naming the line, where a row is bad."""
-        reader, is_empty = _RowReader(self, placed), True
+        """
+        Read the columns that are used.
+
+        RecordingError, naming the line, where a row is bad, or where the clock begins anew.
+        """
+        reader, is_empty, n = _RowReader(self, placed), True, _SURE_ROWS
+        stamps_ns: IntArray = np.empty(0, np.int64)
+        numbers = stamps_ns
         for number, text in self._row_texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
@@ -189,15 +196,29 @@ class Table:
                     raise
                 self.warnings.append(f'{where} is cut off in its middle; it was left out.')
                 continue
-            if len(rows.stamps_ns):
-                is_empty = False
-                yield rows
-                if not is_whole:
-                    cell = cut_line(text, self.header.delimiter)[-1]
-                    self.warnings.append(
-                        f'{where} has no line end; if it was cut off, its last value '
-                        f'({self.names[-1]} = {cell!r}) is incomplete.'
+            if not len(rows.stamps_ns):
+                continue
+            if not is_whole:
+                cell = cut_line(text, self.header.delimiter)[-1]
+                self.warnings.append(
+                    f'{where} has no line end; if it was cut off, its last value '
+                    f'({self.names[-1]} = {cell!r}) is incomplete.'
+                )
+            stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
+            numbers = np.concatenate([numbers[-2 * n :], rows.lines])
+            for k in (np.flatnonzero(np.diff(stamps_ns) < 0) + 1).tolist():
+                before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
+                in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
+                if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
+                    path, line = shlex.quote(str(self.path)), int(numbers[k])
+                    raise RecordingError(
+                        f'The clock of {self.name} begins anew in line {line}: another recording '
+                        f'begins there. Cut it by "head -n {line - 1} {path} > part_1.csv; '
+                        f'(head -n {self.header.lines_above} {path}; tail -n +{line} {path}) > '
+                        'part_2.csv".'
                     )
+            is_empty = False
+            yield rows
         if is_empty:
             raise RecordingError(
                 f'{self.name} holds a header and no complete row; nothing was recorded.'
@@ -211,111 +232,146 @@ class _RowReader:
         self._name, self._header, self._most = table.name, table.header, len(table.names)
         self._values, self._stamp = placed.channels, placed.columns[STAMP]
         self._nanosec = placed.columns.get(STAMP_NANOSEC)
+        self._date = placed.columns.get(STAMP_DATE)
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
         #: How often a time of day passed midnight, and the last one, ns.
         self._days, self._last_ns = 0, 0
+        #: How many rows were read.
+        self._count = 0
 
     def read(self, text: str, number: int) -> Rows:
         """Convert lines, of which the first has a number; RecordingError where one is bad."""
-        stamps_ns, values = self._read_block(text) or self._read_rows(text, number)
-        pairs = zip(self._values, values, strict=True)
-        return Rows(stamps_ns, {column.channel: column.to_channel(v) for column, v in pairs})
+        with suppress(*_BAD, KeyError):
+            count = text.count('\n')
+            if columns := self._columns_by_pandas(text, count):
+                return self._rows_of(columns, number + np.arange(count))
 
-    def _read_block(self, text: str) -> tuple[IntArray, list[FloatArray]] | None:
-        """Convert lines by pandas; None where it may not understand all of them."""
-        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
-
-        sign, width, lines = self._header.delimiter, self._header.width, text.count('\n')
-        cells = len(text.split()) if sign == ' ' else text.count(sign) + lines
-        if cells != lines * width or not self._form:
-            return None
-        kinds: dict[int, object] = {column.place: float for column in self._values}
-        kinds[self._stamp.place] = np.int64 if self._form == 'ns' else str
-        if self._nanosec:
-            kinds[self._nanosec.place] = float
-        # What is no number must not become an integer.
-        with suppress(*_BAD, KeyError), np.errstate(invalid='raise'):
-            frame = pandas.read_csv(
-                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
-                na_values=[*MISSING], index_col=False, skipinitialspace=True,
-                float_precision='round_trip',
-                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
-            if len(frame) != lines:
-                return None
-            more = 0
-            if self._nanosec:
-                more = np.rint(frame[self._nanosec.place].to_numpy()).astype(np.int64)
-            stamps_ns = self._read_stamps(frame[self._stamp.place].to_numpy()) + more
-            absent = np.full(lines, nan)
-            places = [column.place for column in self._values]
-            return stamps_ns, [frame[k].to_numpy() if k < width else absent for k in places]
-        return None
-
-    def _read_rows(self, text: str, number: int) -> tuple[IntArray, list[FloatArray]]:
-        """Convert lines row by row; RecordingError where one is bad."""
+        # Row by row: some are comments, repeat the header, are empty or bad.
         sign, width = self._header.delimiter, self._header.width
         lines = [
             '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
             for line in text.split('\n')
         ]
-        rows: list[tuple[int, list[str]]] = []
+        numbers: list[int] = []
+        rows: list[list[str]] = []
         reader = csv.reader(lines, delimiter=sign, skipinitialspace=True)
         try:
             for row in reader:
                 cells = [cell.strip() for cell in row]
                 if not any(cells) or tuple(cells) in self._header.rows_above:
                     continue
-                line = number + reader.line_num - 1
+                numbers.append(number + reader.line_num - 1)
                 if not width <= len(cells) <= self._most and any(cells[width:] or ['x']):
                     raise RecordingError(
-                        f'Line {line} of {self._name} has {len(cells)} cells; the others have '
-                        f'{width}. Repair or remove the line.'
+                        f'Line {numbers[-1]} of {self._name} has {len(cells)} cells; the others '
+                        f'have {width}. Repair or remove the line.'
                     )
-                rows.append((line, cells + [''] * (self._most - len(cells))))
+                rows.append(cells + [''] * (self._most - len(cells)))
         except csv.Error as error:
             raise RecordingError(f'{self._name} is no table: {error}.') from error
+        columns = dict(enumerate(zip(*rows, strict=True))) if rows else {}
+        with suppress(*_BAD):
+            return self._rows_of(columns, np.array(numbers, np.int64))
 
-        def converted(column: Column, convert: Callable[[list[str]], Any]) -> Any:
-            """Convert a column, or name the first line that cannot be converted."""
-            with suppress(*_BAD):
-                return convert([row[column.place] for _, row in rows])
-            wanted, remedy = 'a number', 'Repair or remove the line.'
-            if column.channel == STAMP:
-                wanted = f'a time ({self._form})'
-                remedy = (
-                    'If every line has such a time, say what it is: --time iso, ms, or a form '
-                    'such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove the line.'
-                )
-            for line, row in rows:
+        # One of them is bad: which one?
+        stamps = [c for c in (self._date, self._nanosec, self._stamp) if c and c.place != ROW]
+        for line, row in zip(numbers, rows, strict=True):
+            for column in (*stamps, *self._values):
                 try:
-                    convert([row[column.place]])
+                    if column not in stamps:
+                        number_in(row[column.place], sign)
+                    elif column is self._nanosec:
+                        exact_ns([row[column.place]], 'ns')
+                    elif column is self._stamp:
+                        self._stamps_of({c.place: [row[c.place]] for c in stamps}, 1)
                 except _BAD as error:  # noqa: PERF203 -- it ends the loop
+                    wanted, remedy = 'a number', 'Repair or remove the line.'
+                    if column is self._stamp:
+                        wanted = f'a time ({self._form})'
+                        remedy = (
+                            'If every line has such a time, say what it is: --time iso, ms, or a '
+                            'form such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove '
+                            'the line.'
+                        )
                     raise RecordingError(
                         f'Line {line} of {self._name}, column {column.name}: expected {wanted}, '
                         f'got {row[column.place][:60]!r}. {remedy}'
                     ) from error
-            raise RecordingError(
-                f'{self._name} has a column {column.name} in which not every cell is {wanted}. '
-                f'{remedy}'
-            )
+        raise RecordingError(
+            f'{self._name} has times in {self._stamp.name} that are in no common form. Say what '
+            'they are, such as --time iso.'
+        )
 
-        stamps_ns = converted(self._stamp, self._read_stamps)
+    def _rows_of(self, columns: Mapping[int, Any], lines: IntArray) -> Rows:
+        """Convert columns by their places: numbers, or the texts of cells."""
+        stamps_ns = self._stamps_of(columns, len(lines))
+        absent, sign = np.full(len(lines), nan), self._header.delimiter
+        values = {}
+        for column in self._values:
+            cells = columns.get(column.place, absent)
+            if not isinstance(cells, np.ndarray):
+                cells = np.array([number_in(cell, sign) for cell in cells], float)
+            values[column.channel] = column.to_channel(cells)
+        self._count += len(lines)
+        return Rows(stamps_ns, values, lines)
+
+    def _columns_by_pandas(self, text: str, count: int) -> dict[int, Any] | None:
+        """Read the columns that are used; None where a line is not as the others are."""
+        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
+
+        sign, width = self._header.delimiter, self._header.width
+        data = np.frombuffer(text.encode(errors='replace'), np.uint8)
+        ends = np.flatnonzero((data == ord(sign)) | (data == ord('\n')))
+        if not count or (len(text.split()) if sign == ' ' else len(ends)) != count * width:
+            return None
+        # Numbers of few digits are read exactly in a faster way.
+        longest = np.full(width, LONGEST_LINE)
+        if sign != ' ':
+            longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
+        kinds: dict[int, object] = {column.place: float for column in self._values}
+        is_short = 'e' not in text and 'E' not in text
+        is_short &= all(longest[k] <= DIGITS for k in kinds if k < width)
+        for column in (self._date, self._stamp):
+            if column and column.place != ROW:
+                kinds[column.place] = str
+        is_number = self._form in {*TIME_UNITS_NS, EXCEL} and self._date is None
+        if self._stamp.place != ROW and is_number:
+            if self._form == 'ns':
+                kinds[self._stamp.place] = np.int64
+            elif longest[self._stamp.place] <= DIGITS:
+                kinds[self._stamp.place] = float
         if self._nanosec:
-            stamps_ns += converted(self._nanosec, lambda cells: exact_ns(cells, 'ns'))
-        return stamps_ns, [
-            converted(c, lambda cells: np.array([number_in(cell, sign) for cell in cells], float))
-            for c in self._values
-        ]
+            kinds[self._nanosec.place] = float
+        # What is no number must not become an integer.
+        with np.errstate(invalid='raise'):
+            frame = pandas.read_csv(
+                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
+                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
+                na_values=[*MISSING], index_col=False, skipinitialspace=True,
+                float_precision='high' if is_short else 'round_trip',
+                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
+        return {k: frame[k].to_numpy() for k in frame} if len(frame) == count else None
 
-    def _read_stamps(self, stamps: Any) -> IntArray:
-        """Convert texts, or whole ns; the form is found where nobody said it."""
-        self._form = self._form or find_form(stamps) or 's'
+    def _stamps_of(self, columns: Mapping[int, Any], count: int) -> IntArray:
+        """Convert the columns of stamps; the form is found where nobody said it."""
+        factor = self._stamp.factor
+        if not count or self._stamp.place == ROW:
+            unit_ns = TIME_UNITS_NS[self._form or 's']
+            numbers = self._count + np.arange(count)
+            return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
+        stamps = columns[self._stamp.place]
+        if self._date:
+            dates = columns[self._date.place]
+            stamps = [f'{date} {time}' for date, time in zip(dates, stamps, strict=True)]
+        month_first = self._header.delimiter == ','
+        self._form = self._form or find_form(stamps, month_first=month_first) or 's'
         stamps_ns = exact_ns(stamps, self._form)
-        if self._stamp.factor is not None:
-            stamps_ns = np.rint(stamps_ns * self._stamp.factor).astype(np.int64)
-        if self._form.startswith(('%H', '%I')) and len(stamps_ns):
+        if factor is not None:
+            stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
+        if self._nanosec:
+            stamps_ns = stamps_ns + exact_ns(columns[self._nanosec.place], 'ns')
+        if self._form.startswith(('%H', '%I')):
             stamps_ns = stamps_ns % _DAY_NS
             has_passed = np.diff(stamps_ns, prepend=self._last_ns) < -_DAY_NS // 2
             self._last_ns = int(stamps_ns[-1])
@@ -325,60 +381,35 @@ class _RowReader:
         return stamps_ns
 
 
-def exact_ns(stamps: Any, form: str) -> IntArray:
-    """Convert stamps of a form; ValueError, ArithmeticError or TypeError where one is bad."""
-    if form == 'ns' and getattr(stamps, 'dtype', None) == np.int64:
-        return np.asarray(stamps)
-    if unit_ns := TIME_UNITS_NS.get(form):
-        if any('_' in stamp for stamp in stamps):
-            raise ValueError('1_000 is no number of a table')
-        numbers = (Decimal(stamp.replace(',', '.')) * unit_ns for stamp in stamps)
-        return np.fromiter(map(round, numbers), np.int64, len(stamps))
-    import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
-
-    texts = [stamp.strip().replace(',', '.').removesuffix(' UTC') for stamp in stamps]
-    times = pandas.to_datetime(texts, format='ISO8601' if form == 'iso' else form, utc=True)
-    if times.hasnans:
-        raise ValueError('a stamp is missing')
-    return np.asarray(times.as_unit('ns').asi8)
-
-
-def find_form(stamps: Sequence[str]) -> str:
-    """Find the unit of numbers by their size, or the form of dates; empty where there is none."""
-    some = stamps[:: max(len(stamps) // _LOOKED_AT, 1)]
-    filled = [text for text in some if text.lower() not in MISSING]
-    if not filled:
-        return ''
-    if all(map(NUMBER.fullmatch, filled)):
-        size = abs(float(filled[0].replace(',', '.'))) / _EPOCH_S
-        units = 's', 'ms', 'us', 'ns'
-        return next((u for k, u in enumerate(units) if 1 <= size / 1000**k < _EPOCH_RANGE), 's')
-    disorder: dict[str, int] = {}
-    for form in _FORMS if filled[0][:1].isdigit() else ():
-        with suppress(ValueError, ArithmeticError):
-            stamps_ns = exact_ns(filled, form)
-            runs_back = int(np.count_nonzero(np.diff(stamps_ns) < 0))
-            disorder[form] = runs_back * 10**19 + int(np.ptp(stamps_ns))
-    return min(disorder, key=disorder.__getitem__) if disorder else ''
+def _encoding_of(start: bytes) -> str:
+    """Find how a text is encoded by its first bytes."""
+    if start.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return 'utf-16'
+    # In other texts of Windows an umlaut may look like a single sign of Japanese or Chinese.
+    for encoding, signs in (
+        ('utf-8-sig', ''), ('cp932', '[\u3040-\u9fff]{2}'), ('gb18030', '[\u4e00-\u9fff]{2}'),
+    ):  # fmt: skip
+        with suppress(UnicodeDecodeError):  # the last character may be cut
+            if re.search(signs, getincrementaldecoder(encoding)().decode(start)):
+                return encoding
+    return 'cp1252'
 
 
 def _by_library(path: Path) -> Iterator[str]:
-    """Read the first sheet of a workbook, or a parquet file, as CSV, some rows at a time."""
+    """Read the longest sheet of a workbook, or a parquet file, as CSV, some rows at a time."""
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     library = _LIBRARIES[path.suffix.lower()]
     try:
-        if library == 'pyarrow':
-            from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
-
-            for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
-                yield batch.to_pandas().to_csv(header=not number, index=False)
-            return
-        from openpyxl import load_workbook  # noqa: PLC0415 -- the same
-
-        rows = load_workbook(path, read_only=True, data_only=True).worksheets[0].values
-        while some := list(islice(rows, _BATCH_ROWS)):
-            yield pandas.DataFrame(some, dtype=object).to_csv(header=False, index=False)
+        is_book = library == 'openpyxl'
+        if is_book:
+            sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
+            frame = max(sheets.values(), key=len)
+        else:
+            frame = pandas.read_parquet(path, library)
+        for k in range(0, len(frame), _BATCH_ROWS):
+            header = not k and not is_book
+            yield frame[k : k + _BATCH_ROWS].to_csv(header=header, index=False)
     except ImportError as error:
         raise RecordingError(
             f"{path.name} needs {library}, which is not installed. Run 'pip install {library}', "
@@ -386,4 +417,6 @@ def _by_library(path: Path) -> Iterator[str]:
         ) from error
     except Exception as error:
         what = ' '.join(str(error).split())[:200].rstrip('.')
-        raise RecordingError(f'{path.name} cannot be read by {library}: {what}.') from error
+        raise RecordingError(
+            f'{path.name} cannot be read by {library} ({what}). Save the table as CSV.'
+        ) from error

@@ -1,20 +1,21 @@
 """The page: one self-contained HTML text that says how good a model is, and shows why."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Sequence
 from functools import cache
-from itertools import repeat
-import math
+from pathlib import Path
 import re
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.report.days import event_line, events, summary
+from wrist_ft_comp.drift.drift_model import StoredModel
+from wrist_ft_comp.fit.result import Calibration
+from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.report_content import (
-    AxisView,
+    calibration_content,
     model_sources,
-    one_after_the_other,
+    MOST_ADVICE,
     ReportContent,
 )
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
@@ -32,50 +33,48 @@ _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
 def page(view: ReportContent) -> str:
-    """Write the page: HTML that loads nothing and runs nothing."""
+    """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
 
 
+def write_report(
+    path: Path | str,
+    stored: StoredModel,
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+) -> None:
+    """
+    Write the report of a calibration that ``save_model`` has saved, with its recordings.
+
+    It replaces a report of this package only; OutputError where another file is there.
+    """
+    reference = calibration.settings.reference if calibration.settings else 'unloaded'
+    content = calibration_content(calibration, recordings, stored, reference)
+    REPORT.write(Path(path), page(content))
+
+
 def headline(view: ReportContent) -> str:
-    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``, and say what was seen."""
+    """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``."""
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
     parts = [f'{counts[level]} {name}' for level, name in LEVEL_NAMES.items() if counts[level]]
-    low, high = view.coverage.range_c[view.coverage.leading]
-    hours = sum(recording.duration_s for recording in view.recordings) / 3600
-    axes = f'{total} {"axis" if total == 1 else "axes"}'
-    return f'{axes}: {", ".join(parts)}. Seen: {hours:.1f} h at {low:.0f} to {high:.0f} °C.'
-
-
-def number(value: float) -> str:
-    """Write a number with four digits that count, as the command line does."""
-    if math.isnan(value):
-        return '–'
-    return f'{value:.0f}' if abs(value) >= 1000 else f'{value:.4g}'
+    return f'{total} {"axis" if total == 1 else "axes"}: {", ".join(parts)}.'
 
 
 @cache
 def _environment() -> Environment:
     """Prepare the templates, which lie beside this module."""
-    from wrist_ft_comp.report import days_picture, pictures  # noqa: PLC0415 -- matplotlib
+    from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
-    environment.filters.update(number=number, svg=pictures.svg_text)
+    environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        centers=_centers, days_figure=days_picture.days_figure, event_line=event_line,
-        events=events, generator=GENERATOR, learnt=_learnt,
-        levels=LEVEL_NAMES, model_sources=model_sources, number=number,
-        one_after_the_other=one_after_the_other, pictures=pictures, summary=summary)  # fmt: skip
+        generator=GENERATOR, levels=LEVEL_NAMES, model_sources=model_sources,
+        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, zip=zip)  # fmt: skip
     return environment
-
-
-def _centers(payload: Payload) -> list[str]:
-    """Write a centre of mass, mm, with its standard errors."""
-    pairs = zip(1e3 * payload.center_m, 1e3 * payload.center_error_m, strict=True)
-    return [f'{value:.1f} ± {error:.1f}' for value, error in pairs]
 
 
 def _join_units(value: object) -> object:
@@ -83,24 +82,3 @@ def _join_units(value: object) -> object:
     if isinstance(value, str) and not hasattr(value, '__html__'):
         return _UNITS.sub('\N{NO-BREAK SPACE}', value)
     return value
-
-
-def _learnt(axis: AxisView) -> Iterator[tuple[str, str]]:
-    """List what was learnt."""
-    yield 'removed drift', axis.drifts
-    entry = axis.entry
-    yield 'chosen', entry['chosen']
-    if entry['reason']:
-        yield 'because', entry['reason']
-    if times_s := entry['time_constants_s']:
-        pairs = zip(times_s, entry['time_constant_errors_s'] or repeat(None), strict=False)
-        yield 'time constants', ', '.join(_duration(tau, error) for tau, error in pairs)
-
-
-def _duration(seconds: float, error: float | None) -> str:
-    """Write a time for people, and its standard error in the same unit, where that is known."""
-    unit, size, digits = 's', 1, 0
-    if seconds >= 120:
-        unit, size, digits = ('min', 60, 1) if seconds < 7200 else ('h', 3600, 1)
-    spread = '' if error is None else f' ± {error / size:.{digits}f}'
-    return f'{seconds / size:.{digits}f}{spread} {unit}'

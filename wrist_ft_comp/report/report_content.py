@@ -1,7 +1,8 @@
-"""What a report shows: one record, built from a calibration or from an evaluation."""
+"""What report, terminal and service say: one record of a calibration or of an evaluation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -11,33 +12,31 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
-from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.accelerometer import describe_force, moments_of
 from wrist_ft_comp.payload.payload_states import COUNTS
+from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Recording, Reference
-from wrist_ft_comp.report.coverage import (
-    cover,
-    Coverage,
-    what_to_record_next,
-    what_was_not_learnt,
+from wrist_ft_comp.recording import elapsed_s, Recording, Reference
+from wrist_ft_comp.report.advice import advise, Case, cover, Coverage
+from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
+from wrist_ft_comp.report.verdict import (
+    conditions_of_another_day,
+    Evidence,
+    judge,
+    Level,
+    LEVEL_NAMES,
+    NOISE_MARGIN,
+    Verdict,
 )
-from wrist_ft_comp.report.evaluation import (
-    AxisEvaluation,
-    judge_errors,
-    mean_over,
-    TaredErrors,
-)
-from wrist_ft_comp.report.summary import another_day, conditions_of_another_day
-from wrist_ft_comp.report.verdict import Evidence, judge, Level, Verdict
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, noise_level
+from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
-#: Length of the response to a step that is drawn, s: what a body does later is hardly seen in a
-#: warm-up.
-_RESPONSE_S = 7200.0
-#: A recording is named where a model of the others leaves this many times the median of it.
-_HARD_RATIO = 1.5
+#: Most things to do next that are shown at once: the first ones help most.
+MOST_ADVICE = 3
+#: Errors below this one, N or N m, are written as 0: no sensor resolves them.
+_RESOLVED = 1e-6
+#: Letters that draw what is left over time, the lowest first, and how many means they show.
+_BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 16
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
     'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
@@ -50,6 +49,8 @@ class ErrorSeries:
 
     #: Time, h, all recordings one after the other.
     hours: FloatArray
+    #: Time since the first stamp of the file, s, as ``--exclude`` counts.
+    elapsed_s: FloatArray
     #: Of the leading thermometer.
     temperature_c: FloatArray
     #: Without and with compensation, in the axis' unit.
@@ -62,6 +63,13 @@ class ErrorSeries:
     def noise(self) -> float:
         """Noise of what is left with compensation, in the axis' unit."""
         return noise_level([self.after[self.part == part] for part in np.unique(self.part)])
+
+    def sparkline(self) -> str:
+        """Draw what is left over time in a few letters, from its lowest to its highest mean."""
+        pieces = np.array_split(self.after, min(_SPARKS, len(self.after)))
+        means = np.array([piece.mean() for piece in pieces])
+        shares = (means - means.min()) / max(float(np.ptp(means)), 1e-300)
+        return ''.join(_BLOCKS[round(share)] for share in (shares * (len(_BLOCKS) - 1)).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,25 +87,10 @@ class AxisView:
     drifts: str
     #: What the model's file says of it (model.schema.json).
     entry: Mapping[str, Any]
-    #: How zero drift follows each thermometer that warms by 1 K, at T_ref, and stays there: min
-    #: since it warmed, (n,), and what is added, (J, n). Without a model, none.
-    responses: tuple[FloatArray, FloatArray] | None
-    #: What another day is accepted by, a sentence; empty where nothing is stated.
-    limit: str = ''
+    #: Largest error on 95 of 100 other days, as the calibration stated it; NaN if unknown.
+    day_limit: float
     #: Each recording and its errors; empty where errors are held out.
     parts: Sequence[tuple[str, AxisEvaluation]] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class AtWork:
-    """What was learnt at work."""
-
-    #: None where no payload could be identified.
-    learnt: LearntPayloads | None
-    #: How much of the time counted, and what was seen, in a sentence.
-    used: str
-    #: Tares of the driver that were taken out.
-    steps: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,15 +100,6 @@ class EvaluatedRecording:
     recording: Recording
     reference: Reference
     errors: TaredErrors
-
-    def averaged(self, values: FloatArray) -> FloatArray:
-        """Average values by cell, (N, …), over the time of every error, (n, …)."""
-        return mean_over(values, averaged_cells(self.recording.period_s))
-
-    @property
-    def temperature_c(self) -> FloatArray:
-        """Temperatures of the errors, (n, J)."""
-        return self.averaged(self.recording.temperature_c)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,33 +116,65 @@ class ReportContent:
     explanation: str
     #: In axis order.
     axes: tuple[AxisView, ...]
-    #: What to record next, most important first.
+    #: What to do next, the most useful first.
     advice: tuple[str, ...]
     #: What a person should know.
     warnings: tuple[str, ...]
-    #: What was learnt at work, if it was.
-    work: AtWork | None = None
+    #: What was learnt at work: payloads, where some could be identified, and what counted.
+    payloads: LearntPayloads | None = None
+    at_work: str = ''
     #: Under which conditions the limits of another day hold; empty where none is stated.
     conditions: str = ''
-    #: The days of the node that learnt the model by itself, if one did.
-    diary: Diary | None = None
+
+    #: Columns of the table that says whether it is good: RMS before and left.
+    titles = ('axis', 'unit', 'verdict', 'before', 'left', 'limit')
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """Give the cells of that table, as texts."""
+        return [
+            (axis.axis, axis.unit, LEVEL_NAMES[axis.verdict.level],
+             *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
+               for value in (axis.errors.rms_before, axis.errors.rms_after, axis.day_limit)))
+            for axis in self.axes
+        ]  # fmt: skip
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Name the sensor, the recordings and the date, by what they are called."""
+        low, high = self.coverage.range_c[self.coverage.leading]
+        hours = sum(recording.duration_s for recording in self.recordings) / 3600
+        facts = {
+            'sensor': '; '.join(', '.join(names) for names in self.stored.sensor.values()),
+            'recordings': f'{", ".join(recording.name for recording in self.recordings)} '
+            f'({hours:.1f} h at {low:.0f} to {high:.0f} °C)',
+            'model': f'{self.stored.path.name}, made '
+            f'{self.stored.document["provenance"].get("created", "at an unknown time")}',
+        }
+        return {name: fact for name, fact in facts.items() if fact}
 
     @property
     def provenance(self) -> dict[str, str]:
         """Where the model came from, for people, by name."""
         document = self.stored.document
-        provenance = document['provenance']
         ranges = (thermometer['range_c'] for thermometer in document['thermometers'])
         return {
             'model file': str(self.stored.path),
             'SHA-256': self.stored.sha256,
-            'made': str(provenance.get('created', 'at an unknown time')),
             'recorded': f'{document["duration_s"] / 3600:.2f} h',
             'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
-            'thermal period': f'{self.stored.model.period_ns / NANOSECONDS:g} s',
-            'versions': _listed(provenance.get('versions')),
-            'settings': _listed(provenance.get('settings')),
+            'thermal period': f'{self.stored.model.period_ns / 1e9:g} s',
         }
+
+    def lines(self) -> list[str]:
+        """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
+        return [
+            *(f'{axis.axis}: {LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
+              for axis in self.axes),
+            *(self.payloads.lines() if self.payloads else ()),
+            *(f'next: {sentence}' for sentence in self.advice[:MOST_ADVICE]),
+            *(f'warning: {sentence}' for sentence in self.warnings),
+        ]  # fmt: skip
 
 
 def calibration_content(
@@ -167,75 +183,97 @@ def calibration_content(
     stored: StoredModel,
     reference: Reference,
 ) -> ReportContent:
-    """Fill a report's view from a calibration."""
+    """Fill a report's content from a calibration."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
     coverage = cover(recordings if work is None else work.drift)
-    durations_s = [recording.duration_s for recording in recordings]
-    axes = []
+    longest_s = max(recording.duration_s for recording in recordings)
+    axes: list[AxisView] = []
+    levels: dict[str, Level] = {}
     for axis, fit in fits.items():
-        series = _held_out_series(_held_out(fit), recordings, coverage.leading)
-        before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
-        errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, _widening(fit) * after)
         held_out = _held_out(fit)
+        # Drift goes further in a day than in a block: what is stated over what was held out.
+        measured = float(rms_by_fold(held_out).after.mean())
+        whole = not held_out.tared or held_out.recording.any()
+        widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
+        series = _series(
+            recordings, coverage.leading, held_out.recording, held_out.cell,
+            held_out.before, held_out.after,
+            held_out.recording * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
+        before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
+        errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
         evidence = Evidence(
             unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
-            widening=_widening(fit), compensated=fit.model is not None,
+            widening=widening, compensated=fit.model is not None,
             best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
             recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
-            slowest_s=_slowest_s(fit), longest_s=max(durations_s), refusal=fit.refusal,
+            slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-        view = _axis_view(stored, axis, evidence, errors, series)
-        # Where nothing can be promised, the verdict says so.
-        limit = another_day(fit) if evidence.promised else ''
-        axes.append(replace(view, limit=limit))
-    # An axis that was refused drifts, and is explained no better than a weak one.
-    levels: dict[str, Level] = {
-        axis.axis: 'weak' if fits[axis.axis].refusal else axis.verdict.level for axis in axes
-    }
-    slowest_s = max(map(_slowest_s, fits.values()), default=0.0)
-    advice = what_to_record_next(coverage, levels, reference, durations_s, slowest_s)
+        axes.append(_axis_view(stored, axis, evidence, errors, series, fit.day_limit))
+        # An axis that drifts and was not learnt is explained no better than a weak one.
+        drifts = fit.refusal or fit.rms_before > NOISE_MARGIN * series.noise
+        level = axes[-1].verdict.level
+        levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
+    case = Case(
+        recordings, coverage, reference, levels,
+        calibration.warnings,
+        [Path(path) for path, _ in model_sources(stored)],
+        stored.sensor.get('temperature_topics', ()),
+        slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         conditions=conditions_of_another_day(calibration),
-        explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
-        advice=(*_hardest_day(fits, recordings), *advice),
+        explanation=explain_folds(calibration, recordings, reference), axes=tuple(axes),
+        advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        work=_at_work(calibration))  # fmt: skip
+        payloads=calibration.payloads,
+        at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
 def evaluation_content(
-    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
+    stored: StoredModel,
+    evaluated: Sequence[EvaluatedRecording],
+    tare_s: float,
+    paths: Sequence[Path] = (),
 ) -> ReportContent:
-    """Fill a report's view from an evaluation."""
+    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
     recordings = [judged.recording for judged in evaluated]
-    coverage = cover(recordings)
+    coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
-    axes, beyond = [], []
+    # Means of cells: their middles, the temperatures then, and errors, all recordings together.
+    number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
+    over = averaged_cells(recordings[0].period_s)
+    cells: list[FloatArray] = [np.arange(len(one), dtype=np.float64) for one in recordings]
+    cell = np.concatenate([mean_over(numbers, over) for numbers in cells])
+    moved = [mean_over(one.temperature_c, over) for one in recordings]
+    before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
+    axes: list[AxisView] = []
+    beyond: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
-        column, limit = AXES.index(axis), stored.model.day_limits.get(axis)
+        column, limit = AXES.index(axis), stored.model.day_limits.get(axis, np.nan)
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
-        series = _evaluated_series(evaluated, column, coverage.leading)
+        rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])
+        series = _series(
+            recordings, coverage.leading, number[rows], cell[rows],
+            before[rows, column], after[rows, column], number[rows])  # fmt: skip
         # How far a thermometer moved, at most, where the axis was compared.
-        compared = (e.temperature_c[np.isfinite(e.errors.after[:, column])] for e in evaluated)
-        moved_k = max(float(np.ptp(cells, axis=0).max()) for cells in compared if len(cells))
+        compared = (t[rows[number == n]] for n, t in enumerate(moved))
+        moved_k = max(float(np.ptp(t, axis=0).max()) for t in compared if len(t))
+        blocks = FoldErrors(
+            np.array([figures.rms_before for _, figures in parts]),
+            np.array([figures.rms_after for _, figures in parts]),
+        )
         evidence = Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
-            noise=series.noise, moved_k=moved_k,
-            compensated=axis in stored.model.axes, block_name='recording',
-            blocks=FoldErrors(
-                np.array([figures.rms_before for _, figures in parts]),
-                np.array([figures.rms_after for _, figures in parts])))  # fmt: skip
-        view = replace(_axis_view(stored, axis, evidence, errors, series), parts=parts)
-        if limit is not None:
-            view = replace(view, limit=f'Limit of its peaks: {limit:.2g} {view.unit}.')
-            if errors.max_after > limit:
-                largest = f'{rounded(errors.max_after)} {view.unit}'
-                beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
-        axes.append(view)
+            noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
+            block_name='recording', blocks=blocks)  # fmt: skip
+        axes.append(_axis_view(stored, axis, evidence, errors, series, limit, parts))
+        if errors.max_after > limit:
+            largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
+            beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     if beyond:
         warnings.append(
@@ -244,43 +282,38 @@ def evaluation_content(
             'another tool), a temperature may be missing or beyond those that were learnt, or it '
             'is another sensor. The report (--report) shows when it began.'
         )
-    ranges_c = [tuple(entry['range_c']) for entry in stored.document['thermometers']]
-    levels = {axis.axis: axis.verdict.level for axis in axes}
-    limits = 'Limits of peaks are those that the calibration stated of 95 of 100 days.'
-    references = ', '.join(dict.fromkeys(judged.reference for judged in evaluated))
+    references = list(dict.fromkeys(judged.reference for judged in evaluated))
+    case = Case(
+        recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
+        warnings, paths,
+        stored.sensor.get('temperature_topics', ()), model=stored.path,
+        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
+        learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
+    )  # fmt: skip
+    limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
     return ReportContent(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
-        f'{averaged_s(stored.model):g} s. Reference: {references}.',
-        conditions=limits if any(axis.limit for axis in axes) else '', axes=tuple(axes),
-        advice=(what_was_not_learnt(coverage, ranges_c, levels),),
-        warnings=tuple(warnings))  # fmt: skip
+        f'{period_s:g} s. Reference: {", ".join(references)}.',
+        conditions=limits if np.isfinite([axis.day_limit for axis in axes]).any() else '',
+        axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
 
 
-def _axis_view(
-    stored: StoredModel, axis: str, evidence: Evidence, errors: AxisEvaluation, series: ErrorSeries
+def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of an axis
+    stored: StoredModel,
+    axis: str,
+    evidence: Evidence,
+    errors: AxisEvaluation,
+    series: ErrorSeries,
+    day_limit: float,
+    parts: Sequence[tuple[str, AxisEvaluation]] = (),
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry, model = stored.document['axes'].get(axis, _NO_ENTRY), stored.model.axes.get(axis)
     return AxisView(
-        axis=axis, unit=evidence.unit, verdict=judge(evidence), errors=errors, series=series,
-        drifts=drifts_removed(model), entry={**entry, 'reason': ''} if evidence.refusal else entry,
-        responses=None if model is None else _step_responses(model, stored.model.period_ns),
-    )  # fmt: skip
-
-
-def _step_responses(model: AxisModel, period_ns: int) -> tuple[FloatArray, FloatArray]:
-    """Warm one thermometer after the other."""
-    period_s = period_ns / NANOSECONDS
-    cells = max(round(_RESPONSE_S / period_s), 2)
-    rest = model.start(model.reference_c)
-    drift = [
-        model.run(rest, np.tile(model.reference_c + kelvin, (cells, 1)))[1][:, 0]
-        for kelvin in np.eye(model.thermometers)
-    ]
-    settled = model.step(rest, model.reference_c)[1][0]
-    return (np.arange(cells) + 1) * period_s / 60, np.array(drift) - settled
+        axis, evidence.unit, judge(evidence), errors, series,
+        drifts_removed(stored.model.axes.get(axis)),
+        stored.document['axes'].get(axis, _NO_ENTRY), day_limit, parts)  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:
@@ -290,39 +323,29 @@ def drifts_removed(model: AxisModel | None) -> str:
     return 'zero and gain' if model.outputs == 2 else 'zero'
 
 
-def one_after_the_other(
-    recordings: Sequence[Recording],
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Give times, h, (n,), temperatures, °C, (n, J), and which recording they are of, (n,)."""
-    pairs = zip(_starts_h(recordings), recordings, strict=True)
-    hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
-    temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
-    part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
-    return hours, temperature_c, part
-
-
-def _starts_h(recordings: Sequence[Recording]) -> FloatArray:
+def starts_h(recordings: Sequence[Recording]) -> FloatArray:
     """Put recordings one after the other: where each begins, h, shape (recordings,)."""
     ends_h = np.cumsum([recording.duration_s / 3600 for recording in recordings])
     return np.concatenate(([0.0], ends_h[:-1]))
 
 
-def _evaluated_series(
-    evaluated: Sequence[EvaluatedRecording], column: int, leading: int
+def _series(  # noqa: PLR0913, PLR0917 -- columns of one table
+    recordings: Sequence[Recording],
+    leading: int,
+    number: IntArray,
+    cell: FloatArray,
+    before: FloatArray,
+    after: FloatArray,
+    part: IntArray,
 ) -> ErrorSeries:
-    """Lay the errors of an axis out over time and temperature, all recordings together."""
-    recordings = [judged.recording for judged in evaluated]
-    hours = np.concatenate([
-        start_h + judged.averaged(judged.recording.elapsed_s) / 3600
-        for start_h, judged in zip(_starts_h(recordings), evaluated, strict=True)
-    ])  # fmt: skip
-    temperature_c = np.concatenate([judged.temperature_c[:, leading] for judged in evaluated])
-    part = np.repeat(np.arange(len(evaluated)), [len(judged.errors.after) for judged in evaluated])
-    before = np.concatenate([judged.errors.before[:, column] for judged in evaluated])
-    after = np.concatenate([judged.errors.after[:, column] for judged in evaluated])
-    rows = np.isfinite(before) & np.isfinite(after)
-    columns = hours, temperature_c, before, after, part
-    return ErrorSeries(*(values[rows] for values in columns))
+    """Lay errors out over time and temperature, by number of the recording and mean cell, (n,)."""
+    pairs = list(zip(number.tolist(), cell.tolist(), strict=True))
+    since_s = (cell + 0.5) * recordings[0].period_s
+    origins_s = np.array([elapsed_s(recording, 0) for recording in recordings])
+    return ErrorSeries(
+        hours=starts_h(recordings)[number] + since_s / 3600, elapsed_s=origins_s[number] + since_s,
+        temperature_c=np.array([recordings[n].temperature_c[round(k), leading] for n, k in pairs]),
+        before=before, after=after, part=part)  # fmt: skip
 
 
 def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
@@ -335,32 +358,10 @@ def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
     ]
 
 
-def _listed(values: Any) -> str:
-    """Write nested plain values on one line."""
-    if isinstance(values, Mapping):
-        return ', '.join(
-            f'{key} ({_listed(value)})'
-            if isinstance(value, Mapping)
-            else f'{key} {_listed(value)}'
-            for key, value in values.items()
-        )
-    if isinstance(values, list):
-        return ' '.join(_listed(value) for value in values) or 'none'
-    return 'none' if values is None else str(values)
-
-
 def _held_out(fit: AxisFit) -> HeldOut:
     """Return the errors that every identified axis carries."""
     assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
     return fit.held_out
-
-
-def _widening(fit: AxisFit) -> float:
-    """Ratio of the stated error to that of the folds that were held out."""
-    held_out = _held_out(fit)
-    measured = float(rms_by_fold(held_out).after.mean())
-    whole = not held_out.tared or held_out.recording.any()
-    return 1.0 if whole or measured == 0 else fit.rms_after / measured
 
 
 def _slowest_s(fit: AxisFit) -> float:
@@ -369,90 +370,38 @@ def _slowest_s(fit: AxisFit) -> float:
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _held_out_series(
-    held_out: HeldOut, recordings: Sequence[Recording], leading: int
-) -> ErrorSeries:
-    """Lay held-out errors out over time and temperature; every fold of a recording is a part."""
-    period_h = recordings[0].period_s / 3600
-    temperature_c = [
-        recordings[number].temperature_c[round(cell), leading]
-        for number, cell in zip(held_out.recording, held_out.cell, strict=True)
-    ]
-    return ErrorSeries(
-        hours=_starts_h(recordings)[held_out.recording] + (held_out.cell + 0.5) * period_h,
-        temperature_c=np.array(temperature_c), before=held_out.before, after=held_out.after,
-        part=held_out.recording * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
-
-
-def _hardest_day(fits: Mapping[str, AxisFit], recordings: Sequence[Recording]) -> list[str]:
-    """Name the recording that the others predict worst: what is like it was seen too little."""
-    if len(recordings) < 3:
-        return []
-    after = {axis: rms_by_fold(_held_out(fit)).after for axis, fit in fits.items() if fit.model}
-    shares = [
-        left / max(left.mean(), 1e-300) for left in after.values() if len(left) == len(recordings)
-    ]
-    share = np.mean(shares or [[0.0]], axis=0)
-    if share.max() < _HARD_RATIO * np.median(share):
-        return []
-    hardest = int(np.argmax(share))
-    axis = max(after, key=lambda name: after[name][hardest] / max(fits[name].rms_before, 1e-300))
-    unit = fits[axis].unit
-    sentence = (
-        f'{recordings[hardest].name} is predicted worst by the others: {after[axis][hardest]:.3g} '
-        f'{unit} of {axis} are left, in the mean of all {after[axis].mean():.3g} {unit}. Another '
-        'day like it would help most.'
-    )
-    return [sentence]
-
-
-def _explanation(
+def explain_folds(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""
-    fits = calibration.fits.values()
-    first = _held_out(next(iter(fits)))
-    count, widened = len(np.unique(first.fold)), ''
-    if len(recordings) > 1:
-        blocks = f'Each of the {count} recordings was held out in turn'
-        zero = 'its first minute'
-    elif first.tared:
+    first = _held_out(next(iter(calibration.fits.values())))
+    count, zero = len(np.unique(first.fold)), 'after a tare in its first minute'
+    blocks = f'Each of the {count} recordings'
+    if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / count / 60
-        blocks = (
-            f'The recording was cut into {count} blocks of {minutes:.0f} min, and each was held '
-            'out in turn'
-        )
-        zero = 'its first minute'
-        factors = [_widening(fit) for fit in fits]
-        widened = (
-            f' What is left is stated {min(factors):.1f} to {max(factors):.1f} times as large as '
-            'it was (see the pictures), because drift goes further in a day than in a block.'
-        )
-    else:
-        blocks = f'Each of the {count} plateaus was held out in turn'
-        zero = 'the mean of the other plateaus'
-    tared = ': as after a tare' if first.tared else ''
+        blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
+        zero += ' and widened to a whole day, which drifts further than a block'
+    elif len(recordings) == 1:
+        blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
-        f'{blocks}: a model that was fitted to the others ran on its temperatures alone. Errors '
-        f'are means over {first.bin_s:g} s, counted from {zero}, with compensation and '
-        f'without{tared}.{widened} Reference: {reference}.'
+        f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
+        f'temperatures alone. Errors are means over {first.bin_s:g} s, counted {zero}, with '
+        f'compensation and without. Reference: {reference}.'
     )
 
 
-def _at_work(calibration: Calibration) -> AtWork | None:
-    """Collect payloads and what counted; None where nothing was learnt at work."""
-    separation = calibration.separation
-    if separation is None:
-        return None
+def _at_work(separation: Separation) -> str:
+    """Say how much of the time counted, and what was seen."""
     counts, usable = separation.fit.weights > COUNTS, separation.cells.usable
     cells = sum(len(recording) for recording in separation.recordings)
     counted = np.concatenate(separation.cells.join(counts))
     gravity = describe_force(moments_of(np.concatenate(separation.accelerometer.forces)[counted]))
     seen = ('none', 'one', 'two', 'all')[0 if gravity is None else gravity.seen]
     share, pushed = counts.sum() / cells, (usable & ~counts).sum() / cells
-    used = (
+    tares = sum(map(len, separation.steps))
+    return (
         f'Learnt from {share:.0%} of the time; {pushed:.0%} were taken for contact, the rest '
         f'turned fast or held no specific force. Gravity moved along {seen} of three directions; '
-        'a payload needs two, its centre of mass all.'
+        'a payload needs two, its centre of mass all. Steps that no payload explains, such as '
+        f'tares of the driver: {tares}.'
     )
-    return AtWork(calibration.payloads, used, sum(map(len, separation.steps)))

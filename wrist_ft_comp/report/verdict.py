@@ -18,14 +18,15 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.fit.result import FoldErrors, HARMFUL_RATIO, SURE_SHARE
+from wrist_ft_comp.fit.folds import averaged_s
+from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.ranges import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
 #: The levels in words for people, the best first.
 LEVEL_NAMES: dict[Level, str] = {
     'good': 'good', 'weak': 'weak', 'harmful': 'harmful', 'uncalibrated': 'not calibrated',
-    'unjudged': 'nothing to judge',
+    'unjudged': 'not judged',
 }  # fmt: skip
 #: Largest share of the drift that a good axis leaves.
 GOOD_REMAINDER = 0.25
@@ -88,8 +89,8 @@ def judge(evidence: Evidence) -> Verdict:
     if evidence.moved_k < SMALLEST_CHANGE_K:
         return Verdict(
             'unjudged',
-            f'The thermometers moved by {evidence.moved_k:.2g} K only, and drift that follows '
-            f'them shows from {SMALLEST_CHANGE_K:g} K on. Evaluate a recording of a warm-up.',
+            f'The thermometers moved by {evidence.moved_k:.2g} K only; drift is judged from '
+            f'{SMALLEST_CHANGE_K:g} K on. Evaluate a recording of a warm-up.',
         )
     figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:
@@ -102,9 +103,27 @@ def judge(evidence: Evidence) -> Verdict:
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
     noise = NOISE_MARGIN * evidence.noise
     is_noise = after <= noise * evidence.widening
-    doubts = _doubts(evidence)
+    # What speaks against trusting the figures.
+    doubts = []
     if not is_noise and after > GOOD_REMAINDER * before:
-        doubts.insert(0, f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
+        doubts.append(f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
+    if evidence.blocks is not None:
+        block_before, block_after = evidence.blocks
+        # In a block that hardly drifts, more of it may be left and still be little.
+        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
+        worse = (block_after > HARMFUL_RATIO * block_before) & (block_after > little)
+        if worse.any():
+            doubts.append(
+                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
+                'more than no compensation'
+            )
+    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
+        doubts.append(
+            f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
+            f'{evidence.longest_s:.0f} s of recording'
+        )
+    if not evidence.promised:
+        doubts.append('the limit for another day is not known, so record one more day')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
     if after <= noise:
@@ -142,24 +161,27 @@ def _why_uncalibrated(evidence: Evidence) -> str:
     )
 
 
-def _doubts(evidence: Evidence) -> list[str]:
-    """List what speaks against trusting the figures."""
-    doubts = []
-    if evidence.blocks is not None:
-        before, after = evidence.blocks
-        # In a block that hardly drifts, more of it may be left and still be little.
-        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
-        worse = (after > HARMFUL_RATIO * before) & (after > little)
-        if worse.any():
-            doubts.append(
-                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
-                'more than no compensation'
-            )
-    if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
-        doubts.append(
-            f'its slowest time constant, {evidence.slowest_s:.0f} s, is not sure after '
-            f'{evidence.longest_s:.0f} s of recording'
-        )
-    if not evidence.promised:
-        doubts.append('nothing can be promised of another day, so record one more')
-    return doubts
+def summarise(calibration: Calibration) -> str:
+    """Say what was learnt: a line per axis and payload, one on the limits, the warnings."""
+    lines = []
+    for axis, fit in calibration.fits.items():
+        line = f'{axis}: {fit.rms_before:.3g} -> {fit.rms_after:.3g} {fit.unit} RMS held out'
+        # A method that a person named is kept although it may do harm, but not silently.
+        line += f' ({fit.chosen}){": WORSE THAN NONE" if fit.harmful else ""}'
+        limit = '' if np.isnan(fit.day_limit) else f', limit {fit.day_limit:.2g} {fit.unit}'
+        lines.append(line + limit)
+    lines += calibration.payloads.lines() if calibration.payloads else []
+    lines += filter(None, [conditions_of_another_day(calibration)])
+    return '\n'.join([*lines, *(f'warning: {warning}' for warning in calibration.warnings)])
+
+
+def conditions_of_another_day(calibration: Calibration) -> str:
+    """Say under which conditions the limits of another day hold; nothing of a chamber test."""
+    if all(np.isnan(fit.largest_drift) for fit in calibration.fits.values()):
+        return ''
+    ranges = calibration.temperature_range_c.tolist()
+    low_c, high_c = max(ranges, key=lambda ends: ends[1] - ends[0])
+    return (
+        f'limit: largest error on 95 of 100 other days, tared, between {low_c:.0f} and '
+        f'{high_c:.0f} °C, in means over {averaged_s(calibration.model):g} s.'
+    )

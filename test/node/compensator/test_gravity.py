@@ -26,7 +26,7 @@ def record(node, put):
         stamps = START + cell * SECOND + np.arange(20) * SECOND // 20
         for stamp in stamps.tolist():
             put(stamp)
-        node.wait_until(lambda: averager._latest[FORCE] == cell + START // SECOND, 'the force')  # noqa: B023
+        node.wait_until(lambda: averager._latest.get(FORCE) == cell + START // SECOND, 'the force')  # noqa: B023
         node.stream(stamps, np.ones((20, 6)))
         node.warm(int(stamps[10]), 25.0)
     assert node.call('record', False).success

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 HEAVY = (
-    'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'tqdm', 'wrist_ft_comp.cli',
+    'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'rich', 'wrist_ft_comp.cli',
     'wrist_ft_comp.fit.averaging', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
     'wrist_ft_comp.simulation',
 )  # fmt: skip

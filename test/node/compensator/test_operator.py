@@ -1,15 +1,18 @@
 """``wrist_ft_comp node``: the command against running nodes, and its page against their faults."""
 
+from io import StringIO
 import json
 from types import SimpleNamespace
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from rich.console import Console
 
 from wrist_ft_comp.cli import node as command
 from wrist_ft_comp.cli import operate as operator
 from wrist_ft_comp.cli.main import main
+from wrist_ft_comp.cli.output import renderables
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 
@@ -117,13 +120,23 @@ def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
         'thermometer_1_age_s': 'never',
         'thermometer_2_age_s': '0.1',
         'thermometer_2_c': '21.00',
+        'thermometer_2_calibrated_c': '20.1 to 35.0',
+        'recording_s': '754',
     }
-    values |= {f'{axis}_{n}': '-0.09579 N m' for axis in command.AXES for n in ('drift', 'tare')}
+    names = 'raw', 'compensated', 'drift', 'drift_deviation', 'tare'
+    values |= {f'{axis}_{name}': '-0.09579 N m' for axis in command.AXES for name in names}
     heard = {name: Status(name, *pair, values) for name, pair in said.items()}
     watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
-    lines = command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch)
-    assert max(map(len, lines)) < 80
-    for name in said:
-        assert sum(name in line for line in lines) >= 1
+    page = list(command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
+    console = Console(file=StringIO(), width=200)
+    console.print(*renderables(page), sep='\n')
+    lines = console.file.getvalue().splitlines()
+    long = max(map(len, ' '.join(text for _, text in said.values()).split()), default=0)
+    assert max(map(len, lines)) <= max(80, 21 + long)
     levels = [said[name][0] for line in lines for name in said if line[8:].startswith(f'{name} ')]
+    assert len(levels) == len(said)
     assert levels == sorted(levels, reverse=True)
+    text = '\n'.join(lines)
+    assert ('20.1 to 35.0' in text) == ({'temperature', 'model'} <= said.keys())
+    assert ('has run for 13 min' in text) == ('calibration' in said)
+    assert text.count('-0.09579') == 30 * ('output' in said)

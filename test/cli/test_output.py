@@ -1,0 +1,54 @@
+"""What is printed: tables of at most 80 columns, bars on a terminal only, colours where wanted."""
+
+from io import StringIO
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from rich.console import Console
+
+from wrist_ft_comp.cli.output import print_words, rich_table, Table
+
+word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
+
+
+def drawn(table, width=80):
+    console = Console(file=StringIO(), width=width)
+    console.print(rich_table(table), width=width)
+    return console.file.getvalue()
+
+
+@given(st.lists(st.lists(word, min_size=4, max_size=4), min_size=1, max_size=6))
+def test_every_table_fits_and_loses_nothing(rows):
+    text = drawn(Table(rows[0], rows[1:] or [rows[0]]))
+    assert max(map(len, text.splitlines())) <= 80
+    every = [*rows, *([] if rows[1:] else [rows[0]])]
+    assert sorted(''.join(text.split())) == sorted(''.join(''.join(row) for row in every))
+
+
+def test_numbers_are_aligned_at_the_point():
+    rows = [['force_z', '12.5'], ['torque_x', '0.125'], ['torque_y', '–'], ['torque_z', '3']]
+    lines = drawn(Table(['axis', 'N'], rows)).splitlines()[1:]
+    assert [line.rstrip() for line in lines] == [
+        'force_z   12.5', 'torque_x   0.125', 'torque_y   –', 'torque_z   3',
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(('variable', 'coloured'), [('FORCE_COLOR', True), ('NO_COLOR', False)])
+def test_colours_are_those_that_the_environment_asks_for(variable, coloured, monkeypatch, capsys):
+    for name in ('FORCE_COLOR', 'NO_COLOR'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, '1')
+    print_words(['ERROR   input', Table(['axis', 'verdict'], [['force_x', 'good']])])
+    out = capsys.readouterr().out
+    assert (re.search('\x1b\\[[^m]*3[12]', out) is not None) == coloured
+    assert 'good' in out
+
+
+def test_what_can_be_copied_is_never_broken(capsys):
+    command = 'wrist_ft_comp calibrate ' + 'x' * 100
+    print_words([command, Table(['topic', 'N'], [['/' + 'y' * 90, '1']])])
+    out = capsys.readouterr().out
+    assert command in out
+    assert '/' + 'y' * 90 in out

@@ -1,0 +1,195 @@
+"""Tables in the forms of real recorders: what ``show`` prints leads to the right channels."""
+
+from datetime import datetime, timedelta, timezone
+from itertools import pairwise
+import json
+from pathlib import Path
+import shlex
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.recordings import table
+from wrist_ft_comp.recordings.read import read_recording
+
+ROWS, STEP_S = 360, 10
+BEGIN = datetime(2026, 3, 5, 7, tzinfo=timezone.utc)
+_LIST = Path(__file__).parents[1] / 'fixtures/logs/forms.yaml'
+FORMS = {form['name']: form for form in yaml.safe_load(_LIST.read_text('utf-8'))}
+#: What "holds" may say, as channels.
+HELD = {
+    'force': AXES[:3], 'torque': AXES[3:], 'T': ['temperature_c'], 'T2': ['temperature_2_c'],
+}  # fmt: skip
+#: The first stamp by "begin", s.
+BEGINS_S = {'zero': 0, 'day': 7 * 3600, 'epoch': BEGIN.timestamp()}
+#: What rounding in a table may cost, N, N m and °C.
+TOLERANCES = {'force': 0.02, 'torque': 0.002, 'temperature': 0.06}
+
+
+def hour(seed=0):
+    """An hour of warming up: seconds, and by channel N, N m and °C."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(ROWS) * float(STEP_S)
+    temperature_c = 22 + 13 * (1 - np.exp(-t / 900)) + np.sin(t / (400 + 50 * seed))
+    other_c = 24 + 9 * (1 - np.exp(-t / 1500)) + 0.7 * np.cos(t / 700)
+    wrench = np.outer(temperature_c - 22, [0.3, 0.2, 0.9, 0.02, 0.01, 0.015])
+    wrench += [12.5, -7.25, 31.0, 0.4, -0.3, 0.15]
+    wrench += rng.normal(0, [0.02] * 3 + [0.001] * 3, wrench.shape)
+    channels = dict(zip(AXES, wrench.T, strict=True))
+    return t, {**channels, 'temperature_c': temperature_c, 'temperature_2_c': other_c}
+
+
+def c(number, digits):
+    """Write a number with a comma."""
+    return f'{number:.{digits}f}'.replace('.', ',')
+
+
+def write(form, folder, seed=0):
+    """Write the table of a form; gives its path."""
+    t, channels = hour(seed)
+    row = compile(f'f{form["row"]!r}', form['name'], 'eval')
+    short = ['fx', 'fy', 'fz', 'tx', 'ty', 'tz', 'T', 'T2']
+    lines = [form['head'].rstrip('\n')] if form['head'] else []
+    for k, values in enumerate(zip(t, *channels.values(), strict=True)):
+        names = dict(zip(['t', *short], values, strict=True))
+        at = BEGIN + timedelta(seconds=names['t'] + 86_400 * seed)
+        names.update(k=k, c=c, at=at, epoch=at.timestamp())
+        lines.append(eval(row, names))  # noqa: S307 -- our own forms
+    path = folder / form.get('file', 'log.csv')
+    if path.suffix == '.xlsx':
+        from openpyxl import Workbook  # noqa: PLC0415 -- rarely there
+
+        book = Workbook()
+        for line in lines:
+            cells = line.split(',')
+            numbers = cells if line is lines[0] else [cells[0], *map(float, cells[1:])]
+            book.active.append(numbers)
+        book.save(path)
+    else:
+        path.write_bytes(('\n'.join(lines) + '\n').encode(form.get('encoding', 'utf-8')))
+    return path
+
+
+def truth(form):
+    """Tell the first stamp, s, and the values by channel; None where nothing can be learnt."""
+    begin = form.get('begin', 'epoch' if '{at:%' in form['row'] else 'zero')
+    held = [x for word in form['holds'].split() for x in HELD.get(word, [word])]
+    _, channels = hour()
+    return BEGINS_S[begin] + form.get('offset', 0), {name: channels.get(name) for name in held}
+
+
+def told(command):
+    """What a command that show prints says of a table, as Topics take it."""
+    words = shlex.split(command)
+    options = dict(pairwise(words))
+    return Topics(columns=options.get('--columns', ''), time=options.get('--time', ''))
+
+
+@pytest.mark.parametrize('name', FORMS)
+def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, done, tmp_path):
+    """Or to a sentence whose remedy, carried out, does."""
+    form = FORMS[name]
+    path = write(form, tmp_path)
+    shown = json.loads(done('show', path, '--json'))
+    topics = told(shown['commands'][0])
+    if 'open' in form:
+        assert '…' in shown['commands'][0]
+        assert 'in the place of …' in shown['refusal']
+        topics = Topics(columns=form['open'])
+    begin_s, channels = truth(form)
+    recording = read_recording(path, topics=topics)
+    assert recording.first_cell == pytest.approx(begin_s, abs=1)
+    assert recording.duration_s == pytest.approx((ROWS - 1) * STEP_S, abs=2)
+    assert set(recording.axes_present) == {*AXES} & {*channels}
+    assert recording.thermometers == len(channels.keys() - {*AXES})
+    columns = np.where(recording.measured, recording.temperature_c, np.nan).T
+    found = dict(zip(['temperature_c', 'temperature_2_c'], columns, strict=False))
+    found |= dict(zip(AXES, recording.wrench.T, strict=True))
+    for channel, values in channels.items():
+        read = found[channel][np.isfinite(found[channel])]
+        tolerance = TOLERANCES[channel.split('_')[0]]
+        np.testing.assert_allclose(read, values, atol=tolerance, err_msg=channel)
+
+
+def test_there_are_many_forms_of_many_recorders():
+    assert len(FORMS) >= 60
+    assert len({form['recorder'].split()[0] for form in FORMS.values()}) >= 25
+    assert all(form['source'] for form in FORMS.values())
+    assert sum('open' not in form for form in FORMS.values()) >= 68
+
+
+@pytest.mark.parametrize('name', ['ur_rtde_record', 'excel_de', 'picolog'])
+def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = write(FORMS[name], tmp_path)
+    (tmp_path / 'another').mkdir()
+    other = write(FORMS[name], tmp_path / 'another', seed=1)
+    calibrate, evaluate = json.loads(done('show', path, '--json'))['commands']
+    done(*shlex.split(calibrate)[1:])
+    words = [other if 'another_day' in word else word for word in shlex.split(evaluate)[1:]]
+    axes = json.loads(done(*words, '--json'))['axes']
+    assert axes['force_z']['rms_after'] < 0.2 * axes['force_z']['rms_before']
+
+
+def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
+    t, channels = hour()
+    at = [BEGIN + timedelta(seconds=s) for s in t.tolist()]
+    force = [
+        f'{a.timestamp() * 1e3:.0f};{n / 1e3:.7f}'
+        for a, n in zip(at, channels['force_z'], strict=True)
+    ]
+    heat = [
+        f'{a:%d.%m.%Y %H:%M:%S},{T:.2f}'
+        for a, T in zip(at, channels['temperature_c'], strict=True)
+    ]
+    (tmp_path / 'force.csv').write_text('\n'.join(['t;Kraft [kN]', *force, '']))
+    (tmp_path / 'heat.csv').write_text('\n'.join(['Datum,Temp', *heat, '']))
+    assert 'join both' in run('show', tmp_path / 'force.csv').out
+    joined = tmp_path / 'force.csv+heat.csv'
+    (command, _) = json.loads(done('show', joined, '--json'))['commands']
+    recording = read_recording(joined, topics=told(command))
+    np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-3)
+    np.testing.assert_allclose(
+        recording.temperature_c[::10, 0], channels['temperature_c'], atol=0.01
+    )
+    words = shlex.split(command)[1:]
+    words[words.index('model.yaml')] = str(tmp_path / 'model.yaml')
+    done(*words, '--method', 'pls')
+    options = words[words.index('--columns') :]
+    done('compensate', tmp_path / 'model.yaml', joined, '-o', tmp_path / 'copy.csv', *options)
+    stamps = np.loadtxt(tmp_path / 'copy.csv', delimiter=',', skiprows=1, usecols=0)
+    assert len(stamps) == 2 * ROWS
+    assert (np.diff(stamps) >= 0).all()
+
+
+@pytest.mark.parametrize('block', [1234, table.BLOCK])
+def test_where_a_clock_begins_anew_a_file_is_cut_as_the_sentence_says(
+    block, run, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(table, 'BLOCK', block)
+    monkeypatch.chdir(tmp_path)
+    form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}
+    one, two = (write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1))
+    Path('both.csv').write_text(one + two, encoding='utf-8')
+    said = run('show', 'both.csv').sentence
+    subprocess.run(said.split('"')[1], shell=True, check=True)  # noqa: S602 -- as a person does
+    for part, text in (('part_1.csv', one), ('part_2.csv', two)):
+        Path('alone.csv').write_text(text, encoding='utf-8')
+        shown = [json.loads(run('show', path, '--json').out) for path in (part, 'alone.csv')]
+        assert shown[0]['channels'] == shown[1]['channels']
+
+
+def test_a_force_as_a_thermometer_and_a_reference_of_nothing_are_told(done, tmp_path):
+    t, channels = hour()
+    rows = zip(t, channels['force_x'], channels['force_z'], channels['temperature_c'], strict=True)
+    lines = [f'{a:.0f},{x:.3f},{z:.3f},{T:.2f},0,0' for a, x, z, T in rows]
+    names = 'Time s,Fx / N,Fz / N,T1 / °C,reference_force_x,reference_force_z'
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([names, *lines, '']), encoding='utf-8')
+    said = done('show', path, '--columns', 'stamp=Time s,force_z=Fz / N,temperature_c=Fx / N')
+    assert 'Fx / N of log.csv is in N, a unit that is not understood' in ' '.join(said.split())
+    assert '--reference' not in done('show', path)

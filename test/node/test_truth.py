@@ -1,0 +1,11 @@
+"""Half an hour of the machine of truth; longer runs are ``make reliability``."""
+
+import re
+
+
+def test_half_an_hour_full_of_events_brings_no_finding(run_bench):
+    code, printed = run_bench('faults/truth.py', '--hours', '0.5', '--every', '100', '--seed', '3')
+    assert code == 0, printed
+    found = re.search(r'^(\d+) events .* 0 findings; 0\.0 false warnings', printed, re.MULTILINE)
+    assert found, printed
+    assert int(found[1]) >= 8, printed

@@ -1,0 +1,147 @@
+"""What was seen, what was not, and what a person should record next."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.report import advice as module
+from wrist_ft_comp.report.advice import advise, Case, cover, WORKING_RANGE_C
+
+HOUR = 360  # cells of 10 s
+
+
+def ramp(start, end, cells=HOUR):
+    return np.linspace(start, end, cells)
+
+
+def unloaded(cells):
+    return {'force_z': np.zeros(cells)}
+
+
+@pytest.fixture(scope='module')
+def seen(make_recording):
+    """Cover recordings that are made of these temperatures."""
+
+    def make(*temperatures):
+        return cover([make_recording(t, unloaded(len(t))) for t in temperatures])
+
+    return make
+
+
+def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
+    recordings = [SimpleNamespace(duration_s=3600 * h) for h in hours]
+    levels = dict.fromkeys(AXES, 'good') if levels is None else levels
+    return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
+
+
+@pytest.mark.parametrize(
+    ('ramps', 'unseen'),
+    [
+        ([(20.5, 35)], [(15, 20.5), (35, 50)]), ([(10, 55)], []), ([(16, 48)], []),
+        ([(15, 24.9), (30.1, 50)], [(24.9, 30.1)]), ([(15, 24), (26, 50)], []),
+    ],
+)  # fmt: skip
+def test_temperatures_below_above_and_between_are_unseen(ramps, unseen, seen):
+    assert WORKING_RANGE_C == (15, 50)
+    assert seen(*(ramp(*ends) for ends in ramps)).unseen_c == unseen
+
+
+def test_time_without_a_wrench_is_not_counted(make_recording):
+    raw = np.zeros(3 * HOUR)
+    raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
+    coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
+    assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
+    assert coverage.risen_k == pytest.approx(15, abs=1)
+    np.testing.assert_allclose(coverage.unseen_c, [(15, 20), (35, 50)], atol=0.1)
+
+
+def test_the_thermometer_that_spans_most_leads(seen):
+    flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
+    coverage = seen(np.stack((flat, hot), axis=1))
+    assert coverage.leading == 1
+    assert coverage.unseen_c[-1] == (45.0, 50.0)
+    assert 'at thermometer 2' in advice(coverage)
+
+
+def test_unseen_temperatures_are_named_in_one_sentence(seen):
+    text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 45)))
+    assert text.count('You have not seen 20 to 25, 30 to 35 and 45 to 50 °C: ') == 1
+
+
+NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
+PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
+BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
+#: Temperatures, what else is known, and a part of what is asked for, or of what is not.
+ASKED = [
+    (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
+    (ramp(20, 35), {}, 'Let it cool down', ''),
+    (ramp(35, 20), {}, 'Let it warm up', ''),
+    (BOTH_WAYS, {}, '', 'Let it'),
+    (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
+    (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),
+    (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),
+    (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
+    (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
+    (ramp(20, 35), {}, 'ended hot: the sensor went 13.8 K', 'ended cold'),
+    (ramp(35, 20), {}, 'ended cold', ''),
+    (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
+    (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
+    (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
+    (ramp(20, 35), {'hours': (2.0, 2.0)}, '', 'second day'),
+]
+
+
+@pytest.mark.parametrize(('temperature_c', 'known', 'asked', 'not_asked'), ASKED)
+def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_asked):
+    text = advice(seen(temperature_c), **known)
+    assert asked in text
+    assert not not_asked or not_asked not in text
+
+
+def test_axes_and_loads_that_are_missing_are_named(seen):
+    coverage = seen(ramp(20, 35))
+    assert 'No recording holds force_y, force_z' in advice(coverage, {'force_x': 'good'})
+    assert 'drift of the gain is not known' in advice(coverage)
+    assert 'drift of the gain' not in advice(coverage, reference='recorded')
+
+
+def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
+    coverage, model = seen(ramp(20, 35)), {'model': Path('my model.yaml')}
+    for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
+        assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
+    said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
+    assert said.startswith('The model holds on these recordings. Run it:\nros2 run wrist_ft_comp')
+    assert "-p model_file:='my model.yaml'\n" in said
+    assert 'nothing at 15 to 20 and 35 to 50 °C' in said
+    whole = advice(seen(ramp(15, 50)), learnt_c=[(15.0, 50.0)], **model)
+    assert whole.count('\n') == 1, 'nothing else is asked for'
+    weak = {'force_x': 'good', 'force_z': 'weak'}
+    poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
+    assert poor.startswith('One thermometer does not explain force_z well: heat comes from')
+
+
+def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
+    def describe(path, topics):
+        assert (path, topics.temperatures) == (Path('day.mcap'), ('/inside',))
+        entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
+        candidates = [
+            SimpleNamespace(role='temperature', entry=entry, moves=moves)
+            for entry, moves in entries.items()
+        ]
+        return SimpleNamespace(candidates=candidates)
+
+    monkeypatch.setattr(module, 'describe_recording', describe)
+    case = Case(
+        [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)), 'unloaded',
+        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
+        [Path('day.mcap')], ['/inside'])  # fmt: skip
+    first, second, third, *_ = advise(case)
+    assert first.startswith('The load moved, although it was declared unloaded.')
+    assert second.endswith(
+        'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with\n'
+        "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
+    )
+    assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')

@@ -1,0 +1,217 @@
+"""What recordings have seen, and what to do next: one list, the most useful first."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+import shlex
+
+import numpy as np
+
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.fit.folds import bin_means
+from wrist_ft_comp.recording import Recording, Reference, Topics
+from wrist_ft_comp.recordings.describe import describe_recording, TEMPERATURE
+from wrist_ft_comp.report.verdict import Level
+from wrist_ft_comp.series import FloatArray
+
+#: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
+WORKING_RANGE_C = (15.0, 50.0)
+#: Temperatures that were not seen over at least this much are named, K: a model that knows both
+#: sides of less does not guess.
+_HOLE_K = 3.0
+#: Rise and fall are counted between means over this time, s, so that noise does not count.
+_TREND_S = 300.0
+#: A recording should last for this many slowest time constants.
+_TIME_CONSTANTS = 4.0
+#: A recording should last for at least this time, s.
+_SHORTEST_S = 3600.0
+#: Warming is missing where it is less than this share of cooling, and the other way round.
+_ONE_WAY_SHARE = 0.2
+#: Temperatures that leave a range by less than this do not leave it, K.
+SAME_K = 0.5
+#: What a calibration warns of where a load that was declared still moves (fit/segments.py).
+_MOTION = 'swings around its levels'
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """What all recordings have seen together."""
+
+    #: Lowest and highest temperature of each thermometer, °C, shape (J, 2).
+    range_c: FloatArray
+    #: Number of the thermometer that spans most, counted from 0; advice is about this one.
+    leading: int
+    #: How far the leading thermometer went up, and down.
+    risen_k: float
+    fallen_k: float
+    #: Parts of the working range that the leading thermometer has not seen, °C.
+    unseen_c: Sequence[tuple[float, float]]
+
+
+def cover(recordings: Sequence[Recording]) -> Coverage:
+    """Count what recordings have seen together; at least one of them must hold a wrench."""
+    pairs = [
+        (recording, np.flatnonzero(np.isfinite(recording.wrench).any(axis=1)))
+        for recording in recordings
+    ]
+    temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
+    range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
+    leading = int(np.argmax(np.ptp(range_c, axis=1)))
+    # Neighbouring readings that are far apart leave a hole; so do the ends of the working range.
+    seen_c = np.unique(temperature_c[:, leading])
+    coldest, hottest = WORKING_RANGE_C
+    inner = pairwise(seen_c.tolist())
+    outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
+    unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
+    # Rise and fall, between means of the leading thermometer.
+    moves = np.concatenate([
+        np.diff(bin_means(recording.temperature_c[at, leading], at,
+                          max(round(_TREND_S / recording.period_s), 1)))
+        for recording, at in pairs if len(at)
+    ])  # fmt: skip
+    return Coverage(
+        range_c, leading, float(np.abs(moves[moves > 0]).sum()),
+        float(np.abs(moves[moves < 0]).sum()), unseen)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is known when somebody asks what to do next."""
+
+    recordings: Sequence[Recording]
+    coverage: Coverage
+    reference: Reference
+    #: Of the axes that were recorded; one that drifts unexplained is weak.
+    levels: Mapping[str, Level]
+    #: What was found while reading and fitting, in sentences.
+    warnings: Sequence[str]
+    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
+    paths: Sequence[Path] = ()
+    thermometers: Sequence[str] = ()
+    #: Slowest time constant of a calibration; 0 if unknown.
+    slowest_s: float = 0.0
+    #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
+    learnt_c: Sequence[tuple[float, float]] = ()
+    model: Path | None = None
+    #: Of an evaluation: axes whose errors are above the limit that the calibration stated.
+    beyond: Sequence[str] = ()
+
+
+def advise(case: Case) -> tuple[str, ...]:
+    """Say what to do next, the most useful first: one sentence or two for each step."""
+    steps = []
+    if any(_MOTION in warning for warning in case.warnings):
+        steps.append(
+            f'The load moved, although it was declared {case.reference}. Let the robot stand '
+            'still while recording, or record its specific force and use --reference payload.'
+        )
+    poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
+    # Thermometers that left the temperatures which the model was learnt at.
+    outside = [
+        f'thermometer {number}'
+        for number, (seen, learnt) in enumerate(
+            zip(case.coverage.range_c, case.learnt_c, strict=False), start=1
+        )
+        if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
+    ]
+    some_are_good = 'good' in case.levels.values()
+    if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
+        steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
+    return (*steps, *(_judged(case, outside) if case.model else _recorded(case)))
+
+
+def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
+    """Ask for another thermometer; name one that the bag holds and nobody used."""
+    count, axes = len(case.coverage.range_c), _enumerate(poor)
+    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
+    head = f'{who} not explain {what} well: heat comes from where there is none.'
+    used = {entry.strip('/') for entry in case.thermometers}
+    unused: list[str] = []
+    with suppress(WristFtCompError, OSError):  # the recording may be gone
+        for path in case.paths[:1] if is_searched else ():
+            held, _ = describe_recording(path, Topics(temperatures=tuple(case.thermometers)))
+            unused = [
+                candidate.entry for candidate in held.candidates
+                if candidate.role == TEMPERATURE and candidate.moves
+                and candidate.entry.strip('/') not in used
+            ]  # fmt: skip
+    if not unused:
+        return f'{head} Put another one at the side of the motor, or of the room.'
+    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
+    return (
+        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
+        f'Calibrate with\n{" ".join(options)}'
+    )
+
+
+def _recorded(case: Case) -> Iterator[str]:
+    """Say what another recording should hold, for a better model."""
+    coverage, durations_s = case.coverage, [r.duration_s for r in case.recordings]
+    longest_s, wanted_s = max(durations_s), max(_TIME_CONSTANTS * case.slowest_s, _SHORTEST_S)
+    if longest_s < wanted_s:
+        why = f', as the slowest lag is {case.slowest_s / 60:.0f} min' if case.slowest_s else ''
+        yield (
+            f'The longest recording lasts {longest_s / 3600:.1f} h; record '
+            f'{wanted_s / 3600:.1f} h or more{why}.'
+        )
+    up, down = coverage.risen_k, coverage.fallen_k
+    if min(up, down) < _ONE_WAY_SHARE * max(up, down):
+        ended, other, action = ('hot', 'cooled', 'cool down')
+        if up < down:
+            ended, other, action = ('cold', 'warmed', 'warm up')
+        yield (
+            f'The recording ended {ended}: the sensor went {max(up, down):.1f} K one way and '
+            f'{other} by {min(up, down):.1f} K only. Let it {action} while recording: a lag shows '
+            'where both ways differ.'
+        )
+    if len(durations_s) == 1:
+        yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
+    where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
+    if unseen := [f'{start:.0f} to {end:.0f}' for start, end in coverage.unseen_c]:
+        yield (
+            f'You have not seen {_enumerate(unseen)} °C{where}: there the correction is a guess. '
+            'If the robot gets there, record it there.'
+        )
+    if missing := [axis for axis in AXES if axis not in case.levels]:
+        yield f'No recording holds {_enumerate(missing)}; what is not recorded is passed through.'
+    if case.reference not in {'recorded', 'payload'}:
+        yield (
+            'The drift of the gain is not known. If the sensor works under large loads, record '
+            'changing loads with a reference beside them (reference "recorded").'
+        )
+    yield 'Judge this model on a recording that it has not seen: wrist_ft_comp evaluate.'
+
+
+def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
+    """Say what an evaluation asks for."""
+    if outside:
+        yield (
+            f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
+            'Calibrate again with these recordings among the others.'
+        )
+    elif case.beyond:
+        yield (
+            f'{_enumerate(case.beyond)}: errors above the limit. See in the report (--report) '
+            'when that began. If nothing was tared, touched or exchanged then, calibrate again '
+            'with these recordings among the others.'
+        )
+    elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
+        yield (
+            'The model holds on these recordings. Run it:\nros2 run wrist_ft_comp compensator '
+            f'--ros-args -p model_file:={shlex.quote(str(case.model))}'
+        )
+    unseen = [f'{start:.0f} to {end:.0f}' for start, end in case.coverage.unseen_c]
+    if unseen and not outside:
+        yield (
+            f'These recordings hold nothing at {_enumerate(unseen)} °C. If the robot gets there, '
+            'evaluate a recording of that, too.'
+        )
+
+
+def _enumerate(words: Sequence[str]) -> str:
+    """Write a list for people, such as ``force_x, force_y and force_z``."""
+    return ' and '.join([', '.join(words[:-1]), *words[-1:]] if len(words) > 1 else words)
