@@ -224,7 +224,7 @@ def test_a_bad_day_and_other_temperatures_are_reasons():
         ([*days, worse], 'a', True, 'badly'),
         ([*days, warm], 'a', True, 'other temperatures'),
         (entries(20), '', True, 'no model is live'),
-        (entries(1), 'a', False, 'Another good day'),
+        (entries(1), 'a', False, 'One more good day'),
     ):
         found, sentence = reason(diary, live)
         assert found == due
