@@ -192,7 +192,7 @@ def check_recordings(paths: Sequence[Path], topics: Topics | None = None) -> Non
     named = topics or Topics()
     resolved = [path.resolve() for path in paths]
     for path in paths:
-        if not all(file.exists() for file in files_of(path)[0]):
+        if not all(file.exists() for file in files_of(path)):
             imu = [named.imu] if named.imu else ['/tf', '/tf_static'] * bool(named.gravity_frame)
             thermometers = [source.topic for source in parse_sources(named.temperatures)]
             made = ['ros2', 'bag', 'record', '-s', 'mcap', '-o', 'warm_up', named.wrench]
