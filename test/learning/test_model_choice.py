@@ -197,7 +197,7 @@ def test_a_bad_day_and_other_temperatures_are_reasons():
     worse = replace(last, left={NONE: (1.0,) * 6, 'a': (0.9,) * 6})
     warm = replace(last, known=frozenset({(7, 7)}))
     for diary, live, due, words in (
-        ([*days, last], 'a', False, '1 of 4 more'),
+        ([*days, last], 'a', False, 'after 4 more good days (1 so far)'),
         ([*days, worse], 'a', True, 'badly'),
         ([*days, warm], 'a', True, 'other temperatures'),
         (entries(20), '', True, 'no model is live'),
