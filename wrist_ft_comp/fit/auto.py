@@ -41,9 +41,8 @@ HARMFUL_FOLD = 1.25
 _SHARPNESS = 8.0
 #: Fits are compared by means over this time, or all look alike where a robot moves, s.
 _COMPARED_S = 120.0
-#: What a body forgets that did not start at rest is set aside before fits are compared, s ...
-_TRANSIENTS_S = LONG_BANK_S[-3:]
-#: ... as far as its variance is below this many times that of the mean of all errors.
+#: What a body forgets that did not start at rest is set aside before fits are compared, as far as
+#: its variance is below this many times that of the mean of all errors.
 _TRANSIENT_VARIANCE = 30.0
 #: Below every square, so that logarithms exist.
 _TINY = np.finfo(float).tiny
@@ -83,9 +82,9 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         rows = np.flatnonzero((bins.folds[i] == fold) & (bins.sums[i].count > 0))
         x = seen.expand(relaxed_c[i][rows]).reshape(len(rows), -1)
         errors = bins.regression(i, rows, x) @ gains.T
-        # Fits are compared around a constant and a start transient.
+        # Fits are compared around a constant and a start transient, of the longest relaxations.
         time_s = np.arange(len(errors)) * bins.period_s
-        transients = np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S))
+        transients = np.exp(-time_s[:, np.newaxis] / np.array(LONG_BANK_S[-3:]))
         phi = np.concatenate((np.ones((len(errors), 1)), transients), axis=1)
         precision = np.full(phi.shape[1], len(errors) / _TRANSIENT_VARIANCE)
         precision[0] = 0.0

@@ -299,8 +299,7 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
 def idle_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that stand still."""
     return [
-        f'Thermometer {j + 1} reads {value_c:.1f} °C throughout; it tells nothing. Check its '
-        'topic.'
+        f'Thermometer {j + 1} reads {value_c:.1f} °C all the time. Check its topic.'
         for j, value_c in enumerate(recordings[0].temperature_c[0])
         if not any(differ(r.temperature_c[:, j], value_c).any() for r in recordings)
     ]

@@ -265,8 +265,8 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         reason += f'; of {len(competing)} candidates it is the best.'
     else:
         reason += (
-            f'; the best of {len(competing)}, {best}, is better by no more than chance, or than '
-            f'{100 * WORTHWHILE:.0f} % in mean square, and less simple.'
+            f'; of {len(competing)} candidates {best} is better, but by less than chance or '
+            f'{100 * WORTHWHILE:.0f} % in mean square, and it is less simple.'
         )
     errors = [
         (none.recording, none.fold, none.cells, none.errors, compensated.errors)

@@ -20,20 +20,17 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
-#: Less than this, s, cannot tell one thermometer by another.
-_SHORTEST_S = 3600.0
 #: An averaged error changes within this time, s, and errors are averaged over half of it before
-#: they say what is usual; no thermometer is dead that is silent for less.
+#: they say what is usual; no thermometer is dead that is silent for less. Less than six times
+#: this cannot tell one thermometer by another.
 _USUAL_S = 600.0
 #: No healthy thermometer is called frozen that reads within this of its prediction, K, and none is
-#: believed again that does not.
+#: believed again that does not. From one or two recordings predictions of healthy thermometers of
+#: drawn worlds were off by up to twelve times this on other days.
 _NEAR_K = 0.5
 #: What is unusual is this many times what was usual in the recordings. Of 1200 healthy ones of
 #: drawn worlds, 4 were replaced where a change of the error did not count as usual, too.
 UNUSUAL = 3.0
-#: From one or two recordings predictions of healthy thermometers of drawn worlds were off by up to
-#: this on other days, K.
-_NEAR_UNSHOWN_K = 6.0
 
 
 def predict_each_other(
@@ -50,7 +47,7 @@ def predict_each_other(
     mean_s = cells * period_s
     means_c = [_in_parts(r.temperature_c, cells).mean(axis=1) for r in recordings]
     target_c = np.concatenate(means_c)
-    if thermometers < 2 or len(target_c) * mean_s < _SHORTEST_S:
+    if thermometers < 2 or len(target_c) * mean_s < 6 * _USUAL_S:
         return None
     # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
     filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
@@ -88,7 +85,7 @@ def predict_each_other(
             for first, last in runs_of(~recording.measured[:, j]):
                 silent_s = max(silent_s, (last - first) * period_s)
         still_k[j] = max(_NEAR_K, UNUSUAL * moved_k, changed_k)
-        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else _NEAR_UNSHOWN_K, UNUSUAL * largest_k)
+        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else 12 * _NEAR_K, UNUSUAL * largest_k)
         silence_s[j] = max(_USUAL_S, UNUSUAL * silent_s)
     time_constants_s = np.array(LONG_BANK_S)
     return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)

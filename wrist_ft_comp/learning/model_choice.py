@@ -54,7 +54,7 @@ _GROWTH_PARTS = 3
 _BAD_RATIO = 2.0
 #: ... and after a day with more than this share of coarse temperatures that are new.
 _NEW_TEMPERATURES_SHARE = 0.25
-ANOTHER_DAY = 'Another good day is needed to learn from.'
+ANOTHER_DAY = 'One more good day is needed before a model is learnt.'
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
 Look = Callable[[str], Day]
@@ -231,7 +231,8 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     new = sum(day.name > chosen for day in good)
     if chosen and new < DAYS_TO_AGREE:
         return False, (
-            f'A person chose the live model; {new} of {DAYS_TO_AGREE} good days have come since.'
+            f'A person chose the live model; it is kept for {DAYS_TO_AGREE} more good days ({new} '
+            'so far).'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
     grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
@@ -250,6 +251,6 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
         if shares.get(day.name, 0.0) > bad_share:
             return True, f'the live model did badly on {day.name}'
     return False, (
-        f'No new model was learnt: {grown} of {np.ceil(awaited):.0f} more good days have come, '
-        'and no day with other temperatures or a bad result of the live model.'
+        f'No new model was learnt: a new one is tried after {np.ceil(awaited):.0f} more good days '
+        f'({grown} so far), or after a day with new temperatures or a bad result.'
     )

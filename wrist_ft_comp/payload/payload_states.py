@@ -134,11 +134,13 @@ def cut(
     forces: Sequence[FloatArray],
     ends: Sequence[Sequence[int]] | None = None,
     block_s: float = BLOCK_S,
+    wrenches: Sequence[FloatArray] = (),
 ) -> Cells:
     """
     Cut recordings into blocks of ``block_s``, s; a block also ends at each of the cells ``ends``.
 
-    Specific forces, (N, 3) per recording, are those of the calibrated accelerometer.
+    Specific forces, (N, 3) per recording, are those of the calibrated accelerometer. Wrenches, N
+    and N m, (N, A), replace those that were recorded.
     """
     longest = max(LEAST_CELLS_IN_BLOCK, cells_in(block_s, recordings[0].period_s))
     blocks, first = [], 0
@@ -151,7 +153,8 @@ def cut(
     rows = np.full((len(blocks), longest), -1)
     for row, block in zip(rows, blocks, strict=True):
         row[: len(block)] = block
-    wrench = np.concatenate([recording.wrench for recording in recordings])[:, axes_of(recordings)]
+    axes = axes_of(recordings)
+    wrench = np.concatenate(wrenches or [recording.wrench[:, axes] for recording in recordings])
     force = np.concatenate(forces)
     speed = np.concatenate([rotation_speed(recording) for recording in recordings])
     holds = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1) & (speed < FASTEST)

@@ -49,11 +49,10 @@ _UNSURE_S = 2.0
 _MOST_ROUNDS = 4
 #: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
-#: Length of a bin of the slow drift, s; drift hardly moves within one.
+#: Length of a bin of the slow drift, s; drift hardly moves within one. Its running median is that
+#: of ten bins on both sides: presses of up to 300 s in 15 % of the time do no harm then, a perfect
+#: model leaves as much as without presses.
 _BIN_S = 60.0
-#: Window of the slow drift's running median, s. With it, presses of up to 300 s in 15 % of the
-#: time do no harm: a perfect model leaves as much as without presses.
-_WINDOW_S = 1260.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +132,7 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
         bins = bins.reshape(-1, length, len(axes))
         # A few free cells of a bin may be of a long press that looks like drift.
         free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_FREE_SHARE
-        half = round(_WINDOW_S / _BIN_S / 2)
+        half = 10
         bins = np.where(free, medians(bins), np.nan)
         bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
@@ -154,11 +153,8 @@ def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -
     for number in range(1, _MOST_ROUNDS + 1):
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
-        stepless = [
-            _with_wrench(recording, _without_steps(wrench, found), axes)
-            for recording, wrench, found in zip(recordings, wrenches, steps, strict=True)
-        ]
-        cells = cut(stepless, forces, ends, block_s)
+        stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
+        cells = cut(recordings, forces, ends, block_s, stepless)
         states, weights, levels = (
             np.concatenate(cells_before.join(part))[cells.rows]
             for part in (fit.states, fit.weights, fit.levels)
@@ -182,12 +178,12 @@ def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -
         unsure = cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
-        empty = np.full_like(recording.wrench, np.nan)
-        free = replace(recording, wrench=empty, reference=empty.copy())
-        wrench = _without_steps(recording.wrench[:, axes], steps[n])
-        free = _with_wrench(free, np.where(counts[n][:, None], wrench, np.nan), axes)
-        free.reference[:, axes] = of_state(forces[n] @ fit.gains, mounted[n])
-        drifts.append(replace(free, steps=tuple(step.cell for step in steps[n])))
+        wrench, weight = (np.full_like(recording.wrench, np.nan) for _ in range(2))
+        stepless_raw = _without_steps(recording.wrench[:, axes], steps[n])
+        wrench[:, axes] = np.where(counts[n][:, None], stepless_raw, np.nan)
+        weight[:, axes] = of_state(forces[n] @ fit.gains, mounted[n])
+        cells_of_steps = tuple(step.cell for step in steps[n])
+        drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
 
 
@@ -197,10 +193,3 @@ def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
     for step in steps:
         stepless[step.cell :] -= step.jump
     return stepless
-
-
-def _with_wrench(recording: Recording, wrench: FloatArray, axes: Sequence[int]) -> Recording:
-    """Replace the wrench of some axes, (N, A)."""
-    whole = recording.wrench.copy()
-    whole[:, axes] = wrench
-    return replace(recording, wrench=whole)
