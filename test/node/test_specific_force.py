@@ -108,7 +108,7 @@ def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start,
         hub.topics['/tf_static'](messages.transforms(START, [(f'map_{k}', f'mark_{k}', NO_TURN)]))
         hub.topics['/tf_static'](messages.transforms(START + k, [TO_TOOL]))
     tree = part._tree
-    assert len(tree._numbers) <= 1001
+    assert len(tree._links) <= 1001
     assert sum(len(link._new) + len(link._columns[0]) for link in tree._links.values()) <= 1001
     assert part.problem().count(', ') < 30
     moving(hub, 0)

@@ -176,18 +176,6 @@ def test_tf_may_lie_in_one_namespace(robot):
         read_recording(both, topics=BY_TF)
 
 
-def test_a_chain_may_change(robot):
-    """The tool hangs at another arm from the fifth second on, in the air between."""
-    one = robot.moving(np.arange(0, 4.01, 0.05))
-    other = robot.moving(np.arange(5, END + 0.1, 0.05), ('base', 'other_arm', 'tool'))
-    path = robot.write(robot.still(), one, other, robot.wrenches())
-    force = read_recording(path, topics=BY_TF).specific_force
-    expected = means(range(END), true_force)
-    np.testing.assert_allclose(force[:4], expected[:4], atol=0.02)
-    assert np.isnan(force[4]).all()
-    np.testing.assert_allclose(force[5:END], expected[5:], atol=0.02)
-
-
 def test_a_bag_without_the_direction_of_gravity_is_refused(robot, messages):
     none, (arm, tool) = [0, 0, 0, 1], ('arm', 'tool')
     broken = [('/tf', TF, T0, messages.transforms(T0, [('a', 'b', none)])[:-40])]

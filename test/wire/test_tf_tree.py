@@ -83,7 +83,7 @@ def test_static_transforms_hold_and_give_way_to_ones_that_move():
     send(gravity, 'world', 'tool', 2, TURNS['a'], static=True)
     send(gravity, 'world', 'tool', 4, TURNS['b'], static=True)
     force, _ = ask(gravity, 1, 3.9, 4, 99)
-    expected = [TURNS[name].inv().apply([0, 0, GRAVITY]) for name in 'aabb']
+    expected = [TURNS[name].inv().apply([0, 0, GRAVITY]) for name in 'bbbb']
     np.testing.assert_allclose(force, expected)
     assert gravity.settled_ns() is None
     send(gravity, 'world', 'tool', 100, TURNS['c'])

@@ -45,16 +45,15 @@ GAP_NS = NANOSECONDS // 2
 _KEPT_NS = 3 * NANOSECONDS
 #: A frame is not waited for any more when its transforms are this far behind the others', ns.
 _PATIENCE_NS = 2 * NANOSECONDS
-#: Most static transforms of one frame that are kept.
-_STATIC = 100
-#: Most frames that a node remembers. Robots have tens, but a sender may make up names for ever.
+#: Most frames that a node remembers; twice that number for frames that are linked to the two of
+#: interest. Robots have tens, but a sender may make up names for ever.
 _MOST_FRAMES = 1000
 #: Most names of frames in a message.
 _NAMED = 20
 
-#: Of transforms in order of time: stamps, ns, numbers of the parents, quaternions, shape (n, 4).
-_Columns = tuple[IntArray, IntArray, FloatArray]
-_NONE: _Columns = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4))
+#: Of transforms in order of time: stamps, ns, shape (n,), and quaternions, shape (n, 4).
+_Columns = tuple[IntArray, FloatArray]
+_NONE: _Columns = np.empty(0, np.int64), np.empty((0, 4))
 
 
 class Transforms(NamedTuple):
@@ -135,61 +134,57 @@ def _matrices(quaternions: FloatArray) -> FloatArray:
 
 
 class _Link:
-    """The transforms of one frame, also of one whose parent changes; static ones hold."""
+    """The transforms of one frame to its parent; of static ones the newest holds for ever."""
 
-    def __init__(self, *, static: bool) -> None:
-        self.static = static
-        #: Of the newest transform.
-        self.newest_ns, self.parent, self._newest = -_KEPT_NS, -1, np.zeros(4)
-        self._columns, self._new = _NONE, list[tuple[IntArray, int, FloatArray]]()
+    def __init__(self, parent: str, *, static: bool) -> None:
+        self.parent, self.static = parent, static
+        self.newest_ns = -_KEPT_NS
+        self._columns, self._new = _NONE, list[_Columns]()
 
-    def add(self, parent: int, stamps_ns: IntArray, quaternions: FloatArray) -> None:
-        """Take transforms to a parent; where stamps jump back, forget those before."""
-        if not self.static and stamps_ns[-1] < self.newest_ns - _KEPT_NS:
-            self._new, self._columns, self.newest_ns = [], _NONE, -_KEPT_NS
-        if self.static and parent == self.parent and (quaternions == self._newest).all():
-            return  # sent again
-        self._new.append((stamps_ns, parent, quaternions))
-        if stamps_ns.max() >= self.newest_ns:
-            newest = int(stamps_ns.argmax())
-            self.newest_ns, self.parent = int(stamps_ns[newest]), parent
-            self._newest = quaternions[newest]
+    def add(self, stamps_ns: IntArray, quaternions: FloatArray) -> None:
+        """Take transforms; where stamps jump back, forget those before."""
+        if self.static:
+            if stamps_ns[-1] >= self.newest_ns:
+                self._columns = stamps_ns[-1:], quaternions[-1:]
+        elif stamps_ns[-1] < self.newest_ns - _KEPT_NS:
+            self._columns, self._new = _NONE, [(stamps_ns, quaternions)]
+            self.newest_ns = -_KEPT_NS
+        else:
+            self._new.append((stamps_ns, quaternions))
+        self.newest_ns = max(self.newest_ns, int(stamps_ns.max()))
 
     def _sorted(self) -> _Columns:
         """Sort in what came; of transforms with one stamp the newest counts."""
         if self._new:
-            stamps_ns, parents, quaternions = zip(*self._new, strict=True)
-            repeated = np.repeat(parents, list(map(len, stamps_ns)))
-            parts = zip(self._columns, (stamps_ns, (repeated,), quaternions), strict=True)
-            columns = [np.concatenate((old, *new)) for old, new in parts]
-            if (np.diff(columns[0]) <= 0).any():
-                _, backwards = np.unique(columns[0][::-1], return_index=True)
-                columns = [column[::-1][backwards] for column in columns]
-            self._columns, self._new = (columns[0], columns[1], columns[2]), []
+            stamps_ns, quaternions = map(
+                np.concatenate, zip(self._columns, *self._new, strict=True)
+            )
+            if (np.diff(stamps_ns) <= 0).any():
+                _, backwards = np.unique(stamps_ns[::-1], return_index=True)
+                stamps_ns, quaternions = stamps_ns[::-1][backwards], quaternions[::-1][backwards]
+            self._columns, self._new = (stamps_ns, quaternions), []
         return self._columns
 
     def forget(self) -> None:
         """Drop what is too old."""
-        stamps_ns, parents, quaternions = self._sorted()
+        stamps_ns, quaternions = self._sorted()
         begin = int(np.searchsorted(stamps_ns, self.newest_ns - _KEPT_NS))
-        keep = slice(-_STATIC, None) if self.static else slice(begin, None)
-        self._columns = stamps_ns[keep], parents[keep], quaternions[keep]
+        self._columns = stamps_ns[begin:], quaternions[begin:]
 
-    def at(self, times_ns: IntArray) -> tuple[IntArray, FloatArray]:
-        """Interpolate at times (n,): numbers of the parents or -1, and rotations, (n, 3, 3)."""
-        stamps_ns, parents, quaternions = self._sorted()
+    def at(self, times_ns: IntArray) -> FloatArray:
+        """Interpolate rotations at times (n,), shape (n, 3, 3), NaN where they are not known."""
+        stamps_ns, quaternions = self._sorted()
+        if self.static:
+            return np.broadcast_to(_matrices(quaternions), (len(times_ns), 3, 3))
         before = np.searchsorted(stamps_ns, times_ns, 'right') - 1
-        if self.static:  # the first one holds from the beginning, however late it came
-            before = np.maximum(before, 0)
-            return parents[before], _matrices(quaternions[before])
         after = np.minimum(before + (stamps_ns[before] != times_ns), len(stamps_ns) - 1)
         gap_ns = stamps_ns[after] - stamps_ns[before]
-        linked = (before >= 0) & (times_ns <= stamps_ns[-1]) & (gap_ns <= GAP_NS)
-        linked &= parents[before] == parents[after]
+        known = (before >= 0) & (times_ns <= stamps_ns[-1]) & (gap_ns <= GAP_NS)
         share = ((times_ns - stamps_ns[before]) / np.maximum(gap_ns, 1))[:, np.newaxis]
         begin, end = quaternions[before], quaternions[after]
         end = end * np.where((begin * end).sum(axis=1, keepdims=True) < 0, -1, 1)
-        return np.where(linked, parents[before], -1), _matrices(begin + share * (end - begin))
+        rotations = _matrices(begin + share * (end - begin))
+        return np.where(known[:, np.newaxis, np.newaxis], rotations, np.nan)
 
 
 class GravityByTf:
@@ -201,27 +196,23 @@ class GravityByTf:
 
     def __init__(self, upper: str, lower: str = '') -> None:
         self.upper, self.lower = upper, lower
-        self._numbers: dict[str, int] = {}
-        self._links: dict[int, _Link] = {}
+        self._links: dict[str, _Link] = {}
         #: Child frames of all messages, for what ``missing`` says.
         self._others: set[str] = set()
         #: Last time with a known rotation, and that rotation.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
 
-    def _number(self, frame: str) -> int:
-        return self._numbers.setdefault(frame.strip('/'), len(self._numbers))
-
     def add(self, transforms: Transforms, *, static: bool) -> None:
         """Take transforms of a frame; where some of it moved, static ones do not count."""
         if not len(transforms.stamps_ns):
             return
-        child, parent = self._number(transforms.child), self._number(transforms.parent)
+        child, parent = transforms.child.strip('/'), transforms.parent.strip('/')
         link = self._links.get(child)
         if link is not None and static and not link.static:
             return
-        if link is None or link.static != static:
-            link = self._links[child] = _Link(static=static)
-        link.add(parent, transforms.stamps_ns, transforms.quaternions)
+        if link is None or (link.parent, link.static) != (parent, static):
+            link = self._links[child] = _Link(parent, static=static)
+        link.add(transforms.stamps_ns, transforms.quaternions)
 
     def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
         """
@@ -230,9 +221,8 @@ class GravityByTf:
         Takes parent and child of every transform, without leading slashes, and gives their places.
         Static ones are sent once, and are kept because they may be needed later.
         """
-        chains = {*self._chain(self.lower), *self._chain(self.upper)}
-        names, parents = list(self._numbers), {child: parent for parent, child in frames}
-        linking = {names[number] for number in chains}
+        linking = {*self._chain(self.lower), *self._chain(self.upper)}
+        parents = {child: parent for parent, child in frames}
         for frame in tuple(linking):
             above = parents.get(frame)
             while above is not None and above not in linking:
@@ -240,11 +230,12 @@ class GravityByTf:
                 above = parents.get(above)
         if len(self._others) < _MOST_FRAMES:
             self._others.update(parents)
-        room = len(names) < _MOST_FRAMES
+        known, most = len(self._links), {False: _MOST_FRAMES, True: 2 * _MOST_FRAMES}
         return [
             place
-            for place, (parent, child) in enumerate(frames)
-            if (static or child in linking) and (room or {parent, child} <= self._numbers.keys())
+            for place, (_, child) in enumerate(frames)
+            if (static or child in linking)
+            and (child in self._links or known < most[child in linking])
         ]
 
     def forget(self) -> None:
@@ -263,36 +254,27 @@ class GravityByTf:
 
     def root(self) -> str:
         """Name the uppermost frame above the lower one."""
-        top = self._chain(self.lower)[-1]  # this may add the lower frame to the numbers
-        return list(self._numbers)[top]
+        return self._chain(self.lower)[-1]
 
-    def _chain(self, frame: str) -> list[int]:
-        """List a frame and all frames above it, by the newest transforms."""
-        chain = [self._number(frame)]
+    def _chain(self, frame: str) -> list[str]:
+        """List a frame and all frames above it."""
+        chain = [frame.strip('/')]
         while (link := self._links.get(chain[-1])) and link.parent not in chain:
             chain.append(link.parent)
         return chain
 
-    def _climb(
-        self, frame: int, times_ns: IntArray, below: tuple[int, ...] = ()
-    ) -> tuple[IntArray, FloatArray]:
-        """Find the uppermost frame at every time, (n,), and the rotation to it, (n, 3, 3)."""
-        tops, turns = np.full(len(times_ns), frame), np.tile(np.eye(3), (len(times_ns), 1, 1))
-        if link := self._links.get(frame):
-            parents, rotations = link.at(times_ns)
-            for parent in set(parents.tolist()) - {-1, frame, *below}:
-                at = parents == parent
-                tops[at], above = self._climb(parent, times_ns[at], (*below, frame))
-                turns[at] = above @ rotations[at]
-        return tops, turns
-
     def rotations(self, times_ns: IntArray) -> FloatArray:
         """Compute rotations from the lower frame to the upper, (n, 3, 3), NaN where unknown."""
-        (tops, lower), (others, upper) = (
-            self._climb(self._number(frame), times_ns) for frame in (self.lower, self.upper)
-        )
-        linked = (tops == others)[:, np.newaxis, np.newaxis]
-        return np.where(linked, np.swapaxes(upper, 1, 2) @ lower, np.nan)
+        chains = self._chain(self.lower), self._chain(self.upper)
+        lower, upper = turned = [np.tile(np.eye(3), (len(times_ns), 1, 1)) for _ in chains]
+        if chains[0][-1] != chains[1][-1]:
+            return np.full_like(lower, np.nan)
+        for rotation, chain, other in zip(turned, chains, reversed(chains), strict=True):
+            for frame in chain:
+                if frame in other:  # from here on both go the same way
+                    break
+                rotation[:] = self._links[frame].at(times_ns) @ rotation
+        return np.swapaxes(upper, 1, 2) @ lower
 
     def read(self, times_ns: IntArray) -> tuple[FloatArray, FloatArray]:
         """
@@ -316,9 +298,8 @@ class GravityByTf:
 
     def missing(self) -> str:
         """Say why the two frames are not linked, and which frames there are."""
-        names = list(self._numbers)
         ends = {end for child, link in self._links.items() for end in (child, link.parent)}
-        present = sorted(self._others | {names[end] for end in ends})
+        present = sorted(self._others | ends)
         upper, lower = self.upper.strip('/'), self.lower.strip('/')
         what = 'no chain of transforms, without a loop or a gap of half a second, links them'
         if absent := [name for name in (upper, lower) if name not in present]:
