@@ -263,6 +263,16 @@ class TestTare:
         compensator.reset_tare()
         np.testing.assert_allclose(compensator.correct(stamp, (LOAD + zero).tolist()), LOAD)
 
+    @pytest.mark.parametrize(('late_s', 'doubts'), [(20, 0), (60, 1)])
+    def test_a_tare_long_before_the_temperatures_is_doubted(self, model, late_s, doubts):
+        compensator = Compensator(1, StreamSettings(), model)
+        compensator.set_tare(LOAD, 0)
+        for second in range(late_s, late_s + 10):
+            compensator.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
+        assert len(compensator.zero_doubts) == doubts
+        compensator.set_tare(LOAD, (late_s + 10) * SECOND)
+        assert compensator.zero_doubts == []
+
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
         self, model
     ):

@@ -67,6 +67,21 @@ def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     assert (doubts(30.0, 10), compensator.tracker.remembered_jumps_k) == ([], [0.0])
 
 
+def test_what_a_loose_thermometer_read_is_told_until_the_model_has_forgotten_it(make_model):
+    compensator = Compensator(1, model=make_model({'force_z': (0.4, 0.0, 100.0)}))
+    for second, celsius in enumerate([20.0] * 300 + [40.0] * 900 + [20.0] * 200):
+        compensator.add_temperature(0, second * SECOND, celsius)
+    (doubt,) = compensator.zero_doubts
+    assert doubt.startswith('thermometer 1 was off by 20.0 K until it jumped back')
+    compensator.set_tare(np.zeros(6), 1400 * SECOND)
+    for second in range(1400, 1600):
+        compensator.add_temperature(0, second * SECOND, 20.0)
+    (doubt,) = compensator.zero_doubts
+    assert 'tare again in' in doubt
+    compensator.set_tare(np.zeros(6), 1600 * SECOND)
+    assert compensator.zero_doubts == []
+
+
 @pytest.mark.parametrize('wrong_c', [0.0, 85.0])
 @pytest.mark.parametrize('wrong_s', [1, 15])
 def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s):

@@ -17,7 +17,7 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.stream.thermal_memory import ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import longest_gap_s, ThermalMemory
 
 #: Limits for torques are limits for forces times this lever arm, m.
 TORQUE_LEVER_M = 0.1
@@ -25,6 +25,8 @@ TORQUE_LEVER_M = 0.1
 MAX_SENSITIVITY = 0.5
 #: Nor does sensitivity move by more than this per second.
 MAX_SENSITIVITY_RATE = 0.01
+#: A tare holds what drifted between it and the first temperature; said from this time on, s.
+LATE_TEMPERATURE_S = 30.0
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
@@ -134,6 +136,10 @@ class Compensator:
         #: Whether a tare or a change of the model came before the drift begins: the tare takes up
         #: the drift then, so that the output stays.
         self._tare_waits = False
+        #: When that tare was taken, ns; None where none waits.
+        self._tared_ns: int | None = None
+        #: From when on the model has forgotten what a thermometer read before it jumped back, ns.
+        self._forgotten_ns: dict[int, int] = {}
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -169,25 +175,42 @@ class Compensator:
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
         had_drift, spikes = self.compensating, self.tracker.spikes[thermometer]
-        jumps = spikes.jumps
+        jumps, off_k = spikes.jumps, spikes.stayed_k
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
+        name = f'thermometer {thermometer + 1}'
         if spikes.jumps > jumps:
-            # It acts for as long as it lasts, whatever the model remembers.
-            jumped = f'thermometer {thermometer + 1} jumped by '
-            self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(jumped)]
+            self._withdraw_doubt(f'{name} jumped by ')
             if spikes.stayed_k:
+                # It acts for as long as it lasts, whatever the model remembers.
                 self.doubt_zero(
-                    f'{jumped}{spikes.stayed_k:.1f} K and stayed there; is it loose? Mend it, or '
-                    'tare where it is to stay so'
+                    f'{name} jumped by {spikes.stayed_k:.1f} K and stayed there; is it loose? '
+                    'Mend it, or tare where it is to stay so'
                 )
+            elif off_k and self.model is not None:
+                memory_s = longest_gap_s(self.model)
+                self._forgotten_ns[thermometer] = stamp_ns + round(memory_s * NANOSECONDS)
+                self.doubt_zero(
+                    f'{name} was off by {off_k:.1f} K until it jumped back; the model remembers '
+                    f'that for {memory_s / 60:.0f} min'
+                )
+        elif stamp_ns >= self._forgotten_ns.get(thermometer, stamp_ns + 1):
+            del self._forgotten_ns[thermometer]
+            self._withdraw_doubt(f'{name} was off by ')
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
         if self._tare_waits:
+            if self._tared_ns is not None:
+                late_s = (stamp_ns - self._tared_ns) / NANOSECONDS
+                if late_s > LATE_TEMPERATURE_S:
+                    self.doubt_zero(
+                        f'the tare was taken {late_s:.0f} s before the temperatures came, and '
+                        'holds what drifted since; call ~/tare'
+                    )
             self._settle(target, self._reading(keep_output_of or (stamp_ns, _UNLOADED)))
         elif not had_drift:
             self._settle(target, None)
-        self._tare_waits = False
+        self._tare_waits, self._tared_ns = False, None
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
         grid = self.tracker.grid
@@ -256,6 +279,12 @@ class Compensator:
         self.tared = True
         self._forget_doubts()
         self._tare_waits = not self.compensating or self.tracker.awaiting_gap
+        self._tared_ns = stamp_ns if self._tare_waits else None
+        for thermometer, until_ns in self._forgotten_ns.items():
+            self.doubt_zero(
+                f'the tare was taken while the model remembers that thermometer {thermometer + 1} '
+                f'was off; tare again in {(until_ns - stamp_ns) / NANOSECONDS / 60:.0f} min'
+            )
         self._refresh_correction()
         return self.tare
 
@@ -263,6 +292,9 @@ class Compensator:
         """Say until the next tare, in a sentence, why the zero may be another one."""
         if why not in self.zero_doubts:
             self.zero_doubts.append(why)
+
+    def _withdraw_doubt(self, beginning: str) -> None:
+        self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(beginning)]
 
     def _forget_doubts(self) -> None:
         self.zero_doubts.clear()
