@@ -111,11 +111,7 @@ class TestEveryMethod:
         assert fit.model.features.kind == features
         hats_by_auto = method == 'auto' and features == 'hats'  # which leave the gain alone
         assert fit.model.outputs == 1 + (loaded and not hats_by_auto)
-        assert fit.candidates[0].name == 'none'
-        names = [candidate.name for candidate in fit.candidates]
-        assert fit.chosen in (names if method != 'auto' or features == 'hats' else ['combination'])
         assert fit.rms_after < fit.rms_before
-        assert list(fit.time_constants_s) == sorted(fit.time_constants_s)
         judged = evaluate(calibration, record(9, 0.8), chosen.reference)
         dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before

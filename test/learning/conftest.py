@@ -1,4 +1,5 @@
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -66,12 +67,4 @@ def record(number: int, **properties) -> Recording:
 @pytest.fixture(scope='session')
 def separated():
     """Separated days by number and specimen; a day is separated once."""
-    days = {}
-
-    def look(number, **properties):
-        key = number, *sorted(properties.items())
-        if key not in days:
-            days[key] = look_at(record(number, **properties))
-        return days[key]
-
-    return look
+    return cache(lambda number, **properties: look_at(record(number, **properties)))

@@ -47,14 +47,6 @@ def test_no_day_is_forgotten_because_the_sensor_changed_later():
     assert good_days(entries) == entries[5:], 'other thermometers are of another sensor'
 
 
-@pytest.mark.parametrize('content', [None, '{'])
-def test_a_missing_or_broken_diary_is_begun_anew(tmp_path, content):
-    if content is not None:
-        save_diary(tmp_path, Diary((DAY,)))
-        diary_path(tmp_path).write_text(content)
-    assert load_diary(tmp_path) == Diary()
-
-
 def test_days_are_listed_oldest_first_and_a_person_s_day_1_is_none(tmp_path):
     assert days(tmp_path) == []
     (tmp_path / 'days').mkdir()

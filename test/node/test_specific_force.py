@@ -143,21 +143,11 @@ def forces():
     return RecentForces(0.2)
 
 
-def directions(count, seed=1):
-    vectors = np.random.default_rng(seed).normal(size=(count, 3))
-    return 9.807 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
 def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
-    for k, force in enumerate(directions(5)):
-        forces.add(START + k * SECOND // 100, tuple(force))
-    samples = [tuple(force) for force in directions(5)]
-    assert forces.at(START + SECOND // 50) == samples[2]
-    assert forces.at(START + SECOND // 50 + 1) == samples[2]
-    assert forces.at(START + SECOND // 50 - 1) == samples[1]
-    assert forces.at(START + SECOND // 10) == samples[4]
-    assert forces.at(START - SECOND // 10) == samples[0]
-    assert forces.count == 5
+    for k in range(5):
+        forces.add(START + 10 * k, (k, 0.0, 0.0))
+    for at, number in ((20, 2), (21, 2), (19, 1), (10**8, 4), (-(10**8), 0)):
+        assert forces.at(START + at) == (number, 0.0, 0.0)
 
 
 def test_a_sample_beyond_the_timeout_does_not_hold(forces):

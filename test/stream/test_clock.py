@@ -7,7 +7,6 @@ import pytest
 from wrist_ft_comp.stream.clock import (
     APART_FOR_S,
     ClockComparison,
-    Leap,
     Sample,
     SourceClocks,
 )
@@ -86,35 +85,6 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
     stamps += [(before - 1 + k * step_s) * SECOND for k in range(1, len(heard) - before + 1)]
     assert [len(feed(clocks, [stamp])) for stamp in stamps] == heard
     assert clocks.strays == 0
-
-
-@pytest.mark.parametrize('set_s', [-18_000, -30, 100, 18_000])
-@pytest.mark.parametrize('silent_s', [1, 600])
-def test_arrival_shows_how_long_it_took_while_a_clock_was_set(set_s, silent_s):
-    """Of several sources the first one that is heard shows it, and the others follow."""
-    clocks, seen = make(2), []
-    for second in (*range(10), *range(9 + silent_s, 20 + silent_s)):
-        at = (second + (second > 9 or silent_s == 1 == second - 8) * set_s) * SECOND
-        for source in range(2):
-            clocks.admit(Sample(source, at, 20.0, second * SECOND))
-            seen += [clocks.leap] * (clocks.leap is not None)
-    (leap,) = seen
-    assert leap.passed_ns == pytest.approx(silent_s * SECOND, abs=SECOND)
-    assert leap.to_ns - leap.from_ns - leap.passed_ns == set_s * SECOND
-    assert clocks.restarts == (leap.to_ns < leap.from_ns)
-
-
-def test_without_arrival_time_that_goes_on_later_is_silence_and_earlier_it_ran_back():
-    clocks, seen = make(2), []
-    for second in (*range(100, 110), *range(5000, 5010), *range(10)):
-        for source in range(2):
-            feed(clocks, [second * SECOND], source)
-            seen += [clocks.leap] * (clocks.leap is not None)
-    assert seen == [Leap(5009 * SECOND, 0, None)]
-    back = [clocks.admit(Sample(0, at * SECOND, value)) for at, value in ((-60, 20), (-59, 20))]
-    assert (back[0], clocks.leap.to_ns) == ([], -60 * SECOND)
-    assert clocks.admit(Sample(0, 0, float('nan'))) == []
-    assert clocks.leap is None
 
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():

@@ -1,6 +1,7 @@
 """Thermometers that are not believed: strange readings left out, dead and frozen ones replaced."""
 
 from dataclasses import replace
+from functools import cache
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -156,13 +157,10 @@ def make_day(make_recording):
 
 @pytest.fixture(scope='module')
 def learn(make_day):
-    found = {}
-
+    @cache
     def calibration(thermometers):
-        if thermometers not in found:
-            days = [make_day(seed, thermometers) for seed in (1, 2, 3)]
-            found[thermometers] = calibrate(days, CalibrationSettings(identification=METHOD))
-        return found[thermometers]
+        days = [make_day(seed, thermometers) for seed in (1, 2, 3)]
+        return calibrate(days, CalibrationSettings(identification=METHOD))
 
     return calibration
 

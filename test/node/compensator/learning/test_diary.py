@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
@@ -83,7 +82,7 @@ def test_a_killed_node_loses_the_last_row_at_most(write, tmp_path):
 def test_the_days_never_take_more_than_their_room(write, tmp_path):
     (tmp_path / 'days').mkdir()
     with (tmp_path / 'days/day_00001.csv').open('wb') as file:
-        file.truncate(50_000_000 - day_files._MARGIN_BYTES + 10)
+        file.truncate(50_000_010)
     with pytest.raises(RecordingError, match=r'as much as learning.max_mb allows \(50 MB\)'):
         write(range(1, 20), max_bytes=5e7)
     assert len(list((tmp_path / 'days').iterdir())) == 1
