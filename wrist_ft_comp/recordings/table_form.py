@@ -76,7 +76,7 @@ class Header:
     lines_above: int
     #: What the columns are called: by their numbers, from 1 on, where no line names them.
     names: tuple[str, ...]
-    #: Units in a row of their own, in a column behind that of the numbers, in cells; or empty.
+    #: Units in a row of their own, or empty.
     units: tuple[str, ...]
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]]
@@ -134,9 +134,6 @@ def find_header(lines: Sequence[str]) -> Header:
     for row in (cut_line(line, delimiter) for line in lines[:first]):
         if not units and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _has_unit(row[1:]):
             units = ['', *(cell.strip('()') for cell in row[1:])]
-    if not units:
-        beside = [column[0] if len({*column}) == 1 else '' for column in columns[1:]]
-        units = [cell if _has_unit([cell]) else '' for cell in beside]
     names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
     text = '\n'.join(lines[:first])
     return Header(
