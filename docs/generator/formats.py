@@ -43,8 +43,8 @@ With `--json` an error is also `{"error": {"kind": …, "message": …}}` on sta
 
 A command replaces files of its own kind only, which it knows by their content: a model replaces a
 model, a report a report, a picture a picture of this package. An empty file may be replaced, too.
-All other files stay, and so do those that the command reads. An option that does nothing for the
-given files is a warning on standard error.
+All other files stay, and so do those that the command reads. An option that the
+given files have no use for is ignored.
 """
 MODEL_FILE = """
 ## Model file

@@ -165,15 +165,3 @@ def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
     assert [warning for warning in fit['warnings'] if said in warning]
     judged = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
     assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']
-
-
-def test_an_axis_of_which_nothing_can_be_promised_is_not_good(done, make, tmp_path):
-    """Its drift is little more than its noise: what is left is, too, and the limit of a day."""
-    columns, rng = make.drifting(1950, seed=1), np.random.default_rng(0)
-    warmed_k = np.array(columns['temperature_c']) - 20
-    columns['force_z'] = (3 + 0.01 * warmed_k + rng.normal(0, 0.02, 1950)).tolist()
-    argv = ['calibrate', make.csv(tmp_path / 'day.csv', columns), '-o', tmp_path / 'm.yaml']
-    assert re.search('force_z +N +weak .* – ', done(*argv))
-    fit = json.loads(done(*argv, '--json'))['axes']['force_z']
-    assert fit['rms_after'] < 0.25 * fit['rms_before']
-    assert (fit['verdict'], fit['day_limit']) == ('weak', None)

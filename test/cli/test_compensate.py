@@ -102,21 +102,6 @@ def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_p
     assert printed['warnings'] == []
 
 
-def test_wrenches_before_a_late_thermometer_get_its_first_drift_and_are_not_tared(
-    run, make, model, tmp_path
-):
-    columns, out = make.drifting(seed=3), tmp_path / 'out.csv'
-    columns['temperature_c'][:90] = [None] * 90
-    path = make.csv(tmp_path / 'late.csv', columns)
-    said = run('compensate', model, path, '-o', out, '--tare', 60).err
-    assert 'came 90 s after the first wrench. What was before it is not used' in said
-    force, raw = (np.array(values['force_z'], float) for values in (table(out), columns))
-    removed = raw - force
-    assert np.ptp(removed[:90]) < 1e-9
-    assert removed[90] == pytest.approx(removed[0])
-    assert abs(force[90:150].mean()) < 0.1
-
-
 def test_a_picture_shows_it_and_replaces_pictures_only(run, done, drift_csv, model, tmp_path):
     picture, words = tmp_path / 'p.png', ['compensate', model, drift_csv]
     done(*words, '-o', tmp_path / 'a.csv', '--tare', 5, '--picture', picture)

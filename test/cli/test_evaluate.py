@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp import evaluate, load_model, read_recording
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.ranges import rounded
 
 
 @pytest.mark.parametrize('tare_s', [5, 60])
@@ -21,27 +20,6 @@ def test_the_numbers_are_those_of_the_core(tare_s, done, make, model, tmp_path):
     assert judged['tare_s'] == tare_s
     assert judged['axes'] == {axis: asdict(figures) for axis, figures in expected.items()}
     assert judged['recordings'][0]['axes'] == judged['axes']
-
-
-def test_a_day_of_noise_is_judged_by_the_means_that_the_limit_was_stated_of(done, make, tmp_path):
-    """Noise averages out over 10 s; the peak of cells of 1 s broke a limit that was kept."""
-    days = []
-    for seed in (1, 2, 3):
-        columns = make.drifting(3600, seed)
-        noise = np.random.default_rng(seed).normal(0, 0.2, 3600)
-        columns['force_z'] = (np.array(columns['force_z']) + noise).tolist()
-        days.append(make.csv(tmp_path / f'{seed}.csv', columns))
-    model = tmp_path / 'model.yaml'
-    stated = json.loads(done('calibrate', *days[:2], '-o', model, '--json'))['axes']['force_z']
-    judged = json.loads(done('evaluate', model, days[2], '--json'))
-    axis, limit = judged['axes']['force_z'], stated['day_limit']
-    assert axis['max_after'] < limit
-    assert judged['averaged_s'] == 10.0
-    assert judged['day_limits']['force_z'] == pytest.approx(limit)
-    assert axis['rms_after'] == pytest.approx(stated['rms_after'], rel=0.3)
-    cells = lfilter(np.ones(10) / 10, [1], noise)[9::10]
-    assert axis['rms_after'] == pytest.approx(cells.std(), rel=0.3)
-    assert f' {rounded(limit)} ' in done('evaluate', model, days[2])
 
 
 def test_a_tare_is_no_longer_than_its_recording(run, done, make, model, tmp_path):

@@ -147,16 +147,3 @@ def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp
     assert models['mcap'] == models['csv']
     assert models['sqlite3'] == models['csv']
     assert models['renamed'] == models['csv']
-
-
-@pytest.mark.parametrize('begin_s', [0.0, 17.0])
-def test_a_day_that_was_saved_again_in_other_digits_is_no_second_day(begin_s, run, make, tmp_path):
-    """Its clock begins at 0, and says nothing of when it was."""
-    day = make.drifting()
-    again = {name: [float(f'{value:.4g}') for value in values] for name, values in day.items()}
-    again['stamp_s'] = [begin_s + stamp for stamp in day['stamp_s']]
-    one, two = make.csv(tmp_path / 'one.csv', day), make.csv(tmp_path / 'two.csv', again, ';')
-    words = ['-o', tmp_path / 'model.yaml', '--method', 'pls']
-    assert 'two.csv holds the readings of one.csv' in run('calibrate', one, two, *words).sentence
-    other = make.csv(tmp_path / 'other.csv', make.drifting(seed=5))
-    assert run('calibrate', one, other, *words).code == 0

@@ -8,7 +8,7 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.report import advice as module
-from wrist_ft_comp.report.advice import advise, Case, cover, unseen_temperatures, WORKING_RANGE_C
+from wrist_ft_comp.report.advice import advise, Case, cover, WORKING_RANGE_C
 
 HOUR = 360  # cells of 10 s
 
@@ -37,37 +37,32 @@ def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
     return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
 
 
-def test_every_second_is_counted_once(seen):
-    coverage = seen(ramp(20, 35), ramp(5, 60))
-    assert coverage.seconds.sum() == pytest.approx(2 * HOUR * 10)
-    assert coverage.edges_c[0] == 5
-    assert coverage.edges_c[-1] == 60
-    assert (np.diff(coverage.edges_c) == 1).all()
-
-
-def test_temperatures_below_above_and_between_are_unseen(seen):
-    low, high = WORKING_RANGE_C
-    assert unseen_temperatures(seen(ramp(20.5, 35))) == [(low, 20.5), (35.0, high)]
-    assert unseen_temperatures(seen(ramp(low - 5, high + 5, 1000))) == []
-    assert unseen_temperatures(seen(ramp(15, 24.9), ramp(30.1, 50))) == [(25.0, 30.0)]
+@pytest.mark.parametrize(
+    ('ramps', 'unseen'),
+    [
+        ([(20.5, 35)], [(15, 20.5), (35, 50)]), ([(10, 55)], []), ([(16, 48)], []),
+        ([(15, 24.9), (30.1, 50)], [(24.9, 30.1)]), ([(15, 24), (26, 50)], []),
+    ],
+)  # fmt: skip
+def test_temperatures_below_above_and_between_are_unseen(ramps, unseen, seen):
+    assert WORKING_RANGE_C == (15, 50)
+    assert seen(*(ramp(*ends) for ends in ramps)).unseen_c == unseen
 
 
 def test_time_without_a_wrench_is_not_counted(make_recording):
     raw = np.zeros(3 * HOUR)
     raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
     coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
-    assert coverage.seconds.sum() == pytest.approx(1.5 * HOUR * 10)
     assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
     assert coverage.risen_k == pytest.approx(15, abs=1)
-    unseen = unseen_temperatures(coverage)
-    np.testing.assert_allclose(unseen, [(15, 20), (35, 50)], atol=0.1)
+    np.testing.assert_allclose(coverage.unseen_c, [(15, 20), (35, 50)], atol=0.1)
 
 
 def test_the_thermometer_that_spans_most_leads(seen):
     flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
     coverage = seen(np.stack((flat, hot), axis=1))
     assert coverage.leading == 1
-    assert unseen_temperatures(coverage)[-1] == (45.0, 50.0)
+    assert coverage.unseen_c[-1] == (45.0, 50.0)
     assert 'at thermometer 2' in advice(coverage)
 
 

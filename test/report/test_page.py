@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.diary import DayEntry, Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import judge_errors
 from wrist_ft_comp.report.page import headline, page, write_report
@@ -114,23 +113,6 @@ def test_a_sensor_gets_the_verdict_it_deserves(view):
         assert {axis.verdict.level for axis in view(kind).axes} <= levels
 
 
-def test_the_page_of_a_model_that_days_gave_shows_the_days(view):
-    days = [
-        DayEntry(f'day_{n}.csv', 10**18 + n * 86_400 * 10**9, left={'none': (2.0,) * 6}, kind=kind,
-                 incident='Thermometer 2 <i>stopped</i>.')
-        for n, kind in enumerate(('tool', 'thermometer', 'thermometer'))
-    ]  # fmt: skip
-    with_days = replace(view('good'), diary=Diary(tuple(days)))
-    outline, before = Outline(brief(with_days)), Outline(brief(view('good')))
-    assert not outline.open
-    assert outline.seen.count('svg') == before.seen.count('svg') + 1
-    assert len(outline.ids) == len(set(outline.ids))
-    assert (
-        '3 days, 2001-09-09 to 2001-09-11: on a usual day a force drifted by 2 N' in outline.whole
-    )
-    assert '2001-09-10 to 2001-09-11  thermometer 2 out: Thermometer 2 <i>stopped' in outline.whole
-
-
 def test_the_headline_counts(view):
     assert headline(view('good')) == '3 axes: 3 good.'
     mixed = replace(view('good'), axes=(*view('good').axes[:2], *view('none').axes[2:3]))
@@ -151,7 +133,7 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
     assert axis.verdict.level == 'uncalibrated'
     assert axis.verdict.sentence.startswith(refusal)
-    assert axis.entry['reason'] == ''
+    assert Outline(page(replace(view, axes=(axis,)))).whole.count(refusal) == 1
 
 
 def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(make, tmp_path):
@@ -240,8 +222,6 @@ def test_the_page_names_its_sources(text, view):
     whole = Outline(text('good')).whole
     assert 'a' * 64 in whole
     assert view('good').provenance['SHA-256'] in whole
-    for word in ('numpy', 'scipy', 'reference: unloaded', 'method: auto'):
-        assert word in whole
 
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):

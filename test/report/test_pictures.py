@@ -94,13 +94,6 @@ def test_the_palette_reads_on_light_and_dark_paper_and_in_grey():
     assert abs(luminance(DRAWN[0]) - luminance(DRAWN[1])) > 0.05
 
 
-def test_the_same_picture_is_the_same_text_and_its_description_too():
-    text, again = (pictures.svg_text(drawn(), 'p0', '<b> & "x"') for _ in range(2))
-    assert text == again
-    assert xml(text).get('aria-label') == '<b> & "x"'
-    assert xml(text).get('role') == 'img'
-
-
 def test_more_thermometers_than_colours_are_all_drawn(thermometers):
     picture = pictures.temperatures_over_time(thermometers(9))
     assert len(picture.axes[-1].lines) == 9

@@ -16,12 +16,11 @@ from wrist_ft_comp.fit.settings import (
     METHODS,
     Orders,
 )
-from wrist_ft_comp.jobs.calibration_job import JobOutcome, run_job
+from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recordings.read import period_of
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.report.report_content import ReportContent
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -97,7 +96,6 @@ def run(arguments: argparse.Namespace) -> int:
         CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
         arguments.thermal_period or period_of(arguments.recordings, topics),
         topics, report=arguments.report)  # fmt: skip
-    options.warn_of_idle(arguments, arguments.recordings)
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)
@@ -109,19 +107,13 @@ def run(arguments: argparse.Namespace) -> int:
         f'saved as {outcome.stored.path}',
         *([f'report: {job.report}'] if job.report else ()),
     ]
-    result = Result(words, _document(outcome, content), content.warnings)
-    print_result(result, as_json=arguments.json)
-    return 0
-
-
-def _document(outcome: JobOutcome, content: ReportContent) -> dict[str, object]:
-    """Say for scripts what was learnt and saved; ``content`` is that of its report."""
+    # For scripts: what was learnt and saved.
     calibration = outcome.calibration
     names = (
         'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
         'candidates', 'notes',
     )  # fmt: skip
-    return {
+    document = {
         'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
         'axes': {
@@ -138,3 +130,5 @@ def _document(outcome: JobOutcome, content: ReportContent) -> dict[str, object]:
         'advice': content.advice,
         'warnings': calibration.warnings,
     }
+    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    return 0

@@ -80,14 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_model(arguments.model)
     topics = options.topics_from(arguments)
     options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
-    options.warn_of_idle(arguments, [arguments.recording])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
-from dataclasses import dataclass
 from functools import partial
 import os
 from pathlib import Path
@@ -12,11 +11,18 @@ import sys
 from tempfile import mkdtemp, NamedTemporaryFile
 from typing import Any, TYPE_CHECKING
 
-from wrist_ft_comp.cli import evaluate, options
-from wrist_ft_comp.cli.output import print_result, progress_bar, Result, waiting
+from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli.evaluate import evaluate_recordings
+from wrist_ft_comp.cli.output import (
+    content_words,
+    filled,
+    print_words,
+    progress_bar,
+    waiting,
+)
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS, Progress
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
@@ -38,27 +44,12 @@ _TOOL_KG, _MASS_SHARE = 1.4, 0.05
 _RATIO, _RATIO_AT_WORK = 10.0, 5.0
 
 
-@dataclass(frozen=True)
-class _Day:
-    """A day of the simulated robot."""
-
-    what: str
-    #: When the duty cycle of the motor changes, s, and to which level.
-    duty: tuple[tuple[float, float], ...]
-    length_s: float
-
-
-#: The sensor warms up, rests, works and cools.
-_LEARNT = _Day(
-    'day 1 of the simulated robot',
-    ((0.0, 0.0), (300.0, 0.9), (3600.0, 0.0), (5700.0, 0.5), (8100.0, 1.0), (9600.0, 0.0)), 11400,
-)  # fmt: skip
-#: It works otherwise.
-_JUDGED = _Day(
-    'day 2 of the simulated robot',
-    ((0.0, 0.0), (1200.0, 0.7), (3600.0, 0.2), (5400.0, 1.0), (7200.0, 0.0), (8100.0, 0.6)), 9600,
-)  # fmt: skip
-
+#: The days of the simulated robot: the duty cycle of the motor from each time on, s, and how long
+#: the day is, s. The sensor warms up, rests, works and cools; on day 2 it works otherwise.
+_DAYS = (
+    ({0.0: 0.0, 300.0: 0.9, 3600.0: 0.0, 5700.0: 0.5, 8100.0: 1.0, 9600.0: 0.0}, 11400),
+    ({0.0: 0.0, 1200.0: 0.7, 3600.0: 0.2, 5400.0: 1.0, 7200.0: 0.0, 8100.0: 0.6}, 9600),
+)
 HELP = 'watch the node learn and remove a simulated drift'
 DESCRIPTION = """\
 Start a simulated sensor and the compensator as processes, record a warm-up,
@@ -71,12 +62,11 @@ examples:
   wrist_ft_comp demo
   wrist_ft_comp demo --at-work
   wrist_ft_comp demo --seed 2 --output /tmp/demo
-  wrist_ft_comp demo --json
 """
 _NEXT = """\
-Open {report} in a browser: it shows day 2 before and after.
-The node's model, its recordings and its log are in {folder}.
-The same with your own recording, which prints the commands that learn from it:
+The node's model, its recordings and its log: {folder}
+The report of day 2, for a browser: {report}
+Next, your own recording; this prints the commands that learn from it:
   wrist_ft_comp show RECORDING"""
 
 
@@ -96,7 +86,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--at-work', action='store_true',
         help='learn drift and tool from a robot that moves, picks up parts and presses on things',
     )  # fmt: skip
-    options.add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -106,59 +95,49 @@ def run(arguments: argparse.Namespace) -> int:
     report = arguments.output / 'demo.html'
     REPORT.check_target(report)
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
-    _play(arguments, folder)
+    play(arguments, folder)
     store = ModelStore(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]
     if model is None:
         raise RecordingError(f'The node did not keep its model; see its log in {folder}.')
     with progress_bar('judging day 2') as progress:
-        evaluation = evaluate.evaluate_recordings(
-            model, [day_2], wanted='recorded', progress=progress
+        content, _ = evaluate_recordings(model, [day_2], wanted='recorded', progress=progress)
+    REPORT.write(report, page(content))
+    # Whether what is promised was reached, with numbers.
+    (force_z,) = (axis.errors for axis in content.axes if axis.axis == 'force_z')
+    ratio, wanted = force_z.rms_before / force_z.rms_after, _RATIO
+    reached, found = True, ''
+    if arguments.at_work:
+        wanted, payloads = _RATIO_AT_WORK, load_payloads(model.with_name(PAYLOADS))
+        masses_kg = [payload.mass_kg for payload, _ in payloads.values()]
+        tool_kg = min(masses_kg, key=lambda mass: abs(mass - _TOOL_KG), default=0.0)
+        off = abs(tool_kg - _TOOL_KG) / _TOOL_KG
+        reached = off <= _MASS_SHARE
+        found = (
+            f' The tool of {_TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; '
+            f'{_MASS_SHARE:.0%} is allowed.'
         )
-    REPORT.write(report, page(evaluation.content))
-    payloads = load_payloads(model.with_name(PAYLOADS)) if arguments.at_work else {}
-    masses_kg = {name: payload.mass_kg for name, (payload, _) in payloads.items()}
-    reached, sentence = _judge(evaluation, masses_kg, at_work=arguments.at_work)
-    judged = evaluation.result(None, verbose=False)
-    words = [
-        'Day 2, which the model does not know:', '', *judged.words, '',
-        *_NEXT.format(report=report, folder=folder).splitlines(), '', *sentence.splitlines(),
-    ]  # fmt: skip
-    more = {'masses_kg': masses_kg, 'reached': reached, 'report': report, 'folder': folder}
-    result = Result(words, {**judged.document, **more})
-    print_result(result, as_json=arguments.json)
+    reached &= ratio >= wanted
+    sentence = (
+        f'{"PASS" if reached else "FAIL"}: the model made the drift of force_z {ratio:.1f} times '
+        f'smaller; {wanted:.0f} times was asked.{found}'
+    )
+    print_words([
+        'Day 2, which the model has not seen:', '', *content_words(content, advice=0), '',
+        filled(sentence), '', *_NEXT.format(report=report, folder=folder).splitlines(),
+    ])  # fmt: skip
     return 0 if reached else 1
 
 
-def _judge(
-    evaluation: evaluate.Evaluation, masses_kg: Mapping[str, float], *, at_work: bool
-) -> tuple[bool, str]:
-    """Say whether what is promised was reached, and in a sentence with which numbers."""
-    force_z = evaluation.errors['force_z']
-    ratio, wanted = force_z.rms_before / force_z.rms_after, _RATIO_AT_WORK if at_work else _RATIO
-    reached = ratio >= wanted
-    sentence = f'drift of force_z fell {ratio:.1f} times; at least {wanted:.0f} are wanted'
-    if at_work:
-        tool_kg = min(masses_kg.values(), key=lambda mass: abs(mass - _TOOL_KG), default=0.0)
-        off = abs(tool_kg - _TOOL_KG) / _TOOL_KG
-        reached &= off <= _MASS_SHARE
-        sentence += (
-            f'\nthe tool of {_TOOL_KG:g} kg was found to be {tool_kg:.3f} kg, {off:.1%} off; at '
-            f'most {_MASS_SHARE:.0%} are wanted'
-        )
-    return reached, f'{"PASS" if reached else "FAIL"}: {sentence}'
-
-
-def _play(arguments: argparse.Namespace, folder: Path) -> None:
+def play(arguments: argparse.Namespace, folder: Path) -> None:
     """Let the node record, calibrate and record again."""
-    os.environ.update(_surroundings())
+    os.environ.update(own_domain())
     from wrist_ft_comp.cli.operate import ask, operating, Stamps, Watch  # noqa: PLC0415 -- rclpy
 
-    learns: dict[str, object] = {'calibration.reference': 'recorded'}
-    if arguments.at_work:
-        learns = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
-    node = {
+    node: dict[str, object] = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
+        'calibration.reference': 'payload' if arguments.at_work else 'recorded',
+        'gravity.source': 'imu' if arguments.at_work else 'none',
     }  # fmt: skip
     with ExitStack() as stack:
         log = stack.enter_context(
@@ -166,51 +145,55 @@ def _play(arguments: argparse.Namespace, folder: Path) -> None:
         )
         operator = stack.enter_context(operating())
         stamps = Stamps(operator, 'temperature')
-        for number, day in enumerate((_LEARNT, _JUDGED)):
-            starts_s, levels = (list(column) for column in zip(*day.duty, strict=True))
+        for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
                 'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
                 'start_stamp_s': stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0,
                 'wrench_rate': 500.0,
                 'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
                 'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
-                'duty_cycle.start_s': starts_s, 'duty_cycle.level': levels,
+                'duty_cycle.start_s': [*duty], 'duty_cycle.level': [*duty.values()],
             }  # fmt: skip
             # The node is started anew on the second day, and takes the model by itself.
-            with _process('compensator_node', {**node, **learns}, log) as compensator:
+            with process('compensator_node', node, log) as compensator:
                 name = operator.find()
                 watch = Watch(operator, name)
                 ask(operator, name, 'record', watch)
-                with _process('simulated_sensor', parameters, log) as sensor:
-                    _listen(operator, stamps, day, {'compensator': compensator, 'sensor': sensor})
+                with process('simulated_sensor', parameters, log) as sensor:
+                    programs = {'compensator': compensator, 'sensor': sensor}
+                    with progress_bar(f'recording day {number + 1} of 2') as progress:
+                        listen(operator, stamps, length_s, programs, progress)
                 ask(operator, name, 'stop', watch)
-                if day is _LEARNT:
+                if not number:
                     with waiting('the node calibrates'):
                         ask(operator, name, 'calibrate', watch)
 
 
-def _listen(
-    operator: 'Operator', stamps: 'Stamps', day: _Day, programs: Mapping[str, _Process]
+def listen(
+    operator: 'Operator',
+    stamps: 'Stamps',
+    length_s: float,
+    programs: Mapping[str, _Process],
+    progress: Progress,
 ) -> None:
     """Wait until a day has passed in the stamps, as long as both programs are alive."""
     first_ns, before_ns = 0, stamps.latest_ns
-    with progress_bar(f'recording {day.what}') as progress:
-        while not first_ns or before_ns < first_ns + day.length_s * NANOSECONDS:
-            heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
-            for program, process in programs.items():
-                if process.poll() is not None:
-                    raise RecordingError(
-                        f'The {program} of the demonstration ended early, with exit code '
-                        f'{process.returncode}; see its log.'
-                    )
-            if not heard:
-                raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
-            before_ns = stamps.latest_ns
-            first_ns = first_ns or before_ns
-            progress(min((before_ns - first_ns) / (day.length_s * NANOSECONDS), 1.0))
+    while not first_ns or before_ns < first_ns + length_s * NANOSECONDS:
+        heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
+        for program, started in programs.items():
+            if started.poll() is not None:
+                raise RecordingError(
+                    f'The {program} of the demonstration ended early, with exit code '
+                    f'{started.returncode}; see its log.'
+                )
+        if not heard:
+            raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
+        before_ns = stamps.latest_ns
+        first_ns = first_ns or before_ns
+        progress(min((before_ns - first_ns) / (length_s * NANOSECONDS), 1.0))
 
 
-def _surroundings() -> dict[str, str]:
+def own_domain() -> dict[str, str]:
     """Stay on this computer and out of the user's domain: a robot may listen to a wrench there."""
     taken = os.environ.get('ROS_DOMAIN_ID', '0')
     free = [domain for domain in _DOMAINS if str(domain) != taken]
@@ -219,7 +202,7 @@ def _surroundings() -> dict[str, str]:
 
 
 @contextmanager
-def _process(module: str, parameters: Mapping[str, object], log: Any) -> Iterator[_Process]:
+def process(module: str, parameters: Mapping[str, object], log: Any) -> Iterator[_Process]:
     """Run one of the package's nodes; end it by its own id."""
     pairs = (['-p', f'{name}:={value}'] for name, value in parameters.items())
     command = [sys.executable, '-m', f'wrist_ft_comp.node.{module}', '--ros-args']

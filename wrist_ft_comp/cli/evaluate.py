@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,8 @@ from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
-from wrist_ft_comp.report.evaluation import (
-    AxisEvaluation,
-    judge_errors,
-    tared_errors,
-    without_steps,
-)
+from wrist_ft_comp.report.advice import SAME_K
+from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import (
     EvaluatedRecording,
@@ -62,70 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output_forms(parser)
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """What a model leaves of the drift in recordings: the command's result."""
-
-    stored: StoredModel
-    paths: Sequence[Path]
-    judged: Sequence[EvaluatedRecording]
-    tare_s: float
-    #: What its report shows.
-    content: ReportContent
-
-    @property
-    def errors(self) -> dict[str, AxisEvaluation]:
-        """Figures by axis, of all recordings together."""
-        return {axis.axis: axis.errors for axis in self.content.axes}
-
-    def result(self, report: Path | None, *, verbose: bool) -> Result:
-        """Put it into words and numbers, with the report that was written."""
-        words = content_words(self.content, verbose=verbose)
-        words += ['', f'report: {report}'] if report else []
-        document = {
-            'model': str(self.stored.path),
-            'sha256': self.stored.sha256,
-            'tare_s': self.tare_s,
-            'averaged_s': averaged_s(self.stored.model),
-            'axes': self.errors,
-            'day_limits': dict(self.stored.model.day_limits),
-            'recordings': [
-                {
-                    'name': judged.recording.name,
-                    'path': str(path),
-                    'reference': judged.reference,
-                    'duration_s': judged.recording.duration_s,
-                    'axes': judge_errors([judged.errors]),
-                    'warnings': judged.recording.warnings,
-                }
-                for path, judged in zip(self.paths, self.judged, strict=True)
-            ],
-            'verdicts': {
-                axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
-                for axis in self.content.axes
-            },
-            'advice': self.content.advice,
-            'warnings': self.content.warnings,
-        }
-        return Result(words, document, self.content.warnings)
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    options.check_model(arguments.model)
     topics = options.topics_from(arguments)
     options.check_recordings(arguments.recordings, topics)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.model, *arguments.recordings])
-    options.warn_of_idle(arguments, arguments.recordings)
     with progress_bar('evaluating') as progress:
-        evaluation = evaluate_recordings(
+        content, document = evaluate_recordings(
             arguments.model, arguments.recordings, topics,
             arguments.reference, arguments.tare, progress)  # fmt: skip
+    words = content_words(content, verbose=arguments.verbose)
     if arguments.report:  # before what a closed pipe may end
-        REPORT.write(arguments.report, page(evaluation.content))
-    result = evaluation.result(arguments.report, verbose=arguments.verbose)
-    print_result(result, as_json=arguments.json)
+        REPORT.write(arguments.report, page(content))
+        words += ['', f'report: {arguments.report}']
+    print_result(Result(words, document, content.warnings), as_json=arguments.json)
     return 0
 
 
@@ -136,8 +83,12 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     wanted: Reference | None = None,
     tare_s: float = 60.0,
     progress: Progress = lambda _: None,
-) -> Evaluation:
-    """Judge a model file on recordings; the reference is that of the model by default."""
+) -> tuple[ReportContent, dict[str, object]]:
+    """
+    Judge a model file on recordings; the reference is that of the model by default.
+
+    Gives what its report shows, and the numbers for scripts.
+    """
     stored, judged = load_model(model), list[EvaluatedRecording]()
     period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
     for number, path in enumerate(paths):
@@ -174,7 +125,32 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         recording = replace(recording, warnings=warnings)
         judged.append(EvaluatedRecording(recording, reference, errors))
     content = evaluation_content(stored, judged, tare_s, paths)
-    return Evaluation(stored, paths, judged, tare_s, content)
+    document = {
+        'model': str(stored.path),
+        'sha256': stored.sha256,
+        'tare_s': tare_s,
+        'averaged_s': averaged_s(stored.model),
+        'axes': {axis.axis: axis.errors for axis in content.axes},
+        'day_limits': dict(stored.model.day_limits),
+        'recordings': [
+            {
+                'name': one.recording.name,
+                'path': str(path),
+                'reference': one.reference,
+                'duration_s': one.recording.duration_s,
+                'axes': judge_errors([one.errors]),
+                'warnings': one.recording.warnings,
+            }
+            for path, one in zip(paths, judged, strict=True)
+        ],
+        'verdicts': {
+            axis.axis: {'level': axis.verdict.level, 'why': axis.verdict.sentence}
+            for axis in content.axes
+        },
+        'advice': content.advice,
+        'warnings': content.warnings,
+    }
+    return content, document
 
 
 def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]:
@@ -183,7 +159,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     pairs = zip(recording.temperature_c.T, stored.document['thermometers'], strict=False)
     for number, (column, thermometer) in enumerate(pairs):
         low, high = thermometer['range_c']
-        share = float(np.mean((column < low) | (column > high)))
+        share = float(np.mean((column < low - SAME_K) | (column > high + SAME_K)))
         if share > 0:
             sentences.append(
                 f'Thermometer {number + 1} of {recording.name} goes from {column.min():.1f} to '

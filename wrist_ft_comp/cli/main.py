@@ -1,7 +1,6 @@
 """The command ``wrist_ft_comp``: exit code 0 done, 1 refused with one sentence, 2 usage."""
 
 from collections.abc import Sequence
-from functools import partial
 import io
 from itertools import takewhile
 import os
@@ -52,8 +51,6 @@ def build_parser() -> Parser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, with the process's arguments by default; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
-    options = takewhile(lambda word: word != '--', words)
-    refuse = partial(_refuse, as_json=any(re.fullmatch('--js(o(n)?)?', word) for word in options))
     try:
         # Write any character, such as "°", in a narrow locale, too, and to closed streams nothing.
         for name in ('stdout', 'stderr'):
@@ -62,44 +59,38 @@ def main(argv: Sequence[str] | None = None) -> int:
                 setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
             elif isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors='backslashreplace')
-        return _run(words)
+        parser = build_parser()
+        try:
+            if words and not words[0].startswith('-') and words[0] not in parser.commands:
+                known = parser.commands
+                parser.error(f'{words[0]} is no command{did_you_mean(words[0], known)}')
+            arguments, unknown = parser.parse_known_args(words)
+        except SystemExit:  # --help and --version have printed
+            sys.stdout.flush()
+            raise
+        if unknown:
+            arguments.command.refuse_unknown(unknown)
+        code = int(arguments.run(arguments))
+        sys.stdout.flush()  # or an error says why what was printed has not left the process
     except WristFtCompError as error:
-        return refuse(error.kind(), str(error), 2 if isinstance(error, UsageError) else 1)
+        kind, sentence, code = error.kind(), str(error), 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
-        return refuse('interrupted', INTERRUPTED, 128 + signal.SIGINT)
+        kind, sentence, code = 'interrupted', INTERRUPTED, 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of our output has gone, such as "head"
         _abandon_output()
         return 0
     except OSError as error:
         where = f'{error.filename}: ' if error.filename is not None else 'Reading or writing: '
-        what = f'{where}{error.strerror or error}. Check the path, rights and free space.'
-        return refuse('operating_system', what, 1)
-
-
-def _run(argv: Sequence[str]) -> int:
-    """Parse and run; what was printed has left the process then, or an error says why not."""
-    try:
-        parser = build_parser()
-        if argv and not argv[0].startswith('-') and argv[0] not in parser.commands:
-            parser.error(f'{argv[0]} is no command{did_you_mean(argv[0], parser.commands)}')
-        arguments, unknown = parser.parse_known_args(argv)
-        if unknown:
-            arguments.command.refuse_unknown(unknown)
-    except SystemExit:  # --help and --version have printed
-        sys.stdout.flush()
-        raise
-    code = int(arguments.run(arguments))
-    sys.stdout.flush()
-    return code
-
-
-def _refuse(kind: str, sentence: str, code: int, *, as_json: bool) -> int:
-    """Say on one line of standard error why there is no result, and to scripts what kind it is."""
-    # What others say may end in a full stop of its own.
+        sentence = f'{where}{error.strerror or error}. Check the path, rights and free space.'
+        kind, code = 'operating_system', 1
+    else:
+        return code
+    # One line of standard error; what others say may end in a full stop of its own.
     sentence = re.sub(r'(?<=\w)\.\.(?= |$)', '.', ' '.join(sentence.split()))
     print(f'wrist_ft_comp: {sentence}', file=sys.stderr)
+    options = takewhile(lambda word: word != '--', words)
     try:
-        if as_json:
+        if any(re.fullmatch('--js(o(n)?)?', word) for word in options):
             print_json({'error': {'kind': kind, 'message': sentence}})
         sys.stdout.flush()
     except OSError:

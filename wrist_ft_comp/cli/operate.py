@@ -84,11 +84,11 @@ class Operator:
             ]
 
         if not self.wait_for(found, DISCOVERY_S):
-            others = ', '.join(self.running()) or 'none'
+            others = f'; running are: {", ".join(self.running())}' if self.running() else ''
             raise NodeError(
                 f'No compensator {wanted and f"named {wanted} "}was found within '
-                f'{DISCOVERY_S:.0f} s; running are: {others}. Start it. If it runs, ROS_DOMAIN_ID '
-                'and ROS_AUTOMATIC_DISCOVERY_RANGE must have the values here that they have there.'
+                f'{DISCOVERY_S:.0f} s{others}. Start it: ros2 run wrist_ft_comp compensator. If '
+                'it runs, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE here as there.'
             )
         if not wanted:
             self.wait_for(lambda: False, _SETTLE_S)

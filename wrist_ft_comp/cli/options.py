@@ -9,23 +9,16 @@ import math
 from pathlib import Path
 import re
 import shlex
-import sys
 from typing import Any, get_args, NoReturn, TypeVar
 
-from wrist_ft_comp.errors import ModelFileError, RecordingError, UsageError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
 from wrist_ft_comp.recording import Reference, Topics
-from wrist_ft_comp.recordings.bag import SUFFIXES
-from wrist_ft_comp.recordings.read import BAG, files_of, kind_of, TABLE
+from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Options that only bags have a use for.
-_OF_BAGS = (
-    'wrench_topic', 'temperature_topic', 'reference_topic', 'imu_topic', 'gravity_frame',
-    'output_topic',
-)  # fmt: skip
 Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV; two tables with one clock '
@@ -147,59 +140,26 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
     """Build the topics that were given; SettingsError when they can't be meant so."""
     temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
-    force = arguments.imu_topic, arguments.gravity_frame
-    if all(force):
-        raise UsageError('--imu-topic and --gravity-frame give the same; leave one out.')
-    part = {}
-    if 'exclude' in arguments:
-        part = {
-            'begin': arguments.begin,
-            'end': arguments.end,
-            'exclude': tuple(arguments.exclude),
-        }
     topics = Topics(
-        arguments.wrench_topic, temperatures, arguments.reference_topic, *force,
-        columns=arguments.columns, time=arguments.time, **part)  # fmt: skip
+        arguments.wrench_topic, temperatures, arguments.reference_topic, arguments.imu_topic,
+        arguments.gravity_frame, columns=arguments.columns, time=arguments.time,
+        begin=getattr(arguments, 'begin', ''), end=getattr(arguments, 'end', ''),
+        exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)
     return topics
 
 
-def warn_of_idle(arguments: argparse.Namespace, recordings: Iterable[Path]) -> None:
-    """Warn of options that have no effect for recordings of these kinds."""
-    kinds = {kind_of(path) for path in recordings}
-    for kind, names in ((BAG, _OF_BAGS), (TABLE, ('columns', 'time'))):
-        for name in () if kind in kinds else names:
-            default = arguments.command.get_default(name)
-            if getattr(arguments, name, default) != default:
-                option = f'--{name.replace("_", "-")}'
-                what = f'nothing that was named is a {kind}'
-                print(f'warning: {option} does nothing here: {what}.', file=sys.stderr)
-
-
-def check_model(path: Path) -> None:
-    """Refuse a recording in the place of a model, before work that takes minutes."""
-    if not path.exists() or MODEL.is_own(path):
-        return
-    if path.is_dir() or path.suffix in {*SUFFIXES, '.csv'}:
-        raise ModelFileError(
-            f'{path} is a recording, where a model file was expected. Name the model first, as '
-            'made by wrist_ft_comp calibrate, then the recordings.'
-        )
-
-
-def check_recordings(paths: Sequence[Path], topics: Topics | None = None) -> None:
+def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
     """Refuse a path without a recording, with the command that makes a bag, or one named twice."""
-    named = topics or Topics()
     resolved = [path.resolve() for path in paths]
     for path in paths:
         if not all(file.exists() for file in files_of(path)):
-            imu = [named.imu] if named.imu else ['/tf', '/tf_static'] * bool(named.gravity_frame)
-            thermometers = [source.topic for source in parse_sources(named.temperatures)]
-            made = ['ros2', 'bag', 'record', '-s', 'mcap', '-o', 'warm_up', named.wrench]
+            thermometers = [source.topic for source in parse_sources(topics.temperatures)]
+            named = shlex.join([topics.wrench, *thermometers])
             raise RecordingError(
                 f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file. To '
-                f'make one, run {shlex.join([*made, *thermometers, *imu])} with the names of your '
-                "driver's topics."
+                f'make one, run "ros2 bag record -s mcap -o warm_up {named}" with the names of '
+                "your driver's topics."
             )
         if MODEL.is_own(path):
             raise RecordingError(
@@ -229,7 +189,7 @@ def add_reference(parser: argparse.ArgumentParser, default: str = 'unloaded') ->
 
 
 def add_output_forms(parser: argparse.ArgumentParser) -> None:
-    """Add the forms of output."""
+    """Add the report, all reasons, and JSON."""
     parser.add_argument('--report', type=Path, metavar='REPORT.html', help='write a report, too')
     parser.add_argument(
         '--verbose', action='store_true', help='say of each axis why, and all that could be done'

@@ -59,7 +59,11 @@ def print_result(result: Result, *, as_json: bool) -> None:
         print_json(result.document)
         return
     print_words(result.words)
-    print_warnings(result.warnings)
+    # Of two warnings that begin alike, the longer one only.
+    distinct = dict.fromkeys(result.warnings)
+    for sentence in distinct:
+        if not any(other != sentence and other.startswith(sentence) for other in distinct):
+            print(f'warning: {sentence}', file=sys.stderr)
 
 
 def print_words(words: Iterable[str | Table]) -> None:
@@ -96,15 +100,9 @@ def print_json(value: object) -> None:
     print(json.dumps(to_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def print_warnings(sentences: Iterable[str]) -> None:
-    """Print warnings to standard error; of two that begin alike, the longer one only."""
-    distinct = dict.fromkeys(sentences)
-    for sentence in distinct:
-        if not any(other != sentence and other.startswith(sentence) for other in distinct):
-            print(f'warning: {sentence}', file=sys.stderr)
-
-
-def content_words(content: ReportContent, *, verbose: bool) -> list[str | Table]:
+def content_words(
+    content: ReportContent, *, verbose: bool = False, advice: int = MOST_ADVICE
+) -> list[str | Table]:
     """Say whether it is good, and what to do next: the first things, or all and why."""
     sparks = [axis.series.sparkline() for axis in content.axes]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
@@ -112,18 +110,18 @@ def content_words(content: ReportContent, *, verbose: bool) -> list[str | Table]
     words.append(filled(f'before, left: root mean square. {content.conditions}'))
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
-        sentences = (f'{axis.axis}: {axis.verdict.sentence}' for axis in content.axes)
-        words += ['', *map(filled, sentences), filled(content.explanation)]
-    advice = content.advice if verbose else content.advice[:MOST_ADVICE]
-    if advice:
+        words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
+        words += ['', filled(content.explanation)]
+    steps = content.advice if verbose else content.advice[:advice]
+    if steps:
         words += ['', 'What to do next:']
-        words += [filled(sentence, f'{n}. ') for n, sentence in enumerate(advice, start=1)]
+        words += [filled(sentence, f'{n}. ') for n, sentence in enumerate(steps, start=1)]
     return words
 
 
 def filled(sentence: str, begin: str = '') -> str:
-    """Break a sentence at the width, what follows is indented; a command in lines below is not."""
-    indent = ' ' * (len(begin) or 4)
+    """Break a sentence at the width, indented below its beginning; commands in it stay whole."""
+    indent = ' ' * len(begin)
     head, *commands = sentence.splitlines() or ['']
     whole = textwrap.fill(
         begin + head, WIDTH, subsequent_indent=indent,

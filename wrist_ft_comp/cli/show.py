@@ -103,7 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
                 f'--picture draws a recording, or the days of a node that learns; {path} is none.'
             )
         PICTURE.check_target(arguments.picture, [path])
-    recordings = []
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
@@ -120,10 +119,9 @@ def run(arguments: argparse.Namespace) -> int:
         for name, payload in payloads.items():
             lines += ['', payload_line(name, payload), *driver_lines(payload)]
     else:
-        recordings = [path]
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
-            options.check_recordings(recordings, topics)
+            options.check_recordings([path], topics)
             described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
             refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
             found = []
@@ -146,7 +144,6 @@ def run(arguments: argparse.Namespace) -> int:
             PICTURE.write(arguments.picture, recording_png(recording))
         elif arguments.picture:
             raise RecordingError(f'There is nothing to draw. {refusal}')
-    options.warn_of_idle(arguments, recordings)
     print_result(Result(lines, document), as_json=arguments.json)
     return 0
 

@@ -82,7 +82,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
                 content = calibration_content(saved, drifts, stored, 'payload')
                 advice = ''.join(f'To make it better: {said}' for said in content.advice[:1])
                 if job.report is not None:
-                    REPORT.write(job.report, page(replace(content, diary=diary)))
+                    REPORT.write(job.report, page(content))
             entry = replace(entry, better=job.output.name)
             diary = replace(diary, days=(*before, entry))
     with _noted(troubles, 'The diary is lost'):

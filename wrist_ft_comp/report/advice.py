@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 import shlex
 
@@ -18,8 +19,6 @@ from wrist_ft_comp.series import FloatArray
 
 #: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)
-#: Width of the bins in which time is counted, K.
-BIN_K = 1.0
 #: Temperatures that were not seen over at least this much are named, K: a model that knows both
 #: sides of less does not guess.
 _HOLE_K = 3.0
@@ -31,8 +30,8 @@ _TIME_CONSTANTS = 4.0
 _SHORTEST_S = 3600.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
-#: Temperatures closer than this are the same, K.
-_SAME_K = 0.5
+#: Temperatures that leave a range by less than this do not leave it, K.
+SAME_K = 0.5
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
 
@@ -41,10 +40,6 @@ _MOTION = 'swings around its levels'
 class Coverage:
     """What all recordings have seen together."""
 
-    #: Edges of temperature bins, °C, shape (B + 1,).
-    edges_c: FloatArray
-    #: How long each thermometer was in each bin, s, shape (J, B).
-    seconds: FloatArray
     #: Lowest and highest temperature of each thermometer, °C, shape (J, 2).
     range_c: FloatArray
     #: Number of the thermometer that spans most, counted from 0; advice is about this one.
@@ -52,6 +47,8 @@ class Coverage:
     #: How far the leading thermometer went up, and down.
     risen_k: float
     fallen_k: float
+    #: Parts of the working range that the leading thermometer has not seen, °C.
+    unseen_c: Sequence[tuple[float, float]]
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -61,13 +58,14 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
         for recording in recordings
     ]
     temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
-    period_s = np.concatenate([np.full(len(at), recording.period_s) for recording, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
-    lowest = np.floor(min(WORKING_RANGE_C[0], range_c.min()) / BIN_K)
-    highest = np.ceil(max(WORKING_RANGE_C[1], range_c.max()) / BIN_K)
-    edges = np.arange(lowest, highest + 1) * BIN_K
-    seconds = [np.histogram(column, edges, weights=period_s)[0] for column in temperature_c.T]
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
+    # Neighbouring readings that are far apart leave a hole; so do the ends of the working range.
+    seen_c = np.unique(temperature_c[:, leading])
+    coldest, hottest = WORKING_RANGE_C
+    inner = pairwise(seen_c.tolist())
+    outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
+    unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
     # Rise and fall, between means of the leading thermometer.
     moves = np.concatenate([
         np.diff(bin_means(recording.temperature_c[at, leading], at,
@@ -75,27 +73,8 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
         for recording, at in pairs if len(at)
     ])  # fmt: skip
     return Coverage(
-        edges_c=edges, seconds=np.array(seconds), range_c=range_c, leading=leading,
-        risen_k=float(np.abs(moves[moves > 0]).sum()),
-        fallen_k=float(np.abs(moves[moves < 0]).sum()))  # fmt: skip
-
-
-def unseen_temperatures(coverage: Coverage) -> list[tuple[float, float]]:
-    """List the parts of the working range that the leading thermometer has not seen, °C."""
-    low, high = coverage.range_c[coverage.leading].tolist()
-    empty = np.concatenate(([False], coverage.seconds[coverage.leading] == 0, [False]))
-    edges = coverage.edges_c[np.flatnonzero(np.diff(empty))].tolist()
-    holes = [
-        (start, end)
-        for start, end in zip(edges[::2], edges[1::2], strict=True)
-        if low <= start and end <= high
-    ]
-    coldest, hottest = WORKING_RANGE_C
-    return [
-        (start, end)
-        for start, end in [(coldest, low), *holes, (high, hottest)]
-        if end - start >= _HOLE_K
-    ]
+        range_c, leading, float(np.abs(moves[moves > 0]).sum()),
+        float(np.abs(moves[moves < 0]).sum()), unseen)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +115,7 @@ def advise(case: Case) -> tuple[str, ...]:
         for number, (seen, learnt) in enumerate(
             zip(case.coverage.range_c, case.learnt_c, strict=False), start=1
         )
-        if seen[0] < learnt[0] - _SAME_K or seen[1] > learnt[1] + _SAME_K
+        if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
@@ -192,7 +171,7 @@ def _recorded(case: Case) -> Iterator[str]:
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
-    if unseen := [f'{start:.0f} to {end:.0f}' for start, end in unseen_temperatures(coverage)]:
+    if unseen := [f'{start:.0f} to {end:.0f}' for start, end in coverage.unseen_c]:
         yield (
             f'You have not seen {_enumerate(unseen)} °C{where}: there the correction is a guess. '
             'If the robot gets there, record it there.'
@@ -225,7 +204,7 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
             'The model holds on these recordings. Run it:\nros2 run wrist_ft_comp compensator '
             f'--ros-args -p model_file:={shlex.quote(str(case.model))}'
         )
-    unseen = [f'{start:.0f} to {end:.0f}' for start, end in unseen_temperatures(case.coverage)]
+    unseen = [f'{start:.0f} to {end:.0f}' for start, end in case.coverage.unseen_c]
     if unseen and not outside:
         yield (
             f'These recordings hold nothing at {_enumerate(unseen)} °C. If the robot gets there, '

@@ -29,9 +29,10 @@ from wrist_ft_comp.stored.own_file import Output
 #: What the picture of days names as its software, by which it is known again.
 PAINTER = 'wrist_ft_comp picture'
 PICTURE = Output(
-    # Header, image header, and the text, before or after the chunk that holds the resolution.
+    # Header, image header, and the text, before or after the chunk that holds the resolution;
+    # bytes that are no text count as one letter, alone or together.
     name='picture', endings='.png',
-    begins=rf'\x89PNG\r\n\x1a\n.{{25,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
+    begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
 #: A silence of the robot from this length on is one of the things that happened, days.
 _PAUSE_DAYS = 7.0
@@ -130,7 +131,23 @@ def _left_words(drift: DriftLeft, unit: str) -> str:
 
 def events(diary: Diary) -> list[Event]:
     """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
-    happened = _incidents(diary.days)
+    # Days in a row with the same incident are one event, unless the zero jumped.
+    found: dict[tuple[str, int], Event] = {}  # by name and last day
+    weighed = any(day.payloads for day in diary.days)
+    for n, day in enumerate(diary.days):
+        # The names of the day's incidents: of thermometers, each that was out.
+        thermometers = re.findall(r'hermometer (\d+)', day.incident)
+        names = []
+        if day.kind == THERMOMETER and thermometers:
+            names = [f'thermometer {number} out' for number in dict.fromkeys(thermometers)]
+        elif day.kind or day.incident:
+            names = [NAMES.get(day.kind, day.kind or 'incident')]
+        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
+            names = [NO_PAYLOAD]
+        for name in names:
+            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
+            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
+    happened = list(found.values())
     for n, (day, after) in enumerate(pairwise(diary.days)):
         pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
         if day.first_ns and pause_days >= _PAUSE_DAYS:
@@ -146,26 +163,6 @@ def events(diary: Diary) -> list[Event]:
         if day.better and day.name not in went_live:
             happened.append(Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}'))
     return sorted(happened, key=lambda event: (event.first, event.name in MODEL_CHANGES))
-
-
-def _incidents(days: Sequence[DayEntry]) -> list[Event]:
-    """Find incidents; days in a row with the same one are one event, unless the zero jumped."""
-    found: dict[tuple[str, int], Event] = {}  # by name and last day
-    weighed = any(day.payloads for day in days)
-    for n, day in enumerate(days):
-        # The names of the day's incidents: of thermometers, each that was out.
-        numbers = re.findall(r'hermometer (\d+)', day.incident)
-        names = []
-        if day.kind == THERMOMETER and numbers:
-            names = [f'thermometer {number} out' for number in dict.fromkeys(numbers)]
-        elif day.kind or day.incident:
-            names = [NAMES.get(day.kind, day.kind or 'incident')]
-        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
-            names = [NO_PAYLOAD]
-        for name in names:
-            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
-            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
-    return list(found.values())
 
 
 def when(entry: DayEntry) -> str:

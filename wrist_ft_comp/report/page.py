@@ -1,9 +1,8 @@
 """The page: one self-contained HTML text that says how good a model is, and shows why."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
-from itertools import repeat
 from pathlib import Path
 import re
 
@@ -11,12 +10,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.result import Calibration
-from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.days import event_line, events, summary
 from wrist_ft_comp.report.report_content import (
-    AxisView,
     calibration_content,
     model_sources,
     MOST_ADVICE,
@@ -76,16 +72,9 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        centers=_centers, event_line=event_line, events=events, generator=GENERATOR,
-        learnt=_learnt, levels=LEVEL_NAMES, model_sources=model_sources,
-        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, summary=summary)  # fmt: skip
+        generator=GENERATOR, levels=LEVEL_NAMES, model_sources=model_sources,
+        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, zip=zip)  # fmt: skip
     return environment
-
-
-def _centers(payload: Payload) -> list[str]:
-    """Write a centre of mass, mm, with its standard errors."""
-    pairs = zip(1e3 * payload.center_m, 1e3 * payload.center_error_m, strict=True)
-    return [f'{value:.1f} ± {error:.1f}' for value, error in pairs]
 
 
 def _join_units(value: object) -> object:
@@ -93,21 +82,3 @@ def _join_units(value: object) -> object:
     if isinstance(value, str) and not hasattr(value, '__html__'):
         return _UNITS.sub('\N{NO-BREAK SPACE}', value)
     return value
-
-
-def _learnt(axis: AxisView) -> Iterator[tuple[str, str]]:
-    """List what was learnt."""
-    yield 'removed drift', axis.drifts
-    entry = axis.entry
-    yield 'chosen', entry['chosen']
-    if entry['reason']:
-        yield 'because', entry['reason']
-    if times_s := entry['time_constants_s']:
-        errors_s = entry['time_constant_errors_s'] or repeat(None)
-        yield (
-            'time constants',
-            ', '.join(
-                f'{tau:.0f} s' if error is None else f'{tau:.0f} ± {error:.0f} s'
-                for tau, error in zip(times_s, errors_s, strict=False)
-            ),
-        )

@@ -11,24 +11,22 @@ from itertools import cycle, pairwise
 import json
 import re
 import textwrap
-from typing import Any
+from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.learning.day_files import DAY_NS
-from wrist_ft_comp.learning.diary import DayEntry, Diary
+from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days import (
     drift_left,
-    Event,
-    event_line,
     events,
     MODEL_CHANGES,
     NO_DAYS,
@@ -49,7 +47,6 @@ THERMOMETERS = ('#009E73', '#BC5F95', '#8A7300', '#7D848C')
 INCIDENT = THERMOMETERS[1]
 #: Axes, and everything that is not measured.
 FRAME = '#7D848C'
-_GRID: dict[str, Any] = {'color': FRAME, 'alpha': 0.35, 'lw': 0.6}
 _SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
 _DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
 _THERMOMETER_STYLES = ('-', '--', '-.', ':')
@@ -69,14 +66,12 @@ _HOVER_POINTS = 240
 _GAP = 10.0
 
 # The PNG pictures: of a node's days, and of a recording.
-#: Width of a picture, and heights of its parts, inches: newtons, per cent, a lane of events, what
-#: lies between them, a title, a line of text; and the panels of a recording.
-_WIDTH, _NEWTONS, _PER_CENT, _LANE, _MARGINS, _TITLE, _LINE = 11.0, 2.4, 1.5, 0.22, 1.0, 0.6, 0.14
+#: Width of a picture, and heights of its parts, inches: newtons, per cent, a lane of events, title
+#: and what lies between them; and the panels of a recording.
+_WIDTH, _NEWTONS, _PER_CENT, _LANE, _MARGINS = 11.0, 2.4, 1.5, 0.22, 1.7
 _TEMPERATURES, _AXIS = 2.2, 1.4
-#: Letters in a line of the title, and of the text.
-_TITLE_LETTERS, _TEXT_LETTERS = 115, 160
-#: The newest events are written below the picture: this many, in at most this many lines each.
-_MOST_EVENTS, _MOST_LINES = 16, 2
+#: Letters in a line of the title.
+_TITLE_LETTERS = 115
 #: Most dates below the picture.
 _MOST_DATES = 8
 #: A pause is drawn to scale up to this share of the number of days, or up to this many days.
@@ -191,13 +186,18 @@ def _panel(x_label: str, y_label: str, size: tuple[float, float] = _SIZE) -> tup
     panel = figure.add_subplot()
     panel.set_xlabel(x_label)
     panel.set_ylabel(y_label)
-    panel.grid(**_GRID)
+    panel.locator_params(nbins=6)
+    _frame(panel)
+    return figure, panel
+
+
+def _frame(panel: Axes, grid: Literal['both', 'y'] = 'both') -> None:
+    """Draw grid, ticks and two of four sides in the colour of what is not measured."""
+    panel.grid(axis=grid, color=FRAME, alpha=0.35, lw=0.6)
     panel.set_axisbelow(True)
     panel.tick_params(color=FRAME, length=2)
-    panel.locator_params(nbins=6)
     panel.spines[['top', 'right']].set_visible(False)
     panel.spines[['bottom', 'left']].set_color(FRAME)
-    return figure, panel
 
 
 def _legend(panel: Axes, columns: int = 2) -> None:
@@ -229,23 +229,75 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
 
 
 def days_png(diary: Diary) -> bytes:
-    """Draw the days below a sentence that sums them up, and above a list of what happened."""
-    happened = events(diary)
-    older = len(happened) - _MOST_EVENTS
-    lines = [f'{older} older events are listed by wrist_ft_comp show.'] if older > 0 else []
-    for event in happened[-_MOST_EVENTS:]:
-        lines += textwrap.wrap(
-            event_line(event, diary.days), _TEXT_LETTERS, max_lines=_MOST_LINES, placeholder=' …',
-            subsequent_indent=' ' * 8)  # fmt: skip
-    heights = _height(happened) + _TITLE, _LINE * (len(lines) + 2)
-    figure = Figure(figsize=(_WIDTH, sum(heights)), layout='constrained')
-    drawing, text = figure.subfigures(2, height_ratios=heights)
-    title, small = ('\n'.join(textwrap.wrap(line, _TITLE_LETTERS)) for line in summary(diary))
-    drawing.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
-    newtons = _draw(drawing, diary.days, happened)
-    newtons.set_title(small, loc='left', size=9, color=FRAME, pad=22)
-    text.text(0.01, 1, '\n'.join(lines), va='top', size=8, parse_math=False)
-    return _png(figure)
+    """Draw the days of a node that learns."""
+    return _png(days_figure(diary))
+
+
+def days_figure(diary: Diary) -> Figure:
+    """Draw newtons and per cent of every day, and what happened by its name, below a sentence."""
+    days, happened = diary.days, events(diary)
+    # Days stand where their dates are; those without a date, or with an earlier one, a day later.
+    stamps = np.array([day.first_ns or np.nan for day in days], dtype=float)
+    steps = np.diff(stamps) / DAY_NS
+    longest = max(_PAUSE_SHARE * len(days), _LEAST_PAUSE_DAYS)
+    steps = np.minimum(np.where(steps > 0, steps, 1.0), longest)
+    left = np.append(0.0, np.cumsum(steps))
+    width = np.minimum(np.append(steps, steps[-1:] if len(steps) else 1.0), 1.0)
+    right = left + 0.9 * width
+    dated = [0]
+    for n, at in enumerate(left.tolist()):
+        if at - left[dated[-1]] >= (right[-1] - left[0]) / _MOST_DATES:
+            dated.append(n)
+
+    names = list(dict.fromkeys(event.name for event in happened))
+    heights = _NEWTONS, _PER_CENT, _LANE * (len(names) + 1)
+    figure = Figure(figsize=(_WIDTH, sum(heights) + _MARGINS), layout='constrained')
+    title, counted = ('\n'.join(textwrap.wrap(line, _TITLE_LETTERS)) for line in summary(diary))
+    figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
+    panels: list[Axes] = figure.subplots(3, height_ratios=heights).tolist()
+    newtons, per_cent, lanes = panels
+    for panel in panels:
+        panel.set_xlim(left[0] - 0.3, right[-1] + 0.3)
+        panel.set_xticks(left[dated], [when(days[n]) for n in dated])
+        panel.tick_params(labelbottom=panel is lanes)
+        _frame(panel, 'y')
+    drift = np.array([drift_left(day) for day in days])
+    middle, wide = (left + right) / 2, right - left
+    for values, colour, share, label in (
+        (drift[:, 0], WITHOUT, 1.0, 'drift without a model'),
+        (drift[:, 1], WITH, 0.55, 'left by the live model'),
+    ):
+        alpha = 0.4 if colour == WITHOUT else 1.0
+        newtons.bar(middle, values, share * wide, color=colour, alpha=alpha, lw=0, label=label)
+    highest = np.nanmax(drift, axis=1, initial=0.0)
+    newtons.set_ylim(0, min(_SHOWN * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
+    newtons.set_ylabel('force, N')
+    newtons.set_title(counted, loc='left', size=9, color=FRAME, pad=22)
+    newtons.legend(
+        loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
+    )
+    shares = 100 * np.array([drift_left(day).share for day in days])
+    per_cent.plot(middle, np.minimum(shares, _MOST_PER_CENT), 'o-', ms=3, lw=0.8, color=WITH)
+    per_cent.axhline(100, color=WITHOUT, lw=1.0)
+    per_cent.set_ylim(0, 1.05 * _MOST_PER_CENT)
+    per_cent.set_yticks((0, 25, 50, 75, 100), ('0', '25', '50', '75', 'no model  100'))
+    per_cent.set_ylabel('left, %')
+
+    lanes.set_yticks(range(len(names)), names, parse_math=False)
+    lanes.set_ylim(len(names) - 0.4, -0.6)
+    least = _LEAST_BAR * (right[-1] - left[0])
+    for event in happened:
+        lane, begin, end = names.index(event.name), left[event.first], right[event.last]
+        if event.name in MODEL_CHANGES:
+            lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
+            for panel in (newtons, per_cent) if event.name != OFFERED else ():
+                panel.axvline(right[event.first], color=FRAME, lw=0.8, ls='--')
+        elif event.name == NO_DAYS:
+            begin, end = right[event.first], left[event.last]
+            lanes.barh(lane, end - begin, 0.5, begin, color=FRAME, alpha=0.4)
+        else:
+            lanes.barh(lane, max(end - begin, least), 0.5, begin, color=INCIDENT)
+    return figure
 
 
 def recording_png(recording: Recording, after: FloatArray | None = None) -> bytes:
@@ -272,8 +324,8 @@ def recording_png(recording: Recording, after: FloatArray | None = None) -> byte
                 _line(panel, hours[held], values[held, column], part[held], label=label, **style)
     panels[-1].set_xlabel('time, h')
     for panel in panels:
-        panel.grid(**_GRID)
-        panel.spines[['top', 'right']].set_visible(False)
+        _frame(panel)
+    figure.align_ylabels(panels)
     for panel in panels[:2]:
         panel.legend(loc='best', frameon=False, ncols=4)
     return _png(figure)
@@ -285,81 +337,3 @@ def _png(figure: Figure) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
     return buffer.getvalue()
-
-
-def days_figure(diary: Diary) -> Figure:
-    """Draw newtons and per cent of every day, and what happened by its name."""
-    happened = events(diary)
-    figure = Figure(figsize=(_WIDTH, _height(happened)), layout='constrained')
-    _draw(figure, diary.days, happened)
-    return figure
-
-
-def _height(happened: Sequence[Event]) -> float:
-    """Compute the height of the drawing, inches."""
-    return _NEWTONS + _PER_CENT + _LANE * len({event.name for event in happened}) + _MARGINS
-
-
-def _draw(figure: FigureBase, days: Sequence[DayEntry], happened: Sequence[Event]) -> Axes:
-    """Draw newtons, per cent and events, from above; gives the uppermost panel."""
-    # Days stand where their dates are; those without a date, or with an earlier one, a day later.
-    stamps = np.array([day.first_ns or np.nan for day in days], dtype=float)
-    steps = np.diff(stamps) / DAY_NS
-    longest = max(_PAUSE_SHARE * len(days), _LEAST_PAUSE_DAYS)
-    steps = np.minimum(np.where(steps > 0, steps, 1.0), longest)
-    left = np.append(0.0, np.cumsum(steps))
-    width = np.minimum(np.append(steps, steps[-1:] if len(steps) else 1.0), 1.0)
-    right = left + 0.9 * width
-    dated = [0]
-    for n, at in enumerate(left.tolist()):
-        if at - left[dated[-1]] >= (right[-1] - left[0]) / _MOST_DATES:
-            dated.append(n)
-
-    names = list(dict.fromkeys(event.name for event in happened))
-    heights = _NEWTONS, _PER_CENT, _LANE * (len(names) + 1)
-    panels: list[Axes] = figure.subplots(3, height_ratios=heights).tolist()
-    newtons, per_cent, lanes = panels
-    for panel in panels:
-        panel.set_xlim(left[0] - 0.3, right[-1] + 0.3)
-        panel.set_xticks(left[dated], [when(days[n]) for n in dated])
-        panel.tick_params(labelbottom=panel is lanes, color=FRAME)
-        panel.spines[['top', 'right']].set_visible(False)
-        panel.spines[['bottom', 'left']].set_color(FRAME)
-        panel.grid(axis='y', color=FRAME, alpha=0.35, lw=0.6)
-        panel.set_axisbelow(True)
-    drift = np.array([drift_left(day) for day in days])
-    middle, wide = (left + right) / 2, right - left
-    for values, colour, share, label in (
-        (drift[:, 0], WITHOUT, 1.0, 'drift without a model'),
-        (drift[:, 1], WITH, 0.55, 'left by the live model'),
-    ):
-        alpha = 0.4 if colour == WITHOUT else 1.0
-        newtons.bar(middle, values, share * wide, color=colour, alpha=alpha, lw=0, label=label)
-    highest = np.nanmax(drift, axis=1, initial=0.0)
-    newtons.set_ylim(0, min(_SHOWN * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
-    newtons.set_ylabel('force, N')
-    newtons.legend(
-        loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
-    )
-    shares = 100 * np.array([drift_left(day).share for day in days])
-    per_cent.plot(middle, np.minimum(shares, _MOST_PER_CENT), 'o-', ms=3, lw=0.8, color=WITH)
-    per_cent.axhline(100, color=WITHOUT, lw=1.0)
-    per_cent.set_ylim(0, 1.05 * _MOST_PER_CENT)
-    per_cent.set_yticks((0, 25, 50, 75, 100), ('0', '25', '50', '75', 'no model  100'))
-    per_cent.set_ylabel('left, %')
-
-    lanes.set_yticks(range(len(names)), names, parse_math=False)
-    lanes.set_ylim(len(names) - 0.4, -0.6)
-    least = _LEAST_BAR * (right[-1] - left[0])
-    for event in happened:
-        lane, begin, end = names.index(event.name), left[event.first], right[event.last]
-        if event.name in MODEL_CHANGES:
-            lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
-            for panel in (newtons, per_cent) if event.name != OFFERED else ():
-                panel.axvline(right[event.first], color=FRAME, lw=0.8, ls='--')
-        elif event.name == NO_DAYS:
-            begin, end = right[event.first], left[event.last]
-            lanes.barh(lane, end - begin, 0.5, begin, color=FRAME, alpha=0.4)
-        else:
-            lanes.barh(lane, max(end - begin, least), 0.5, begin, color=INCIDENT)
-    return newtons

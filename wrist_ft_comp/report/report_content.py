@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
-from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.payload.accelerometer import describe_force, moments_of
 from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.separation import Separation
@@ -127,8 +125,6 @@ class ReportContent:
     at_work: str = ''
     #: Under which conditions the limits of another day hold; empty where none is stated.
     conditions: str = ''
-    #: The days of the node that learnt the model by itself, if one did.
-    diary: Diary | None = None
 
     #: Columns of the table that says whether it is good: RMS before and left.
     titles = ('axis', 'unit', 'verdict', 'before', 'left', 'limit')
@@ -162,18 +158,12 @@ class ReportContent:
         """Where the model came from, for people, by name."""
         document = self.stored.document
         ranges = (thermometer['range_c'] for thermometer in document['thermometers'])
-        more = {
-            name: yaml.safe_dump(document['provenance'].get(name), default_flow_style=True,
-                                 width=1e9, sort_keys=False).removesuffix('\n...\n').strip(' {}\n')
-            for name in ('versions', 'settings')
-        }  # fmt: skip
         return {
             'model file': str(self.stored.path),
             'SHA-256': self.stored.sha256,
             'recorded': f'{document["duration_s"] / 3600:.2f} h',
             'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
             'thermal period': f'{self.stored.model.period_ns / 1e9:g} s',
-            **more,
         }
 
     def lines(self) -> list[str]:
@@ -201,7 +191,11 @@ def calibration_content(
     axes: list[AxisView] = []
     levels: dict[str, Level] = {}
     for axis, fit in fits.items():
-        held_out, widening = _held_out(fit), _widening(fit)
+        held_out = _held_out(fit)
+        # Drift goes further in a day than in a block: what is stated over what was held out.
+        measured = float(rms_by_fold(held_out).after.mean())
+        whole = not held_out.tared or held_out.recording.any()
+        widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
         series = _series(
             recordings, coverage.leading, held_out.recording, held_out.cell,
             held_out.before, held_out.after,
@@ -232,7 +226,7 @@ def calibration_content(
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         conditions=conditions_of_another_day(calibration),
-        explanation=_explanation(calibration, recordings, reference), axes=tuple(axes),
+        explanation=explain_folds(calibration, recordings, reference), axes=tuple(axes),
         advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
@@ -316,11 +310,10 @@ def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of an axis
     parts: Sequence[tuple[str, AxisEvaluation]] = (),
 ) -> AxisView:
     """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    entry = stored.document['axes'].get(axis, _NO_ENTRY)
     return AxisView(
         axis, evidence.unit, judge(evidence), errors, series,
         drifts_removed(stored.model.axes.get(axis)),
-        {**entry, 'reason': ''} if evidence.refusal else entry, day_limit, parts)  # fmt: skip
+        stored.document['axes'].get(axis, _NO_ENTRY), day_limit, parts)  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:
@@ -371,21 +364,13 @@ def _held_out(fit: AxisFit) -> HeldOut:
     return fit.held_out
 
 
-def _widening(fit: AxisFit) -> float:
-    """Ratio of the stated error to that of the folds that were held out."""
-    held_out = _held_out(fit)
-    measured = float(rms_by_fold(held_out).after.mean())
-    whole = not held_out.tared or held_out.recording.any()
-    return 1.0 if whole or measured == 0 else fit.rms_after / measured
-
-
 def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def _explanation(
+def explain_folds(
     calibration: Calibration, recordings: Sequence[Recording], reference: Reference
 ) -> str:
     """Say what was held out, and from where errors are counted."""

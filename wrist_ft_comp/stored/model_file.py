@@ -66,9 +66,9 @@ def _parse(content: bytes) -> Any:
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
     name='model file', says='wrist_ft_comp drift model',
-    begins='format: wrist_ft_comp drift model\n', version=3, max_bytes=4_000_000,
+    begins=r'format: wrist_ft_comp drift model\nversion: \d+\n\w', version=3, max_bytes=4_000_000,
     endings='.yaml .yml', error=ModelFileError, parse=_parse,
-    made_by='Make one with wrist_ft_comp calibrate.',
+    made_by='Make a model with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
     unwritable='{path} cannot be written: {reason}. Name another file, or make room; no file was '
     'changed.')  # fmt: skip
