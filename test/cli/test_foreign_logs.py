@@ -219,6 +219,16 @@ def test_columns_are_what_their_names_and_values_say(header, tmp_path, done, run
         assert 'is left open: put its name, or its number' in refused
 
 
+def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (t, wrench[:, 2], celsius))
+    assert '--thermal-period' not in done('show', path)
+    model, columns = tmp_path / 'model.yaml', ['--columns', proposed(done('show', path))[0]]
+    done('calibrate', path, '-o', model, '--method', 'pls', *columns)
+    assert 'thermal period 60 s' in done('show', model)
+    done('evaluate', model, path, *columns)
+
+
 def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
     table = {
         'stamp_s': [0, 1, 2],

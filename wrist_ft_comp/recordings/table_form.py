@@ -184,7 +184,17 @@ def exact_ns(stamps: Any, form: str) -> IntArray:
         return exact_ns(stamps, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
     if unit_ns := TIME_UNITS_NS.get(form):
         if getattr(stamps, 'dtype', None) == np.float64:
-            return _scaled(stamps, unit_ns)
+            if not np.isfinite(stamps).all():
+                raise ValueError('a stamp is missing')
+            largest = float(np.abs(stamps).max(initial=1e-9))
+            if largest * unit_ns > np.iinfo(np.int64).max:
+                raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
+            # As whole multiples of a power of ten, all digits are kept.
+            digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
+            whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
+            if step_ns.is_integer():
+                return np.asarray(whole.astype(np.int64) * int(step_ns))
+            return np.asarray(np.rint(whole * step_ns).astype(np.int64))
         if any('_' in stamp for stamp in stamps):
             raise ValueError('1_000 is no number of a table')
         numbers = (Decimal(stamp.replace(',', '.')) * unit_ns for stamp in stamps)
@@ -198,20 +208,6 @@ def exact_ns(stamps: Any, form: str) -> IntArray:
     if times.hasnans:
         raise ValueError('a stamp is missing')
     return np.asarray(times.as_unit('ns').asi8)
-
-
-def _scaled(stamps: FloatArray, unit_ns: int) -> IntArray:
-    """Convert numbers: as whole multiples of a power of ten, all their digits are kept."""
-    if not np.isfinite(stamps).all():
-        raise ValueError('a stamp is missing')
-    largest = float(np.abs(stamps).max(initial=1e-9))
-    if largest * unit_ns > np.iinfo(np.int64).max:
-        raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
-    digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
-    whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
-    if step_ns.is_integer():
-        return np.asarray(whole.astype(np.int64) * int(step_ns))
-    return np.asarray(np.rint(whole * step_ns).astype(np.int64))
 
 
 def epoch_unit(number: float) -> str:
