@@ -7,7 +7,6 @@ import shlex
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import read_recording
@@ -172,23 +171,9 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
     np.testing.assert_allclose(spans, spans[0] * np.array([1, 1, 1e-3, 1e-3]))
 
 
-@pytest.mark.parametrize(
-    ('force', 'torque', 'kilo'),
-    [(1, 1, False), (1, 1000, False), (1e-3, 1, True), (0.03, 1, True), (1e-3, 0, True)],
-)
-def test_kilonewtons_are_guessed_where_newtons_cannot_be(done, tmp_path, force, torque, kilo):
-    """Not of torques in N mm; a force alone has to move by less than its noise would."""
-    t, wrench, celsius = day(1)
-    columns = t, wrench[:, 2] * force, wrench[:, 3] * torque, celsius
-    log = write(tmp_path / 'log.csv', 'time,fz,tx,temp', columns)
-    assert ('force_z=fz:kN' in done('show', log)) == kilo
-
-
-SIX = [f'{group}_{k}' for group in ('ft_raw_wrench', 'joint_temperatures') for k in range(6)]
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, d: dates, h: times of day,
 #: f: a force, T: a temperature, c: a constant, x: words), and what is proposed of it.
 PROPOSALS = {
-    't,load_cell,celsius': ('tfT', 'stamp=t,force_z=load_cell,temperature_c=celsius', 's'),
     'a,b,c': ('tfT', 'stamp=…,force_z=…,temperature_c=…', ''),
     'stamp_s,fz,other': ('tfT', 'force_z=fz,temperature_c=…', ''),
     'time,timestamp,fz,temp': ('iefT', 'stamp=timestamp,force_z=fz,temperature_c=temp', 's'),
@@ -202,7 +187,6 @@ PROPOSALS = {
         'tfffT', 'stamp=t,force_x=X Force,force_z=Z Force,torque_y=Y Torque,temperature_c=T',
         's'),
     't,F [N],G [N],temp': ('tffT', 'stamp=t,force_z=F [N]:N,temperature_c=temp', 's'),
-    '"time", "Fz", "Temp"': ('tfT', 'stamp=time,force_z=Fz,temperature_c=Temp', 's'),
     't,Fz,T_sensor,T_x,T1': (
         'tfTfT', 'stamp=t,force_z=Fz,torque_x=T_x,temperature_c=T_sensor,temperature_2_c=T1', 's'),
     't,fz,force_z2,forcex,torque_y_raw,T': (
@@ -212,13 +196,6 @@ PROPOSALS = {
         'effT', ','.join([
             'stamp=__time', 'force_x=/ft/wrench/force/x', 'temperature_c=/ft/temperature',
             'reference_force_x=/true/wrench/force/x']), 's'),
-    ','.join(['timestamp', *SIX]): ('t' + 6 * 'f' + 6 * 'T', ','.join([
-        'stamp=timestamp', *map('='.join, zip(AXES, SIX[:6], strict=True)),
-        'temperature_c=joint_temperatures_0',
-        *(f'temperature_{k + 1}_c=joint_temperatures_{k}' for k in range(1, 6))]), 's'),
-    # As rostopic echo -p writes it.
-    '%time,field.header.frame_id,field.wrench.force.z,field.temperature': (
-        'exfT', 'stamp=time,force_z=field.wrench.force.z,temperature_c=field.temperature', 's'),
 }  # fmt: skip
 
 
@@ -240,6 +217,16 @@ def test_columns_are_what_their_names_and_values_say(header, tmp_path, done, run
     if '…' in columns:
         refused = run(*words, '--columns', columns).sentence
         assert 'is left open: put its name, or its number' in refused
+
+
+def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't (min),fz (N),temp (C)', (t, wrench[:, 2], celsius))
+    assert '--thermal-period' not in done('show', path)
+    model, columns = tmp_path / 'model.yaml', ['--columns', proposed(done('show', path))[0]]
+    done('calibrate', path, '-o', model, '--method', 'pls', *columns)
+    assert 'thermal period 60 s' in done('show', model)
+    done('evaluate', model, path, *columns)
 
 
 def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):

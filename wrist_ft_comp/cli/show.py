@@ -233,7 +233,7 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
             f'{"was" if force.seen == 1 else "were"} seen'
         )
         if force.seen < 2:
-            yield 'A payload needs two: let the robot tilt the tool about two axes.'
+            yield 'A payload needs gravity along two directions: tilt the tool about two axes.'
     yield from _use(summary, path, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
 
@@ -306,7 +306,7 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
         # How a log's columns were understood, and how that is written once for all.
         topics = summary.topics or Topics()
         if topics.columns:
-            said = 'It was read by the map that was given.'
+            said = 'It was read with the map of --columns.'
             if summary.guessed:
                 said = (
                     'Its columns have names of another program; the map is a guess, above all the '

@@ -284,7 +284,7 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     for stream in streams:
         if stream.connection.id in seen:
             raise RecordingError(
-                f'Topic {stream.connection.topic} is named twice; each must be another one.'
+                f'Topic {stream.connection.topic} is named twice; name each topic once.'
             )
         seen.add(stream.connection.id)
     return streams

@@ -28,7 +28,7 @@ from wrist_ft_comp.recordings.bag import (
     temperatures_inside,
     uppermost_frame,
 )
-from wrist_ft_comp.recordings.log_proposal import missing_sentence, OPEN
+from wrist_ft_comp.recordings.log_proposal import FAR, missing_sentence, OPEN
 from wrist_ft_comp.recordings.read import (
     BAG,
     open_recording,
@@ -51,8 +51,6 @@ _TREATED = re.compile(
 )
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
-#: Names of temperatures of what heats the sensor, or of its surroundings.
-_FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
 #: A thermometer that changes by less, K, sees no warm-up.
 _MOVES_K = 0.5
 #: Number of thermometers that are suggested: one inside the sensor, one at the motor's side.
@@ -214,7 +212,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
         common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
         indices = re.findall(r'\[(\d+)\]', candidate.entry)
-        far, near = _FAR.search(candidate.entry), _NEAR.search(candidate.entry)
+        far, near = FAR.search(candidate.entry), _NEAR.search(candidate.entry)
         return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
@@ -366,13 +364,11 @@ def _describe_table(
         if not opened.is_read:
             raise
         refusal = str(error)
-    force, is_unloaded, reads = None, False, {}
+    force, is_unloaded = None, False
+    reads: dict[str, tuple[float, float]] = {}
     if recording:
-        heats = np.where(recording.measured, recording.temperature_c, np.nan)
-        limits = zip(np.nanmin(heats, axis=0).tolist(), np.nanmax(heats, axis=0), strict=True)
-        reads = {
-            temperature_channel(j): (low, float(high)) for j, (low, high) in enumerate(limits)
-        }
+        for j, celsius in enumerate(recording.temperature_c.T):
+            reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
         is_unloaded = not np.nan_to_num(recording.reference).any()
         if recording.specific_force is not None:
             known = np.isfinite(recording.specific_force).all(axis=1)

@@ -91,7 +91,8 @@ _NUMBERED = (
     (AXES[:3], re.compile('force')),
     (AXES[3:], re.compile('torque')),
 )
-_FAR = re.compile('motor|drive(?!r)|joint|cabinet|ambient|room')
+#: Names of temperatures of what heats the sensor, or of its surroundings.
+FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
 _NO_THERMOMETER_OF_METAL = re.compile('cpu|battery|batt|gpu|soc')
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 #: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
@@ -100,9 +101,6 @@ _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
 #: Between which readings a day may begin in a unit, and hardly in °C.
 _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
-#: Forces that move by less than this over a whole recording, less than any sensor's noise, are in
-#: no newtons; nor are those that move by less than the second, and by less than the torques.
-_NEVER_NEWTONS, _PERHAPS_NEWTONS = 0.02, 0.5
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -198,10 +196,6 @@ class _Looks:
         self._steps = steps = np.diff(self.numbers)
         self._is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
-        # A column without a name that grows by the same again and again.
-        spread, mean = (float(f(steps)) if len(steps) > 2 else 0.0 for f in (np.ptp, np.mean))
-        is_nameless = not any(map(str.isalpha, name))
-        self._is_regular = is_nameless and not self._counts and 0 <= spread < 0.1 * mean
         # t is a time, and T is a temperature.
         is_short = self.plain in _SHORT_TIME and not name.strip().startswith('T')
         self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
@@ -232,7 +226,7 @@ class _Looks:
         is_clock = not self._is_number or self.form == EXCEL
         if self._is_number and len(self.numbers):
             is_clock |= bool(epoch_unit(float(self.numbers[0])))
-        if not self.form or not (is_clock or self._is_time_word or has_unit or self._is_regular):
+        if not self.form or not (is_clock or self._is_time_word or has_unit):
             return 0.0
         try:
             steps = np.diff(exact_ns(self.filled, self.form))
@@ -321,10 +315,6 @@ def propose(
     found, time = _find_times(free, sign) if STAMP in absent else ({}, '')
     _find_channels(free, found, absent, placed)
 
-    # Where newtons cannot be, forces that name no unit are in kilonewtons.
-    spans = {c: float(np.ptp(of.numbers)) for c, of in found.items() if len(of.numbers)}
-    force, torque = (max(spans.get(c, 0.0) for c in axes) for axes in (AXES[:3], AXES[3:]))
-    in_kilonewtons = 0 < force < max(_NEVER_NEWTONS, min(torque, _PERHAPS_NEWTONS))
     entries = []
     order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
     for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
@@ -336,8 +326,6 @@ def propose(
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
             factor = f'*{1 / counts:g}' if counts > 1 else ''
-        if in_kilonewtons and channel in AXES[:3]:
-            unit = unit or 'kN'
         entries.append(f'{channel}={_called(placed, looks)}{factor}{f":{unit}" if unit else ""}')
     candidates: dict[str, list[str]] = {}
     for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
@@ -395,7 +383,7 @@ def _find_channels(
     thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     hot = [looks for looks in free if looks.temperature_unit() is not None]
     metal = [looks for looks in hot if not _NO_THERMOMETER_OF_METAL.search(looks.plain)]
-    for looks in sorted(metal or hot, key=lambda looks: bool(_FAR.search(looks.plain))):
+    for looks in sorted(metal or hot, key=lambda looks: bool(FAR.search(looks.plain))):
         take(next(thermometers), looks)
 
     def rank(looks: _Looks) -> tuple[bool, bool, int, int]:

@@ -285,41 +285,39 @@ def parse_map(columns: str, time: str, source: str = '--columns') -> ColumnMap:
     """Understand ``--columns`` and ``--time``; SettingsError where they can't be meant so."""
     time = time if '%' in time else plain_unit(time)
     check_time(time)
-    entries = filter(None, re.split(r',(?=\s*\w+=)', columns))
-    return ColumnMap(tuple(_parse_entry(entry.strip()) for entry in entries), time, source)
-
-
-def _parse_entry(entry: str) -> Column:
-    """Understand one entry of a map; SettingsError where it can't be meant so."""
-    match = _ENTRY.fullmatch(entry)
-    if match is None:
-        raise SettingsError(f'A map of columns cannot be read: {_FORM}; got {entry!r}.')
-    if match['theirs'].strip() in {'…', '...'}:
-        raise SettingsError(
-            f'The column of {match["ours"]} is left open: put its name, or its number, in the '
-            f'place of … in {entry!r}.'
-        )
-    ours = Column('', STAMP) if match['ours'] == STAMP else own_column(match['ours'])
-    if ours is None:
-        raise SettingsError(
-            f'{match["ours"]} is no name of a column; names are stamp, stamp_nanosec, force_x … '
-            'torque_z, temperature_c, temperature_2_c …, reference_force_x … and '
-            f'linear_acceleration_x …; got {entry!r}.'
-        )
-    unit, factor = plain_unit(match['unit'] or ''), None
-    if ours.channel == STAMP and unit:
-        check_time(unit)
-    elif unit and unit not in units_of(ours.channel):
-        allowed = ', '.join(units_of(ours.channel))
-        raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
-    if match['factor']:
-        with suppress(ValueError):
-            factor = float(match['factor'])
-        if factor is None or not math.isfinite(factor):
-            raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
-    # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
-    said = '' if ours.unit == 'C' else ours.unit
-    return Column(match['theirs'].strip(), ours.channel, unit or said, factor)
+    understood = []
+    for entry in filter(None, map(str.strip, re.split(r',(?=\s*\w+=)', columns))):
+        match = _ENTRY.fullmatch(entry)
+        if match is None:
+            raise SettingsError(f'A map of columns cannot be read: {_FORM}; got {entry!r}.')
+        if match['theirs'].strip() in {'…', '...'}:
+            raise SettingsError(
+                f'The column of {match["ours"]} is left open: put its name, or its number, in the '
+                f'place of … in {entry!r}.'
+            )
+        ours = Column('', STAMP) if match['ours'] == STAMP else own_column(match['ours'])
+        if ours is None:
+            raise SettingsError(
+                f'{match["ours"]} is no name of a column; names are stamp, stamp_nanosec, force_x '
+                '… torque_z, temperature_c, temperature_2_c …, reference_force_x … and '
+                f'linear_acceleration_x …; got {entry!r}.'
+            )
+        unit = plain_unit(match['unit'] or '')
+        if ours.channel == STAMP and unit:
+            check_time(unit)
+        elif unit and unit not in units_of(ours.channel):
+            allowed = ', '.join(units_of(ours.channel))
+            raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
+        factor = None
+        if match['factor']:
+            with suppress(ValueError):
+                factor = float(match['factor'])
+            if factor is None or not math.isfinite(factor):
+                raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
+        # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
+        said = '' if ours.unit == 'C' else ours.unit
+        understood.append(Column(match['theirs'].strip(), ours.channel, unit or said, factor))
+    return ColumnMap(tuple(understood), time, source)
 
 
 def check_time(time: str) -> None:

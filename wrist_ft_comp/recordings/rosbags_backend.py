@@ -39,10 +39,9 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     try:
         reader = stack.enter_context(Reader(chosen))
     except Exception:
-        cut = _cut_mcap(chosen)
-        if cut is None:
-            raise
-        return _salvage(name, cut, stack)
+        if salvaged := _salvage(name, chosen, stack):
+            return salvaged
+        raise
     storages = getattr(reader.storage, 'storages', [reader.storage])
     # rosbags' end is exclusive
     return Bag(
@@ -60,20 +59,22 @@ def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Itera
     return iter(messages([connection.native for connection in wanted]))
 
 
-def _cut_mcap(chosen: Path) -> Path | None:
-    """Return the .mcap file if there is one, it begins as one and does not end as one."""
+def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
+    """
+    Scan a cut-off .mcap file without its index, up to the last complete record.
+
+    None where it does not begin as one, or is not cut off.
+    """
     files = sorted(chosen.glob('*.mcap')) if chosen.is_dir() else [chosen]
     if len(files) != 1 or files[0].suffix != '.mcap':
         return None
-    with files[0].open('rb') as file:
+    (path,) = files
+    with path.open('rb') as file:
         begins = file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
         file.seek(-min(len(_MCAP_MAGIC), file.seek(0, 2)), 2)
         ends = file.read() == _MCAP_MAGIC and file.tell() > len(_MCAP_MAGIC)
-    return files[0] if begins and not ends else None
-
-
-def _salvage(name: str, path: Path, stack: ExitStack) -> Bag:
-    """Scan a cut-off .mcap file without its index, up to the last complete record."""
+    if ends or not begins:
+        return None
     reader = McapReader(path)
     reader.bio = stack.enter_context(path.open('rb'))
     reader.data_start = end = len(_MCAP_MAGIC)
@@ -124,23 +125,17 @@ def _add_topic(writer: Writer, like: Connection, topic: str, kind: str) -> Any:
     if kind != like.msgtype:
         store = get_typestore(Stores.ROS2_JAZZY)
         return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
-    text, digest = _described(like.native)
+    # Older and bare bags lack the definition or its hash.
+    text, digest = like.native.msgdef.data, like.native.digest
+    if not (text and digest):
+        store = get_typestore(Stores.ROS2_JAZZY)
+        with suppress(Exception):  # a type that nobody can describe is copied without description
+            if kind not in store.types:
+                store.register(_parse(like.native))
+            digest = digest or store.hash_rihs01(kind)
+            text = text or store.generate_msgdef(kind, ros_version=2)[0]
+    digest = digest or f'RIHS01_{0:064}'
     return writer.add_connection(topic, kind, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
-
-
-def _described(connection: Any) -> tuple[str, str]:
-    """Find a topic's message definition and its hash, which older and bare bags lack."""
-    kind, text = connection.msgtype, connection.msgdef.data
-    digest = connection.digest
-    if text and digest:
-        return text, digest
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with suppress(Exception):  # a type that nobody can describe is copied without description
-        if kind not in store.types:
-            store.register(_parse(connection))
-        digest = digest or store.hash_rihs01(kind)
-        text = text or store.generate_msgdef(kind, ros_version=2)[0]
-    return text, digest or f'RIHS01_{0:064}'
 
 
 def _parse(connection: Any) -> Typesdict:

@@ -76,7 +76,7 @@ class Header:
     lines_above: int
     #: What the columns are called: by their numbers, from 1 on, where no line names them.
     names: tuple[str, ...]
-    #: Units in a row of their own, in a column behind that of the numbers, in cells; or empty.
+    #: Units in a row of their own, or empty.
     units: tuple[str, ...]
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]]
@@ -134,9 +134,6 @@ def find_header(lines: Sequence[str]) -> Header:
     for row in (cut_line(line, delimiter) for line in lines[:first]):
         if not units and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _has_unit(row[1:]):
             units = ['', *(cell.strip('()') for cell in row[1:])]
-    if not units:
-        beside = [column[0] if len({*column}) == 1 else '' for column in columns[1:]]
-        units = [cell if _has_unit([cell]) else '' for cell in beside]
     names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
     text = '\n'.join(lines[:first])
     return Header(
@@ -187,7 +184,17 @@ def exact_ns(stamps: Any, form: str) -> IntArray:
         return exact_ns(stamps, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
     if unit_ns := TIME_UNITS_NS.get(form):
         if getattr(stamps, 'dtype', None) == np.float64:
-            return _scaled(stamps, unit_ns)
+            if not np.isfinite(stamps).all():
+                raise ValueError('a stamp is missing')
+            largest = float(np.abs(stamps).max(initial=1e-9))
+            if largest * unit_ns > np.iinfo(np.int64).max:
+                raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
+            # As whole multiples of a power of ten, all digits are kept.
+            digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
+            whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
+            if step_ns.is_integer():
+                return np.asarray(whole.astype(np.int64) * int(step_ns))
+            return np.asarray(np.rint(whole * step_ns).astype(np.int64))
         if any('_' in stamp for stamp in stamps):
             raise ValueError('1_000 is no number of a table')
         numbers = (Decimal(stamp.replace(',', '.')) * unit_ns for stamp in stamps)
@@ -201,20 +208,6 @@ def exact_ns(stamps: Any, form: str) -> IntArray:
     if times.hasnans:
         raise ValueError('a stamp is missing')
     return np.asarray(times.as_unit('ns').asi8)
-
-
-def _scaled(stamps: FloatArray, unit_ns: int) -> IntArray:
-    """Convert numbers: as whole multiples of a power of ten, all their digits are kept."""
-    if not np.isfinite(stamps).all():
-        raise ValueError('a stamp is missing')
-    largest = float(np.abs(stamps).max(initial=1e-9))
-    if largest * unit_ns > np.iinfo(np.int64).max:
-        raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
-    digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
-    whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
-    if step_ns.is_integer():
-        return np.asarray(whole.astype(np.int64) * int(step_ns))
-    return np.asarray(np.rint(whole * step_ns).astype(np.int64))
 
 
 def epoch_unit(number: float) -> str:
