@@ -34,7 +34,7 @@ collect_ignore = [] if find_spec('rclpy') else ['node']
 #: real ones, and two at once starve each other.
 LONGEST = (
     'test_tutorial', 'test_benches', 'test_separation', 'test_at_work', 'test_bad_recordings',
-    'test_show_bag', 'test_benches_of_processes', 'test_readme', 'test_calibrate', 'test_browser',
+    'test_show_bag', 'test_readme', 'test_calibrate', 'test_browser',
     'test_page', 'test_learning_job', 'test_model_choice', 'test_model_file', 'test_compensate',
     'test_payload', 'test_main', 'test_fleet', 'test_bag_recording', 'test_gaps',
 )  # fmt: skip
@@ -297,76 +297,6 @@ def make_axis_data(make_recording):
         ]
         folds = assign_folds(recordings) if folds is None else folds
         return build_axis_data(recordings, 'force_z', reference, folds)
-
-    return make
-
-
-@pytest.fixture(scope='session', params=[False, True], ids=['unloaded', 'loaded'])
-def noisy_problem(request, make_axis_data, warm_up):
-    """Three recordings with gaps, offsets and much noise, so that no fit is perfect."""
-    rng = np.random.default_rng(0)
-    temperatures, raws, loads = [warm_up(150 + 20 * i, i) for i in range(3)], [], []
-    for i, temperature_c in enumerate(temperatures):
-        load = 30 * rng.standard_normal(len(temperature_c))
-        raw = 0.4 * temperature_c + 2 * rng.standard_normal(len(temperature_c)) + 100 * i
-        raw += (1 + 1e-3 * temperature_c) * load * request.param
-        raw[rng.uniform(size=len(raw)) < 0.1] = np.nan
-        raws.append(raw)
-        loads.append(load)
-    problem = make_axis_data(temperatures, raws, loads if request.param else None)
-    assert (problem.load is not None) == request.param
-    return problem
-
-
-@pytest.fixture(scope='session')
-def textbook_bank(lagged):
-    """Relax one thermometer's temperatures by the loop, then take powers of T - 30 °C."""
-
-    def make(problem, time_constants_s, degree=2):
-        banked = []
-        for temperature_c in problem.temperature_c:
-            relaxed = [
-                lagged(temperature_c[:, 0], tau) if tau else temperature_c[:, 0]
-                for tau in time_constants_s
-            ]
-            powers = [(t - 30) ** power for t in relaxed for power in range(1, degree + 1)]
-            banked.append(np.stack(powers, axis=1))
-        return banked
-
-    return make
-
-
-@pytest.fixture(scope='session')
-def stack_samples():
-    """Stack the samples of some blocks: columns beside the load, r - w, recordings and cells."""
-
-    def make(problem, banked, blocks):
-        rows, targets, places = [], [], []
-        for i, columns in enumerate(banked):
-            for k, value in enumerate(problem.residual[i]):
-                if np.isnan(value) or problem.folds[i][k] not in blocks:
-                    continue
-                row = list(columns[k])
-                if problem.load is not None:
-                    w = problem.load[i][k]
-                    row += [w * c for c in columns[k]] + [w]
-                rows.append(row)
-                targets.append(value)
-                places.append((i, k))
-        return np.array(rows), np.array(targets), np.array(places)
-
-    return make
-
-
-@pytest.fixture(scope='session')
-def centre():
-    """Centre what was stacked by recording: each has an offset of its own."""
-
-    def make(values, places):
-        values = np.array(values, dtype=float)
-        for i in np.unique(places[:, 0]):
-            values[places[:, 0] == i] -= values[places[:, 0] == i].mean(axis=0)
-        return values
 
     return make
 

@@ -1,6 +1,7 @@
 """One rule for every gap: who lived through it, who was restarted and who reads the file agree."""
 
 import csv
+from dataclasses import replace
 from itertools import pairwise
 
 from hypothesis import assume, given, HealthCheck, Phase, settings
@@ -23,6 +24,8 @@ Z = 2
 ALIKE = ThermometerPrediction(
     np.array([0.0, 20.0]), np.array([[[0.0, 0.7], [0.0, 0.3]], [[0.6, 0.0], [0.4, 0.0]]]),
     np.zeros(2), *np.array([[3.0], [40.0], [5.0]]) * np.ones((3, 2)))  # fmt: skip
+#: When in a cell of a second each thermometer reports, and how far from its mean, K.
+SAMPLES = (0.25, -0.3), (0.75, 0.3)
 #: The output follows the model at once, so that it can be compared.
 FOLLOWS = StreamSettings(max_drift_n=1e6, max_drift_rate_n_s=1e6)
 
@@ -32,9 +35,9 @@ def write_model(make_model, tmp_path_factory):
     """Write a model of two thermometers, force z, with a time constant, s."""
 
     def write(time_constant_s):
-        model = make_model(
-            {'force_z': (2.0, 0.0, time_constant_s)}, thermometers=2, prediction=ALIKE
-        )
+        axes = {'force_z': (2.0, 0.0, time_constant_s)}
+        model = make_model(axes, thermometers=2, prediction=ALIKE)
+        model = replace(model, start_s=3.0)
         fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
         path = tmp_path_factory.mktemp('gaps') / 'model.yaml'
         ranges = np.tile((-50.0, 150.0), (2, 1))
@@ -52,7 +55,7 @@ def hasty(write_model):
 
 @st.composite
 def days(draw):
-    """Thermometers heard by cell, one sample in each: a list of (cell, temperatures or None)."""
+    """Thermometers heard by cell, twice in each: a list of (cell, temperatures or None)."""
     cell, rows, rng = 0, [], np.random.default_rng(draw(st.integers(0, 99)))
     stretch = st.tuples(
         st.sampled_from(['both', 'both', 'first', 'second', 'slow', 'frozen', 'jump']),
@@ -91,9 +94,10 @@ class Life:
     def feed(self, rows):
         for cell, celsius in rows:
             for thermometer, value in enumerate(celsius):
-                if value is not None:
-                    stamp = (START + cell) * SECOND + SECOND // 2
-                    for done in self.compensator.add_temperature(thermometer, stamp, value):
+                for second, noise in SAMPLES if value is not None else ():
+                    stamp = round((START + cell + second) * SECOND)
+                    sample = thermometer, stamp, value + noise
+                    for done in self.compensator.add_temperature(*sample):
                         self.drift[done.number - START] = None
             self.seen.append((cell, celsius))
             last = self.compensator.tracker.end_ns // SECOND - START - 1
@@ -118,7 +122,11 @@ def compensated(model_path, rows, folder):
     """Let the command read a file with these temperatures; the drift of force z by cell."""
     # The drift of a cell is reached at the end of the next one.
     wrenches = {cell + 2: None for cell, _ in rows}
-    lines = [(cell + 0.5, '', *celsius) for cell, celsius in rows]
+    lines = [
+        (cell + second, '', *('' if value is None else value + noise for value in celsius))
+        for cell, celsius in rows
+        for second, noise in SAMPLES
+    ]
     lines += [(cell, '0.0', '', '') for cell in wrenches]
     path, out = folder / 'day.csv', folder / 'out.csv'
     out.unlink(missing_ok=True)
@@ -171,7 +179,7 @@ def test_stream_restarted_stream_and_file_give_the_same_drift(
         assert killed.drift[cell] == pytest.approx(lived.drift[cell], abs=1e-9)
 
 
-@pytest.mark.parametrize('hours', [0.45, 1, 8])
+@pytest.mark.parametrize('hours', [0.45, 1])
 def test_after_a_night_without_samples_the_evening_has_no_effect(write_model, tmp_path, hours):
     """Soaked at 40 °C, then silent while it cools to 22 °C: on a line, or soaked there."""
     path, silent = write_model(600.0), round(hours * 3600)
@@ -192,7 +200,7 @@ def test_after_a_night_without_samples_the_evening_has_no_effect(write_model, tm
         assert drift[700 + silent] == pytest.approx(read[700 + silent], abs=1e-9)
 
 
-@pytest.mark.parametrize('back', [30, 100, 10_000])
+@pytest.mark.parametrize('back', [30, 10_000])
 def test_a_clock_set_back_has_the_same_effect_with_and_without_a_restart(hasty, tmp_path, back):
     """A file cannot hold it: stamps that do not increase are dropped."""
     killed, lived = (Life(load_model(hasty).model, tmp_path) for _ in range(2))

@@ -14,35 +14,30 @@ import numpy as np
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 
 #: A step is explained by the readings within this time before and after it, s: longer than a
-#: contact, short enough for a parabola to follow the drift ...
-_BESIDE_S = 120.0
+#: contact, short enough for a parabola to follow the drift; steps are half of it apart ...
+BESIDE_S = 120.0
 #: ... and at least by this number of readings on either side: half of what is fitted to an axis.
 _LEAST_BESIDE = 6
-#: Steps are at least this far apart, s.
-_APART_S = 60.0
 #: Smallest step, in standard deviations of a reading, over all axes.
-_SMALLEST_SIGMA = 15.0
+SMALLEST_SIGMA = 15.0
 #: Time constants of sudden heat, s: by half an octave, because a tail of 6 s is not one of 5 s ...
 _HEAT_S = np.geomspace(5.0, 160.0, 11)
 #: ... of which those below this many cells are left out: means over cells do not show them.
 _LEAST_HEAT_CELLS = 2.0
-#: A step and sudden heat may begin this far from where the reading seems to step, s. The level
-#: before a step is the median of as long a time.
-_SEARCHED_S = 20.0
 #: A step is named where it is more likely than heat by the exponential of this: with n readings,
 #: n times the logarithm of the ratio of squares that heat and step leave.
 _LEAST_EVIDENCE = 18.0
 #: Where a contact of at least this time hides what happened, s, heat and step explain it alike. A
-#: jump is taken for a step then, but not called certain, ...
+#: jump of at least four times SMALLEST_SIGMA is taken for a step then, but not called certain:
+#: with cells of 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that
+#: were none; at 100, jumps of 2 N were missed. That also is the time around a possible step in
+#: which it and sudden heat may begin, and over whose median the level before it is taken.
 _HIDING_S = 20.0
-#: ... from this size on, in standard deviations over all axes. With cells of 10 s, tares of a
-#: driver were above 300; at 40, five of six worlds got steps that were none; at 100, jumps of 2 N
-#: were missed ...
-_HIDDEN_SIGMA = 60.0
-#: ... and where the best of 33 heats is likelier by no more than it may be by chance, ln 33.
-_HIDDEN_EVIDENCE = -3.5
-#: A robust weight's width while a step is placed, in standard deviations of an axis.
-_WIDTH = 4.0
+#: The evidence is above this then: 33 heats compete, one of which may be likelier by chance. At
+#: -2.5 a press of 200 s around a jump was named as a part of it; at 0 the jump was missed.
+_HIDDEN_EVIDENCE = -2.0
+#: Width of the robust weight, in standard deviations of an axis, where the noise is known.
+WIDTH_SIGMA = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,24 +88,24 @@ def find_steps(
     between_s = (time_s[1:] + time_s[:-1]) / 2
     # A step before reading ``place`` is explained by readings from ``first`` to before ``last``.
     places = np.arange(1, len(time_s))
-    first = np.minimum(np.searchsorted(time_s, time_s[:-1] - _BESIDE_S), places - _LEAST_BESIDE)
-    last = np.maximum(np.searchsorted(time_s, time_s[1:] + _BESIDE_S), places + _LEAST_BESIDE)
+    first = np.minimum(np.searchsorted(time_s, time_s[:-1] - BESIDE_S), places - _LEAST_BESIDE)
+    last = np.maximum(np.searchsorted(time_s, time_s[1:] + BESIDE_S), places + _LEAST_BESIDE)
     first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
     sizes = _line_jumps(time_s, values, first, last)
     steps: list[Step] = []
-    while sizes.max() > _SMALLEST_SIGMA:
+    while sizes.max() > SMALLEST_SIGMA:
         at = int(sizes.argmax())
         near = slice(int(first[at]), int(last[at]))
         found = _explain(time_s[near], values[near], at - near.start, period_s)
         if found is None:
-            sizes[np.abs(between_s - between_s[at]) < _APART_S / 2] = 0.0
+            sizes[np.abs(between_s - between_s[at]) < BESIDE_S / 4] = 0.0
             continue
         after, jump, level, certain = found
         after += near.start
         # What a step leaves beside it is judged when it has been taken out.
         sizes[(first < after) & (after < last)] = 0.0
         # A short press before a step may look like the level after it, so look around, too.
-        around = round(_APART_S / 2 / period_s)
+        around = round(BESIDE_S / 4 / period_s)
         begin = max(int(rows[after - 1]) + 1 - around, 0)
         beside = readings[:, begin : rows[after] + around]
         cell = begin + _place(beside, level, level + jump)
@@ -153,7 +148,7 @@ def _explain(
     """
     gap_s = time_s[place + 1] - time_s[place]
     t = time_s - time_s[place] - gap_s / 2
-    firsts = np.flatnonzero(np.abs(t) < _SEARCHED_S + gap_s / 2)
+    firsts = np.flatnonzero(np.abs(t) < _HIDING_S + gap_s / 2)
     firsts = firsts[(firsts >= 2) & (firsts <= len(t) - 2)]
     if not len(firsts) or len(t) < 8:
         return None
@@ -161,9 +156,9 @@ def _explain(
     lags_s = [lag_s for lag_s in _HEAT_S if lag_s >= _LEAST_HEAT_CELLS * period_s]
     last_s = t[firsts - 1] + period_s / 2
     near_heats = _heats(t, np.concatenate((last_s, last_s - 5.0, last_s - 10.0)), lags_s)
-    far_s = np.arange(_SEARCHED_S, _BESIDE_S, 10.0)
+    far_s = np.arange(_HIDING_S, BESIDE_S, 10.0)
     far_heats = _heats(t, np.concatenate((t[firsts[0]] - far_s, t[firsts[-1]] + far_s)), lags_s)
-    parabola: FloatArray = np.asarray(np.linalg.qr(np.vander(t / _BESIDE_S, 3))[0], dtype=float)
+    parabola: FloatArray = np.asarray(np.linalg.qr(np.vander(t / BESIDE_S, 3))[0], dtype=float)
     left, steps, near_heats, far_heats = (
         _without(parabola, columns) for columns in (values, steps, near_heats, far_heats)
     )
@@ -176,11 +171,11 @@ def _explain(
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
     jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
     hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE
-    smallest = _SMALLEST_SIGMA if certain else _HIDDEN_SIGMA if hidden else np.inf
+    smallest = SMALLEST_SIGMA if certain else 4 * SMALLEST_SIGMA if hidden else np.inf
     if np.linalg.norm(jump) < smallest:
         return None
     after = int(firsts[first])
-    before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _SEARCHED_S)
+    before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _HIDING_S)
     return after, jump, np.median(values[before], axis=0), bool(certain)
 
 
@@ -223,6 +218,6 @@ def _place(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
     for level in (before, after):
         squares = np.mean((readings - level) ** 2, axis=2)
         square = np.where(np.isnan(squares), 1e9, squares).min(axis=0)
-        costs.append(robust_cost(robust_weight(square / _WIDTH**2)))
+        costs.append(robust_cost(robust_weight(square / WIDTH_SIGMA**2)))
     first, second = (np.concatenate(([0.0], np.cumsum(cost))) for cost in costs)
     return int(np.argmin(first + second[-1] - second))

@@ -75,9 +75,6 @@ class TestUncertainty:
         np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
         np.testing.assert_array_equal(calibrated.uncertainty(celsius[4:5]), deviations[4])
 
-    def test_without_any_calibration_there_is_no_uncertainty(self, make_model):
-        assert np.isnan(make_model(TRUTH).uncertainty(np.array([25.0]))).all()
-
 
 def test_predicted_thermometers_that_do_not_fit_are_refused():
     parts = np.zeros(1), np.zeros((2, 1, 2)), np.zeros(2), *np.ones((3, 2))

@@ -122,24 +122,3 @@ def test_a_table_is_refused_with_a_command_that_converts_it(door, tmp_path):
     assert not convert(*words, folder=folder)[1]
     (made,) = folder.iterdir()
     assert read_recording(made).duration_s == 1800 * 8
-
-
-@pytest.mark.parametrize(
-    'words',
-    [
-        'calibrate {} -o {out}.yaml',
-        'show {}', 'evaluate {model} {}', 'compensate {model} {} -o {out}',
-    ],
-)  # fmt: skip
-def test_every_command_refuses_a_table(words, tmp_path, capsys):
-    model, out, recording = (tmp_path / name for name in ('model.yaml', 'out.csv', 'oven.csv'))
-    table = KELLER / 'table2_sensor_b_raw.csv'
-    if 'model' in words:
-        convert(table, '-o', recording)
-        learnt = ['--reference', 'recorded', '--method', 'pls', '-o', str(model)]
-        assert main(['calibrate', str(recording), *learnt]) == 0
-    capsys.readouterr()
-    assert main(words.format(table, model=model, out=out).split()) == 1
-    (sentence,) = capsys.readouterr().err.splitlines()
-    assert f'examples/paper/chamber_table.py {table} -o table2_sensor_b_raw_rec' in sentence
-    assert not list(tmp_path.glob('out*'))

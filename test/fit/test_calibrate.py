@@ -35,31 +35,20 @@ def with_raw(recording, raw):
     return replace(recording, wrench=wrench)
 
 
-class TestResult:
-    def test_a_calibration_holds_the_model_and_its_evidence(self, good):
-        shares, before = [], deepcopy(good)
-        calibration = calibrate(good, CalibrationSettings(), shares.append)
-        assert shares == [0.5, 1.0]
-        for run, old in zip(good, before, strict=True):
-            np.testing.assert_array_equal(run.temperature_c, old.temperature_c)
-            np.testing.assert_array_equal(run.wrench, old.wrench)
-        assert set(calibration.fits) == {'force_x', 'torque_z'}
-        assert set(calibration.model.axes) == {'force_x'}
-        assert calibration.fits['torque_z'].model is None
-        assert calibration.fits['torque_z'].chosen == 'none'
-        assert calibration.model.period_ns == good[0].period_ns
-        assert calibration.model.thermometers == 1
-        assert calibration.duration_s == 2 * CELLS * 10.0
-        seen_c = np.concatenate([run.temperature_c for run in good])
-        np.testing.assert_array_equal(
-            calibration.temperature_range_c, [[seen_c.min(), seen_c.max()]]
-        )
-        fit = calibration.fits['force_x']
-        assert fit.rms_after < 0.1 * fit.rms_before
-        tared = [run.wrench[:, 0] - run.wrench[:6, 0].mean() for run in good]
-        expected = np.mean([np.sqrt(np.mean(values**2)) for values in tared])
-        assert fit.rms_before == pytest.approx(expected, rel=1e-6)
-        assert calibration.model.start_s == 10.0
+def test_a_calibration_holds_the_model_and_its_evidence(good):
+    shares, before = [], deepcopy(good)
+    calibration = calibrate(good, CalibrationSettings(), shares.append)
+    assert shares == [0.5, 1.0]
+    for run, old in zip(good, before, strict=True):
+        np.testing.assert_array_equal(run.wrench, old.wrench)
+    assert set(calibration.model.axes) == {'force_x'}
+    assert calibration.fits['torque_z'].chosen == 'none'
+    assert calibration.duration_s == 2 * CELLS * 10.0
+    seen_c = np.concatenate([run.temperature_c for run in good])
+    assert calibration.temperature_range_c.tolist() == [[seen_c.min(), seen_c.max()]]
+    fit = calibration.fits['force_x']
+    assert fit.rms_after < 0.1 * fit.rms_before
+    assert calibration.model.start_s == 10.0
 
 
 def changed(run, **change):

@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, signal
 
 from wrist_ft_comp.drift.arx import relaxation
-from wrist_ft_comp.fit.pls import fit_filtered_pls, fit_pls, XyBlock
+from wrist_ft_comp.fit.pls import fit_filtered_pls, XyBlock
 
 CELLS, PERIOD_S = 400, 10.0
 
@@ -74,16 +74,6 @@ def test_the_model_is_that_of_the_textbook(constants, outputs):
     for latent, tau_s in zip(model.latents, constants, strict=True):
         poles = relaxation(tau_s, PERIOD_S).poles
         np.testing.assert_array_equal(latent.poles, poles, 'h_r is of its own latent only')
-
-
-def test_without_filters_it_is_pls():
-    block = drawn_block()
-    for latents in range(1, 5):
-        model, _ = fit_filtered_pls(block, (0.0,) * latents, PERIOD_S)
-        outer = fit_pls(block.x, block.y, latents)
-        np.testing.assert_allclose(np.abs(model.rotations), np.abs(outer.rotations), atol=1e-9)
-        expected = block.x @ outer.coefficients / block.output_weight
-        np.testing.assert_allclose(explained_by(model, block), expected, atol=1e-8)
 
 
 def test_an_exhausted_block_ends_the_latents():

@@ -1,17 +1,11 @@
 """Which stretches are held out in turn, and how what is left of them is scored."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import relaxation
-from wrist_ft_comp.drift.arx_pls import ArxPls
-from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import build_axis_data
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds, fold_bins, FOLDS, part_errors, unexplained
+from wrist_ft_comp.fit.folds import assign_folds, FOLDS
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 
@@ -62,51 +56,6 @@ class TestFolds:
 
 
 ROWS = 720
-NOISY_LOAD = 30 * np.random.default_rng(0).standard_normal(ROWS)
-TEMPERATURE_C = np.linspace(20, 40, ROWS)
-
-
-def test_the_remainder_is_the_measurement_minus_the_free_run(make_axis_data, lagged):
-    features = Features('powers', np.array([20.0]), np.zeros(1), np.full(1, 99.0))
-    noise = np.random.default_rng(4).standard_normal(ROWS)
-    moved = lagged(TEMPERATURE_C - 20, 300.0)
-    sensitivity = 0.01 + 2e-3 * moved
-    raw = (1 + sensitivity) * NOISY_LOAD + 0.5 * moved + noise
-    data = make_axis_data([TEMPERATURE_C], [raw], [NOISY_LOAD])
-    np.testing.assert_array_equal(unexplained(data, None)[0], data.residual[0])
-    for outputs, remainder in ((2, noise), (1, noise + sensitivity * NOISY_LOAD)):
-        loadings, mean = np.array([[0.5], [2e-3]]), np.array([0.0, 0.01])
-        dynamics = ArxPls(
-            np.zeros(1), np.ones(1), np.ones((1, 1)), (relaxation(300.0, 10.0),),
-            loadings[:outputs], np.ones(outputs), mean[:outputs],
-        )  # fmt: skip
-        model = AxisModel(features, dynamics)
-        np.testing.assert_allclose(unexplained(data, model)[0], remainder, atol=1e-9)
-
-
-@pytest.mark.parametrize('tared', [True, False])
-def test_a_fold_is_scored_in_parts_around_a_constant_per_recording(make_axis_data, tared):
-    """Of means over 30 s, from the first minute on; plateaus around the mean of all else."""
-    rng = np.random.default_rng(5)
-    folds = [rng.integers(0, 3, ROWS) for _ in range(2)]
-    data = make_axis_data([TEMPERATURE_C] * 2, [TEMPERATURE_C] * 2, folds=folds)
-    data = replace(data, tared=tared)
-    remainders = [rng.standard_normal(ROWS) + 100 * i for i in range(2)]
-    remainders[0][::7] = np.nan
-    for fold in range(3):
-        expected = []
-        for numbers, values in zip(folds, remainders, strict=True):
-            bins, others = {}, []
-            for cell, (n, v) in enumerate(zip(numbers, values, strict=True)):
-                if n == fold and np.isfinite(v):
-                    bins.setdefault(cell // 3, []).append(v)
-                elif np.isfinite(v):
-                    others.append(v)
-            inside = [sum(values) / len(values) for values in bins.values()]
-            constant = np.mean(inside[:2] if tared else others)
-            parts = np.array_split(inside, 4)
-            expected += [np.mean([(v - constant) ** 2 for v in part]) for part in parts]
-        assert part_errors(fold_bins(data, remainders, fold)) == pytest.approx(expected)
 
 
 @pytest.fixture(scope='module')

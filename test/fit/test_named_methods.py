@@ -1,6 +1,4 @@
-"""Candidates of one axis compete: the choice, why, the constants, and hats of a chamber test."""
-
-from dataclasses import replace
+"""Candidates of one axis compete: which one wins, and its constants."""
 
 import numpy as np
 import pytest
@@ -9,14 +7,10 @@ from wrist_ft_comp.drift.arx import relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit import named_methods
-from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.folds import FoldBins, simplest_good
-from wrist_ft_comp.fit.named_methods import anchor, compete
-from wrist_ft_comp.fit.settings import IdentificationSettings
+from wrist_ft_comp.fit.folds import simplest_good
+from wrist_ft_comp.fit.named_methods import anchor
 
 CELLS = 200
-PLATEAU_CELLS = 50
 
 
 @pytest.fixture(scope='module')
@@ -63,36 +57,6 @@ def test_the_simplest_wins_within_15_percent_or_one_standard_error_of_the_best(e
     assert simplest_good(errors) == chosen
 
 
-@pytest.mark.parametrize(
-    ('errors', 'chosen', 'competing', 'why'),
-    [
-        ((4.0, 1.0, 0.25), 'lag', ['none', 'line', 'lag'], 'of 3 candidates it is the best'),
-        ((9.0, 1.0, 0.9), 'line', ['none', 'line', 'lag'], 'the best of 3, lag, is better by no'),
-        ((1.0, 4.0), 'line', ['line'], 'nothing else competed'),
-    ],
-)
-def test_the_winner_says_what_it_leaves_and_why(  # noqa: PLR0913, PLR0917 -- a table's columns
-    make_problem, monkeypatch, errors, chosen, competing, why
-):
-    bins = {}
-    for name, square in zip(('none', 'line', 'lag'), errors, strict=False):
-        left = np.full(4, np.sqrt(square))
-        bins[name] = [FoldBins(i, i, np.arange(4), left, left) for i in range(2)]
-    problem = replace(make_problem(), axis='torque_z')
-    refits = {name: lambda _: (lag(), ('mended',)) for name in competing if name != 'none'}
-    scores = iter(bins.values())
-    monkeypatch.setattr(named_methods, 'refit_bins', lambda *_: next(scores))
-    fit = compete(problem, refits, may_be_none='none' in competing)
-    rms = {candidate.name: candidate.rms for candidate in fit.candidates}
-    assert rms == pytest.approx(dict(zip(bins, np.sqrt(errors), strict=True)))
-    assert (fit.chosen, fit.rms_before, fit.rms_after) == (chosen, rms['none'], rms[chosen])
-    assert fit.reason.startswith(f'{chosen} leaves {rms[chosen]:.3g} N m RMS on held-out data, no')
-    assert why in fit.reason
-    assert fit.notes == ('mended', 'zero drift only: the reference was declared unloaded')
-    assert fit.time_constants_s == pytest.approx((300.0,)), 'read from the poles'
-    assert np.isnan(fit.time_constant_errors_s).all()
-
-
 @pytest.mark.parametrize('error', [None, 0.0, 0.03, -0.2])
 def test_a_sensor_soaked_at_the_reference_has_no_drift_but_the_least_squares_gain_error(
     make_problem, error
@@ -103,45 +67,3 @@ def test_a_sensor_soaked_at_the_reference_has_no_drift_but_the_least_squares_gai
     anchored, soaked_c = anchor(problem, lag(len(expected), mean=5.0)), np.array([30.0])
     drift = anchored.step(anchored.start(soaked_c), soaked_c)[1]
     assert drift == pytest.approx(expected, abs=1e-12 if error is None else 1e-6)
-
-
-@pytest.fixture(scope='module')
-def chamber(make_axis_data):
-    """Plateaus with the same steps of load at each, and silence between them."""
-
-    def make(plateaus_c, zero, gain, noise=0.05):
-        rng = np.random.default_rng(0)
-        temperature_c = np.repeat(plateaus_c, PLATEAU_CELLS).astype(float)
-        load = np.tile(np.repeat(np.linspace(-50, 50, 10), PLATEAU_CELLS // 10), len(plateaus_c))
-        raw = zero(temperature_c) + (1 + gain(temperature_c)) * load
-        raw = raw + noise * rng.standard_normal(len(raw))
-        # The last fifth of a plateau is the way to the next.
-        raw[np.arange(len(raw)) % PLATEAU_CELLS >= PLATEAU_CELLS * 4 // 5] = np.nan
-        data = make_axis_data([temperature_c], [raw], [load])
-        assert len(data.fold_numbers) == len(plateaus_c)
-        assert not data.tared
-        return data
-
-    return make
-
-
-def drift_at(fit, celsius):
-    """Zero and gain drift of a sensor that has soaked, (n, M)."""
-    rows = np.array(celsius, dtype=float)[:, np.newaxis]
-    return np.stack([fit.model.step(fit.model.start(row), row)[1] for row in rows])
-
-
-def test_piecewise_linear_zero_drift_is_learnt_and_the_gain_left_alone(chamber):
-    data = chamber(
-        [0, 30, 60], lambda t: 0.5 * t + 0.3 * np.maximum(t - 30, 0), lambda t: 1e-3 * (t - 30)
-    )
-    fit = identify_axis(data, IdentificationSettings())
-    assert (fit.chosen, fit.model.outputs) == ('zero drift in hats', 1)
-    drift = drift_at(fit, [0, 15, 30, 45, 60])[:, 0]
-    np.testing.assert_allclose(drift - drift[0], [0, 7.5, 15, 27, 39], atol=0.5)
-
-
-def test_noise_is_left_alone(chamber):
-    data = chamber([0, 20, 40, 60], lambda t: 0 * t, lambda t: 0 * t, noise=1.0)
-    fit = identify_axis(data, IdentificationSettings())
-    assert (fit.model, fit.chosen) == (None, 'none')

@@ -42,33 +42,6 @@ def free_run(model, features, temperature_c):
     return model.run(model.start(x[0]), x)[1]
 
 
-def assert_drifts(model, features, temperatures, drifts, atol):
-    """Compare zero drift, up to a constant, in every recording."""
-    for temperature_c, drift in zip(temperatures, drifts, strict=True):
-        zero = free_run(model, features, temperature_c)[:, 0]
-        np.testing.assert_allclose(zero - zero.mean(), drift - drift.mean(), atol=atol)
-
-
-@pytest.mark.parametrize('method', ['pcr', 'pls'])
-def test_a_static_truth_is_found_exactly(pose, temperatures, method):
-    gains = np.array([0.5, -0.3, 0.01, 0.02])
-    drifts = [TWO.expand(t) @ gains for t in temperatures]
-    model, notes = identify(method, pose(temperatures, drifts), TWO, (STATIC,) * 4)
-    assert notes == ()
-    assert_drifts(model, TWO, temperatures, drifts, 1e-8)
-
-
-def test_a_pole_that_had_to_be_moved_is_noted(pose, temperatures):
-    one = [t[:, :1] for t in temperatures[:1]]
-    growing = np.zeros(CELLS)
-    for k in range(1, CELLS):
-        growing[k] = 1.01 * growing[k - 1] + 0.01 * (one[0][k, 0] - 20)
-    model, notes = identify('arx_pls', pose(one, [growing]), ONE, (LAG,))
-    assert abs(model.latents[0].poles[0]) < 1
-    assert notes[0].endswith('; a pole of radius 1.010000 was moved inside the unit circle')
-    assert np.isfinite(free_run(model, ONE, one[0])).all()
-
-
 @every_method
 @pytest.mark.parametrize('loaded', [False, True])
 def test_units_change_nothing(pose, temperatures, lagged, method, loaded):

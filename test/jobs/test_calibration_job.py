@@ -151,12 +151,6 @@ def test_the_process_gives_the_model_as_json_even_where_the_report_fails(good, t
     assert (loaded.sha256, loaded.document) == (outcome['sha256'], outcome['document'])
 
 
-def test_the_process_gives_a_refusal_as_json(tmp_path):
-    outcome = answer(job(tmp_path, tmp_path / 'gone.csv'))
-    assert not outcome['success']
-    assert 'gone.csv does not exist' in outcome['message']
-
-
 def test_the_process_ends_with_the_one_that_started_it(good, tmp_path):
     ended = process_of(job(tmp_path, good), parent=1)
     assert (ended.returncode, ended.stdout) == (-signal.SIGTERM, '')

@@ -54,16 +54,6 @@ def take_third(look, before=None):
     return take(NAMES[3], look, before, Champion(), NAMES, settings=QUICK)
 
 
-def altered(look, number, change):
-    """Look at days of which one was changed before it was separated."""
-
-    def look_at_days(name):
-        day = look(name)
-        return look_at(change(day.recording)) if name == NAMES[number] else day
-
-    return look_at_days
-
-
 def test_a_model_is_learnt_where_there_is_none(look):
     choice = take_third(look)
     assert choice.better is not None
@@ -110,18 +100,15 @@ def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look,
     assert 'No model was learnt' in after.entry.verdict
 
 
-@pytest.mark.parametrize('half', [60, 100, 140])
-def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated, half):
+def test_a_jump_between_minutes_of_contact_is_named_and_not_learnt_from(look, separated):
     day = separated(9, cells=3700, contact=0.2).recording
     cells, rng = np.arange(3700), np.random.default_rng(9)
-    pressed = (np.abs(cells - 2000) < half) * (1 + 0.05 * rng.normal(size=3700))
+    pressed = (np.abs(cells - 2000) < 60) * (1 + 0.05 * rng.normal(size=3700))
     wrench = day.wrench + np.outer(pressed, [6.0, -4.0, -35.0, 1.0, 2.0, 0.3])
     wrench[2000:] += [40.0, 32.0, 61.0, 1.0, -2.0, 0.5]
     hit = look_at(replace(day, wrench=wrench))
     choice = take(NAMES[9], lambda _: hit, past(look, Champion(), 1, 2), Champion(), NAMES)
     assert (choice.better, choice.entry.kind) == (None, 'zero')
-    if half > 100:  # contact for nine minutes: part of the press is in the size that is named
-        return
     named = choice.entry.incident.split(' by ')[1].split(' (N')[0].split(', ')
     np.testing.assert_allclose([float(size) for size in named[:3]], [40, 32, 61], rtol=0.12)
 
@@ -153,17 +140,7 @@ def test_a_day_without_a_cell_free_of_contact_is_no_dead_sensor(look):
     assert 'No cell of the day was free of contact' in entry.incident
 
 
-def test_a_day_on_which_a_thermometer_came_loose_or_lies_is_not_learnt_from(
-    look, good, monkeypatch
-):
-    def loosen(recording):
-        temperature_c = recording.temperature_c.copy()
-        temperature_c[300:, 1] -= 5.0
-        return replace(recording, temperature_c=temperature_c)
-
-    entry = past(altered(look, 2, loosen), Champion(), 1, 2)[1]
-    assert entry.kind == 'thermometer'
-    assert 'Thermometer 2 of day_00002.csv jumps faster than metal can: by -5.' in entry.incident
+def test_a_day_on_which_a_thermometer_lies_is_not_learnt_from(look, good, monkeypatch):
     doubts = {'thermometer 2 reads +3.0 K beside': 1.0}
     monkeypatch.setattr(model_choice, 'thermometer_doubts', lambda *_: doubts)
     champion = Champion('a' * 12, good)

@@ -1,4 +1,4 @@
-"""Reliability benches of files and callbacks, a little of each: they run, and find nothing."""
+"""Reliability benches, a little of each: they run, and find nothing."""
 
 import json
 
@@ -14,3 +14,13 @@ def test_every_file_loads_after_kills(run_bench):
     code, printed = run_bench('faults', 'kills', '1')
     assert code == 0, printed
     assert json.loads(printed)['loaded']['states'] > 0
+
+
+def test_nothing_wrong_comes_out_while_faults_come_in(run_bench):
+    """How long the stream was away depends on the machine, so only what came is judged."""
+    _, printed = run_bench('faults', 'endurance', '0.15', '--rate', '200')
+    figures = json.loads(printed)
+    assert figures['counts']['arrived'] > 0, printed
+    assert sum(figures['faults'].values()) >= 4
+    assert not [what for what in figures['counts'] if what.startswith('wrong')], printed
+    assert figures['tracebacks'] == 0

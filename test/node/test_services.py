@@ -9,7 +9,6 @@ from std_srvs.srv import SetBool, Trigger
 from wrist_ft_comp.ros.services import DeferredService, Service
 
 TIMEOUT_S = 60.0
-executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 class Example(Node):
@@ -37,15 +36,14 @@ class Example(Node):
             self.todo.get()()
 
 
-@executors
-def test_an_answer_may_come_at_once_and_only_the_first_counts(bench, executor):
-    node = bench.start(Example, executor=executor)
+def test_an_answer_may_come_at_once_and_only_the_first_counts(bench):
+    node = bench.start(Example)
     answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
     assert (answer.success, answer.message) == (True, 'first')
     bench.wait_until(lambda: not node.at_once._replies, 'that no reply is kept')
 
 
-@executors
+@pytest.mark.parametrize('executor', ['default', 'events'])
 def test_answers_reach_their_askers_in_any_order(bench, executor):
     node = bench.start(Example, executor=executor)
     flags = True, False, True

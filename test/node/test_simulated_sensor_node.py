@@ -10,7 +10,6 @@ import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.simulated_sensor import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 
@@ -33,15 +32,14 @@ def six(message):
     return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
 
 
-@pytest.mark.parametrize('executor', ['default', 'events'])
-def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench, executor):
+def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench):
     before_ns = bench.helper.get_clock().now().nanoseconds
     remap = {'wrench_raw': '/arm/ft', 'temperature': '/arm/heat'}
     raw = bench.listen(WrenchStamped, '/arm/ft')
     reference = bench.listen(WrenchStamped, 'wrench_reference')
     first = bench.listen(Temperature, '/arm/heat')
     second = bench.listen(Temperature, 'temperature_2')
-    bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, remap=remap, executor=executor)
+    bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, remap=remap)
     messages = [topic.get(timeout=TIMEOUT_S) for topic in (raw, reference, first, second)]
     assert before_ns <= stamp_ns(messages[0])
     assert stamp_ns(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
@@ -152,9 +150,3 @@ def test_a_long_pause_is_caught_up_in_part(unspun):
     ran_s = 0.0105 + LONGEST_WAKE_S + 0.0105
     assert len(sent) == 2 * (1 + int(ran_s * FAST['wrench_rate']))
     assert (np.diff(sent[::2]) == 200_000_000).all()
-
-
-def test_schedule_that_cannot_be_followed_is_a_sentence(ros_context):
-    words = ['--ros-args', '-p', 'duty_cycle.start_s:=[100.0, 50.0]']
-    with pytest.raises(SettingsError, match='ascend'):
-        SimulatedSensor(context=ros_context, cli_args=words)

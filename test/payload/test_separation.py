@@ -13,7 +13,6 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
 from wrist_ft_comp.payload.separation import separate, separate_again
-from wrist_ft_comp.stream.offline import simulate_drift
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)
@@ -48,66 +47,30 @@ def warned(recordings, settings=AT_WORK):
 class TestPayloads:
     def test_tool_and_part_are_found_lightest_first(self, learnt):
         masses, centers = masses_and_centers(learnt)
+        assert not learnt.warnings
         np.testing.assert_allclose(masses, MASSES, rtol=0.003)
         np.testing.assert_allclose(centers, CENTERS, atol=0.0005)
         shares = [payload.share for payload in learnt.payloads.payloads.values()]
         np.testing.assert_allclose(shares, 0.5, atol=0.05)
 
-    def test_without_noise_payloads_are_exact(self, make_working_day):
-        day = make_working_day(contacts=0.0, noise=0.0)
-        flat = replace(day, wrench=without_drift(day))
-        masses, centers = masses_and_centers(calibrate([flat, flat], AT_WORK))
-        np.testing.assert_allclose(masses, MASSES, rtol=1e-5)
-        np.testing.assert_allclose(centers, CENTERS, atol=1e-5)
-
-    def test_the_frame_of_the_specific_force_does_not_matter(self, days, learnt):
+    def test_neither_the_frame_of_the_specific_force_matters_nor_a_missing_gyroscope(
+        self, days, learnt
+    ):
         turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-        turned = [replace(day, specific_force=day.specific_force @ turn) for day in days]
+        turned = [
+            replace(day, specific_force=day.specific_force @ turn, rotation_speed=None)
+            for day in days
+        ]
         again = calibrate(turned, AT_WORK)
         masses, _ = masses_and_centers(again)
-        np.testing.assert_allclose(masses, masses_and_centers(learnt)[0], rtol=1e-3)
+        np.testing.assert_allclose(masses, MASSES, rtol=0.005)
         rotation = learnt.payloads.frame.rotation @ turn
         np.testing.assert_allclose(again.payloads.frame.rotation, rotation, atol=2e-3)
-
-    def test_an_absent_speed_of_rotation_is_taken_from_the_specific_force(self, days):
-        blind = [replace(day, rotation_speed=None) for day in days]
-        masses, _ = masses_and_centers(calibrate(blind, AT_WORK))
-        np.testing.assert_allclose(masses, MASSES, rtol=0.005)
 
 
 def without_drift(day):
     theta = (day.temperature_c - 20.0) * [0.3, -0.2, 0.5, 0.01, 0.02, -0.01]
     return day.wrench - theta
-
-
-def test_cells_of_ten_seconds_give_the_same_payloads_and_steps(make_working_day):
-    found, turned = [], 0.1 * np.arange(2400)
-    slow = np.stack((np.sin(turned), np.sin(3 * turned) / 3, np.cos(turned)), axis=1)
-    for length in (1, 10):
-        day = make_working_day(0, 7200, tare_at=3605, poses=slow)
-
-        def means(values, length=length):
-            return values.reshape(-1, length, *values.shape[1:]).mean(axis=1)
-
-        separation = separate(
-            [
-                replace(
-                    day,
-                    period_ns=length * day.period_ns,
-                    temperature_c=means(day.temperature_c),
-                    measured=day.measured[::length],
-                    wrench=means(day.wrench),
-                    reference=means(day.reference),
-                    specific_force=means(day.specific_force),
-                    rotation_speed=np.sqrt(means(day.rotation_speed**2)),
-                )
-            ]
-        )
-        ((step,),) = separation.steps
-        found.append((*separation.bodies().mass_kg, step.cell * length))
-    np.testing.assert_allclose(np.sort(found[0][:-1]), MASSES, rtol=0.01)
-    np.testing.assert_allclose(np.sort(found[1][:-1]), MASSES, rtol=0.02)
-    assert abs(found[0][-1] - found[1][-1]) <= 10
 
 
 JUMP = np.array([28.0, 39.0, 6.0, -0.2, 0.4, 0.6])
@@ -153,13 +116,11 @@ class TestDrift:
         [
             (lambda n: np.outer((n >= 120) | ((n >= 95) & (n < 97)), JUMP), [1020]),
             (lambda n: warmer(n + 40, 100, 60) + np.outer(n >= 0, JUMP / 4), [900]),
-            *[
-                (lambda n, lag=lag, until=until: warmer(n, lag, 25) + pressed(n, until), [])
-                for lag, until in ((20, 24), (6, 10), (6, 14), (8, 12))
-            ],
+            (lambda n: warmer(n, 20, 25) + pressed(n, 24), []),
+            (lambda n: warmer(n, 6, 25) + pressed(n, 14), []),
             (lambda n: np.outer((n >= -10) & (n < 12), JUMP / 4), []),
         ],
-        ids=['a press like a tare', 'amid heat', *4 * ['heat behind a contact'], 'a bump'],
+        ids=['a press like a tare', 'amid heat', *2 * ['heat behind a contact'], 'a bump'],
     )
     def test_tares_are_told_from_sudden_heat_and_contacts(self, plain, added, at):
         change = added(np.arange(len(plain[0])) - 900)
@@ -177,13 +138,12 @@ class TestDrift:
         assert found.steps == [[]]
         assert np.isnan(found.drift[0].wrench[892:899]).all()
 
-    def test_beside_a_model_a_long_press_is_neither_drift_nor_a_step(self, plain):
+    def test_beside_a_known_drift_a_long_press_is_neither_drift_nor_a_step(self, plain):
         day, cells = plain[0], np.arange(len(plain[0]))
         pressed = (cells >= 700) & (cells < 850)
         force = np.array([10, 10, 10, 1, 1, 1]) * pressed[:, None]
-        model = calibrate(plain, AT_WORK).model
         rough = separate([replace(day, wrench=day.wrench + force)])
-        again = separate_again(rough, [simulate_drift(model, day).zero])
+        again = separate_again(rough, [day.wrench - without_drift(day)])
         assert again.steps == [[]]
         assert not np.isfinite(again.drift[0].wrench[pressed]).any()
         assert np.isfinite(again.drift[0].wrench[~pressed]).mean() > 0.6
@@ -191,7 +151,7 @@ class TestDrift:
     def test_a_recording_without_specific_force_counts_as_constant(self, plain, make_working_day):
         still = make_working_day(3, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
         still = replace(still, specific_force=None, rotation_speed=None)
-        assert 'its load counts as constant' in warned([*plain, still])
+        assert 'its load counts as constant' in warned([plain[0], still])
         moved = replace(plain[0], specific_force=None)
         with pytest.raises(CalibrationRefusedError, match='constant, as there is no specific'):
             calibrate([plain[1], moved], AT_WORK)
@@ -248,9 +208,6 @@ class TestAccelerometer:
 
 
 class TestDoubts:
-    def test_good_days_are_not_doubted(self, learnt):
-        assert not learnt.warnings
-
     def test_the_specific_force_of_another_frame_is_refused(self, plain):
         wrong = [
             replace(day, specific_force=other.specific_force)
@@ -286,8 +243,3 @@ class TestDoubts:
         wrench[kept] = plain[0].wrench[kept]
         with pytest.raises(CalibrationRefusedError, match=numbers):
             separate([replace(plain[0], wrench=wrench)])
-
-    def test_cells_without_a_neighbour_that_turns_slowly_are_separated(self, plain):
-        spin = np.tile([0.0, 9.0], len(plain[0]))[: len(plain[0])]
-        found = separate([replace(plain[0], rotation_speed=spin)])
-        assert found.bodies().mass_kg[0] == pytest.approx(1.3, rel=0.01)

@@ -13,11 +13,9 @@ from wrist_ft_comp.simulation.ft_sensor import (
     digitised_temperatures,
     digitised_wrench,
     FtSensorSettings,
-    interpolation,
     measured_wrench,
     NOMINAL_C,
     start,
-    steady_state,
     trajectory,
 )
 from wrist_ft_comp.simulation.run import (
@@ -28,15 +26,6 @@ from wrist_ft_comp.simulation.run import (
 )
 
 SETTINGS = FtSensorSettings()
-CLEAN = replace(
-    SETTINGS,
-    thermometer_noise_k=0.0,
-    thermometer_quantum_k=1e-12,
-    force_noise_n=0.0,
-    torque_noise_nm=0.0,
-    force_quantum_n=1e-12,
-    torque_quantum_nm=1e-12,
-)
 UNLOADED = np.zeros(6)
 LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
 
@@ -44,36 +33,6 @@ LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
 @pytest.fixture
 def sensor():
     return build_sensor(SETTINGS, 1)
-
-
-def simulate(sensor, nodes_c, drive, wrench, generators):
-    """Readings under true wrenches while heat flows: wrenches and thermometers."""
-    states_c = trajectory(sensor, nodes_c, drive)[:-1]
-    measured = measured_wrench(sensor, states_c, wrench)
-    return (
-        digitised_wrench(sensor, measured, generators[0]),
-        digitised_temperatures(sensor, states_c, generators[1]),
-    )
-
-
-def noise(seed=0):
-    return np.random.default_rng(seed), np.random.default_rng(seed + 1)
-
-
-def random_drive(steps, seed=0):
-    rng = np.random.default_rng(seed)
-    return np.column_stack((rng.uniform(0, 1, steps), rng.uniform(15, 30, steps)))
-
-
-# Heat
-
-
-@pytest.mark.parametrize('duty_cycle', [0.0, 0.6])
-def test_a_steady_state_does_not_change_and_without_heat_it_is_the_room(sensor, duty_cycle):
-    steady = steady_state(sensor, duty_cycle, 19.0)
-    later = trajectory(sensor, steady, np.tile([duty_cycle, 19.0], (5000, 1)))
-    np.testing.assert_allclose(later, np.tile(steady, (5001, 1)), rtol=1e-9)
-    np.testing.assert_allclose(start(sensor, 19.0), 19.0, rtol=1e-9)
 
 
 def test_stored_energy_is_the_heat_that_came_in_without_convection():
@@ -103,19 +62,6 @@ def test_step_agrees_with_numerical_integration(sensor):
     np.testing.assert_allclose(stepped, solved, atol=1e-6)
 
 
-@pytest.mark.parametrize('position', [0.0, 0.31, 0.9, 1.0])
-def test_interpolation_gives_mean_weights(position):
-    weights = interpolation(10, np.array([position]))
-    assert weights.sum() == pytest.approx(1.0)
-    assert (weights >= 0).all()
-    centres = np.array([np.nan, *(np.arange(10) + 0.5) / 10, np.nan])
-    inside = np.clip(position, 0.05, 0.95)
-    assert np.nansum(weights * centres) == pytest.approx(inside)
-
-
-# Bridges
-
-
 def test_bridge_agrees_with_circuit_analysis():
     rng = np.random.default_rng(0)
     resistances, changes = rng.uniform(340, 360, (20, 4)), rng.uniform(-2, 2, (20, 4))
@@ -143,7 +89,7 @@ def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
     np.testing.assert_allclose(slope, -4e-4, atol=0.3e-4)
 
 
-@pytest.mark.parametrize('seed', range(20))
+@pytest.mark.parametrize('seed', range(10))
 def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
     sensor = build_sensor(SETTINGS, seed)
     nodes_c = trajectory(sensor, start(sensor, 22.0), np.tile([1.0, 22.0], (5400, 1)))
@@ -153,30 +99,27 @@ def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
     assert (drift[3:] > 0.05).all()
 
 
-# Readings
-
-
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
-    wrench, celsius = simulate(
-        sensor, start(sensor, 22.0), random_drive(500), np.zeros((500, 6)), noise()
-    )
+    rng = np.random.default_rng(0)
+    states_c = trajectory(sensor, start(sensor, 22.0), np.tile([0.7, 26.0], (500, 1)))
+    wrench = digitised_wrench(sensor, measured_wrench(sensor, states_c, UNLOADED), rng)
+    celsius = digitised_temperatures(sensor, states_c, rng)
     quanta = np.repeat([SETTINGS.force_quantum_n, SETTINGS.torque_quantum_nm], 3)
     for values, quantum in ((wrench, quanta), (celsius, 0.0625)):
         np.testing.assert_allclose(values / quantum, np.round(values / quantum), atol=1e-6)
     assert len(np.unique(wrench[:, 2])) > 10
 
 
-# What drives it
-
-
 def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
-    run = draw_run(RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9)), noise()[0])
+    chosen = RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9))
+    run = draw_run(chosen, np.random.default_rng(0))
     levels = drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
     np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
 
 
 def test_loads_are_bounded_smooth_and_differ_between_axes():
-    run = draw_run(RunSettings(force_n=30.0, torque_nm=2.0, load_period_s=50.0), noise()[0])
+    chosen = RunSettings(force_n=30.0, torque_nm=2.0, load_period_s=50.0)
+    run = draw_run(chosen, np.random.default_rng(0))
     wrench = true_wrench(run, np.arange(0, 5000, 0.5))
     assert wrench.shape == (10_000, 6)
     largest = np.abs(wrench).max(axis=0)

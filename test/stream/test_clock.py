@@ -76,12 +76,8 @@ def test_strays_are_dropped_and_time_that_goes_on_elsewhere_is_followed(
 
 @pytest.mark.parametrize(
     ('before', 'step_s', 'heard'),
-    [
-        (1, 100, [1, 0, 2, 1, 1, 1]),
-        (5, 100, [1] * 5 + [0, 0, 3, 1]),
-        (5, 1000, [1] * 5 + [0, 0, 3, 1]),
-    ],
-    ids=['slow', 'becomes slow', 'becomes very slow'],
+    [(1, 100, [1, 0, 2, 1, 1, 1]), (5, 100, [1] * 5 + [0, 0, 3, 1])],
+    ids=['slow', 'becomes slow'],
 )
 def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard):
     """Or a simulation that is hundreds of times as fast as the clock."""

@@ -1,6 +1,5 @@
 """The stream: what comes out for a wrench, when models change and when things go wrong."""
 
-from dataclasses import replace
 import pickle
 
 import numpy as np
@@ -11,7 +10,6 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.compensator import (
     axis_limits,
     Compensator,
@@ -20,8 +18,7 @@ from wrist_ft_comp.stream.compensator import (
     MAX_SENSITIVITY_RATE,
     StreamSettings,
 )
-from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
+from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])
@@ -69,36 +66,6 @@ def steps(outputs):
     return np.abs(np.diff(outputs, axis=0)).max(axis=0)
 
 
-@pytest.mark.parametrize(
-    ('name', 'values'),
-    [
-        ('thermal_period_s', (0.0, 0.09, 600.1, -1.0)),
-        ('temperature_timeout_s', (0.0, -1.0)),
-        ('max_drift_n', (-5.0,)),
-        ('max_drift_rate_n_s', (0.0, -1.0)),
-        ('history_s', (0.0, -1.0)),
-    ],
-)
-def test_settings_outside_their_range_are_refused(name, values):
-    for value in (*values, np.nan, np.inf, -np.inf):
-        with pytest.raises(SettingsError, match=f'^{name} must be a number .*; got {value}'):
-            StreamSettings(**{name: value})
-    for period_s in (0.1, 600.0):
-        StreamSettings(thermal_period_s=period_s, max_drift_n=0.0)
-
-
-@pytest.mark.parametrize('live', [False, True])
-def test_the_wrench_passes_until_a_model_has_a_cell(model, *, live):
-    compensator = Compensator(1, StreamSettings(), model if live else None)
-    for second in range(3):
-        assert compensator.compensating == (live and second > 1)
-        assert compensator.correct(second, LOAD.tolist()) == LOAD.tolist() or second > 1
-        compensator.add_temperature(0, second * SECOND, 30.0)
-    assert compensator.tracker.temperature_c == pytest.approx([30.0])
-    soaked = 0.4 * (30.0 - 20.0) if live else 0.0
-    assert compensator.compensation.zero[2] == pytest.approx(soaked)
-
-
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     """Temperatures come at the cells' borders, so the ramps of stream and batch are the same."""
     compensator = Compensator(1, StreamSettings(), model)
@@ -115,53 +82,7 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     assert np.ptp(outputs[settled, 2]) > 2.0
 
 
-def fed_cell_by_cell(model, temperature_c):
-    """The drift that a stream has after every cell of a second."""
-    tracker, drifts = DriftTracker(1, SECOND, 10.0, 3600.0), []
-    tracker.use(model)
-    for second, celsius in enumerate([*temperature_c.tolist(), temperature_c[-1]]):
-        if tracker.add(Sample(0, second * SECOND + SECOND // 2, celsius)):
-            drifts.append(tracker.drift.zero[2])
-    return np.array(drifts)
-
-
-@pytest.mark.parametrize('start_s', [0.0, 10.0])
-@pytest.mark.parametrize('cells', [1, 4, 9, 10, 11, 60])
-def test_a_stream_starts_as_the_batch_after_any_cells(model, make_recording, cells, start_s):
-    """Below, at and above the ten cells that a start averages."""
-    model = replace(model, start_s=start_s)
-    temperature_c = 20 + np.random.default_rng(0).normal(0, 0.5, cells) + np.arange(cells) / 5
-    recording = make_recording(temperature_c, {'force_z': 0.0}, period_s=1.0)
-    expected = simulate_drift(model, recording).zero[:, 2]
-    np.testing.assert_allclose(fed_cell_by_cell(model, temperature_c), expected, atol=1e-12)
-
-
-def test_seconds_of_nothing_leave_no_trace_and_are_said_as_long_as_they_last(make_model):
-    """A bus error: 0 °C for 15 s."""
-    compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 60.0)}))
-    for second in range(200):
-        compensator.add_temperature(0, second * SECOND, 0.0 if 100 <= second < 115 else 27.0)
-        (spikes,) = compensator.tracker.spikes
-        assert spikes.leaves_out == (100 <= second < 115)
-        assert second < 2 or compensator.compensation.zero[2] == pytest.approx(14.0)
-    assert (spikes.dropped, spikes.jumps) == (15, 0)
-
-
-def test_wrong_first_readings_are_forgotten_and_it_is_said(make_model):
-    compensator = Compensator(2, model=make_model({'force_z': (2.0, 0.0, 600.0)}, thermometers=2))
-    for second in range(100):
-        compensator.add_temperature(0, second * SECOND, 27.0)
-        compensator.add_temperature(1, second * SECOND, 0.0 if second < 15 else 27.0)
-    assert compensator.tracker.forgot
-    assert compensator.tracker.origin == (
-        'the first readings of thermometer 2, such as 0.0 °C, were wrong; so the drift starts at '
-        'the steady state of the present temperatures'
-    )
-    assert compensator.tracker.drift.zero[2] == pytest.approx(14.0)
-    assert len(compensator.tracker.history_c) < 75
-
-
-@pytest.mark.parametrize('set_s', [-50_000, -300, -30, 90, 50_000])
+@pytest.mark.parametrize('set_s', [-50_000, -30, 90])
 @pytest.mark.parametrize('silent_s', [1, 600])
 def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_s):
     """By arrival nothing passed, so the drift is what it would have been."""
@@ -181,6 +102,40 @@ def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_
     assert drifts[1] == pytest.approx(drifts[0], abs=0.03)
     words = f'leapt by {set_s + silent_s} s while {silent_s} s passed: their clock was set'
     assert words in compensator.tracker.origin
+
+
+def test_wrong_first_readings_are_forgotten_and_it_is_said(make_model):
+    compensator = Compensator(2, model=make_model({'force_z': (2.0, 0.0, 600.0)}, thermometers=2))
+    for second in range(100):
+        compensator.add_temperature(0, second * SECOND, 27.0)
+        compensator.add_temperature(1, second * SECOND, 0.0 if second < 15 else 27.0)
+    assert compensator.tracker.forgot
+    assert 'readings of thermometer 2, such as 0.0 °C, were wrong' in compensator.tracker.origin
+    assert compensator.tracker.drift.zero[2] == pytest.approx(14.0)
+
+
+@pytest.mark.parametrize('rounded_k', [0.0, 0.5])
+def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_model, rounded_k):
+    """1 K, or 2 N, in 30 s: reported each 30 s, or when it has changed by half a kelvin."""
+    compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
+    drifts, last_c = [], 0.0
+    for second in range(600):
+        celsius = 20.0 + second / 30.0
+        if rounded_k:
+            celsius = round(celsius / rounded_k) * rounded_k
+        if celsius != last_c and (rounded_k or second % 30 == 0):
+            compensator.add_temperature(0, second * SECOND, celsius, arrival_ns=second * SECOND)
+            last_c = celsius
+        drifts.append(compensator.compensation_at(second * SECOND).zero[2])
+        if second > 200:
+            ((spacing_s, behind),) = compensator.seldom_reports().values()
+            assert spacing_s == (15 if rounded_k else 30)
+            assert abs(2.0 * second / 30.0 - drifts[-1]) <= behind[2] + 0.1 < 2.3 * spacing_s / 15
+            (doubt,) = compensator.seldom_doubts()
+            assert f'reports every {spacing_s:.3g} s' in doubt
+            assert f'force_z may be {behind[2]:.2g} N behind' in doubt
+    assert np.abs(np.diff(drifts))[200:].max() < 0.1, 'a step of 2 N otherwise'
+    assert not compensator.limits.too_fast
 
 
 def test_the_force_path_has_no_memory(model):
@@ -218,48 +173,6 @@ class TestLimits:
             limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1]
         )
         assert limits.too_large == ('torque_x',)
-
-
-def sparse(kind):
-    """Report 1 K in 30 s that often: stamps, s, and temperatures, °C; the last 10 min soaked."""
-    seconds = np.arange(1200.0)
-    celsius = 20.0 + np.minimum(seconds, 600.0) / 30.0
-    if kind == 'each 30 s':
-        return seconds[::30], celsius[::30]
-    step_k = {'by 0.1 K': 0.1, 'by 0.5 K': 0.5}[kind]
-    rounded = np.round(celsius / step_k) * step_k
-    changed = np.flatnonzero(np.diff(rounded, prepend=0.0))
-    return seconds[changed], rounded[changed]
-
-
-@pytest.mark.parametrize('kind', ['each 30 s', 'by 0.1 K', 'by 0.5 K'])
-def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_model, kind):
-    """Drift of 2 N in 30 s."""
-    compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
-    stamps_s, celsius = sparse(kind)
-    largest, drifts = np.diff(celsius[2:]).max() * 2.0, []
-    for second in range(1200):
-        for at in np.flatnonzero(stamps_s == second):
-            compensator.add_temperature(
-                0, second * SECOND, celsius[at], arrival_ns=second * SECOND
-            )
-        drifts.append(compensator.compensation_at(second * SECOND).zero[2])
-        true = 2.0 * min(second, 600) / 30.0
-        doubts = compensator.seldom_reports()
-        if 200 < second < 590:
-            ((spacing_s, behind),) = doubts.values()
-            assert spacing_s in {3, 6, 15, 30}
-            assert abs(true - drifts[-1]) <= behind[2] + 0.1
-            assert behind[2] <= 2.1 * largest + 0.1
-            (doubt,) = compensator.seldom_doubts()
-            assert doubt == (
-                f'thermometer 1 reports every {spacing_s:.3g} s, so that the drift of force_z may '
-                f'be {behind[2]:.2g} N behind; let it report each second'
-            )
-    moves = np.abs(np.diff(drifts))[200:]
-    assert moves.max() < 0.1, 'a step of 2 N otherwise'
-    assert not compensator.limits.too_fast
-    assert drifts[-1] == pytest.approx(40.0, abs=largest)
 
 
 def test_thermometers_that_report_each_second_are_followed_within_one(make_model):
@@ -305,28 +218,28 @@ class TestModelSwap:
         stream(late, (0, live_s))
         late.go_live(model, newest_before(live_s))
         assert late.compensating
-        for expected, corrected in zip(early.compensation, late.compensation, strict=True):
-            np.testing.assert_allclose(corrected, expected, atol=1e-9)
-        stamps, expected_outputs = stream(early, (live_s, live_s + 60))
+        np.testing.assert_allclose(late.compensation, early.compensation, atol=1e-9)
+        _, expected = stream(early, (live_s, live_s + 60))
         _, outputs = stream(late, (live_s, live_s + 60))
-        settled = stamps > (live_s + 2) * SECOND
-        gain = 1.0 + early.compensation.sensitivity
-        offset = (outputs - expected_outputs)[settled] * gain
-        np.testing.assert_allclose(offset, np.tile(-late.tare, (len(offset), 1)), atol=0.3)
         # Without sensitivity drift the two differ by the tare alone, whatever happens.
-        np.testing.assert_allclose(offset[:, 3], -late.tare[3], atol=1e-9)
+        np.testing.assert_allclose((outputs - expected)[100:, 3], -late.tare[3], atol=1e-9)
 
-    def test_a_model_that_does_not_fit_is_refused_and_the_running_one_stays(
-        self, make_model, model
+    def test_what_does_not_fit_is_refused_and_the_running_model_stays(
+        self, make_model, make_recording, warm_up, model
     ):
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
-        before = pickle.dumps(compensator)
-        with pytest.raises(SettingsError, match=r'expects 2 .* node has 1 '):
-            compensator.go_live(make_model(TRUTH, thermometers=2))
+        before, recording = pickle.dumps(compensator), make_recording(warm_up(60, 1), {})
+        two = make_model(TRUTH, thermometers=2)
+        for refused, error, words in (
+            (lambda: compensator.go_live(two), SettingsError, 'expects 2 .* node has 1 '),
+            (lambda: compensator.add_temperature(1, 9, 20.0), SettingsError, '0 to 0; got 1'),
+            (lambda: track_drift(model, recording), RecordingError, r'10\.0 s, .* on 1\.0 s'),
+            (lambda: Compensator(2, None, model), SettingsError, 'expects 1 .* node has 2 '),
+        ):
+            with pytest.raises(error, match=words):
+                refused()
         assert pickle.dumps(compensator) == before
-        with pytest.raises(SettingsError):
-            Compensator(2, StreamSettings(), model)
 
 
 class TestTare:
@@ -372,19 +285,3 @@ class TestTare:
         assert (tared.tared, swapped.tared) == (True, False), 'an offset that nobody took'
         np.testing.assert_allclose(alone.tare, tared.tare)
         assert not free.tare.any()
-
-
-@pytest.mark.parametrize('thermometer', [-1, 1])
-def test_a_thermometer_of_no_such_number_is_refused(make_model, thermometer):
-    compensator = Compensator(1, model=make_model({'force_z': (1.0, 0.0, 10.0)}))
-    with pytest.raises(SettingsError, match=f'from 0 to 0; got {thermometer}'):
-        compensator.add_temperature(thermometer, 10**9, 20.0)
-
-
-def test_a_recording_that_does_not_fit_is_refused(make_model, make_recording, warm_up):
-    recording = make_recording(warm_up(60, 1), {'force_z': 1.0})
-    slow, two = make_model(TRUTH), make_model(TRUTH, period_s=10.0, thermometers=2)
-    with pytest.raises(RecordingError, match=r'^run is on .* 10\.0 s, .* on 1\.0 s\. .* model\.$'):
-        track_drift(slow, recording)
-    with pytest.raises(RecordingError, match=r'^run has 1 therm.*, .* expects 2\. .* with\.$'):
-        track_drift(two, recording)

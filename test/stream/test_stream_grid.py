@@ -1,20 +1,15 @@
 """Averages over thermal cells as a stream: against the batch, in trouble, and as rows."""
 
-from itertools import pairwise
 import math
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.stream_grid import CellAverager, row_channels, ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermal_memory import OUTAGE_S, reporting_cells
 
 SECOND = 1_000_000_000
 
@@ -23,82 +18,8 @@ def feed(grid, stream):
     return [cells for sample in stream for cells in grid.add(*sample)]
 
 
-def feed_tracker(tracker, stream):
-    return [cells for sample in stream for cells in tracker.add(Sample(*sample))]
-
-
 def seconds(thermometer, *pairs):
     return [(thermometer, round(s * SECOND), value) for s, value in pairs]
-
-
-def table(completed):
-    """Numbers, temperatures and who was heard, one row per cell; the numbers ascend."""
-    numbers = [cell.number for cell in completed]
-    assert all(before < after for before, after in pairwise(numbers))
-    return (
-        np.array(numbers),
-        np.array([cell.temperature_c for cell in completed]),
-        np.array([cell.measured for cell in completed]),
-    )
-
-
-@st.composite
-def streams(draw):
-    """Samples of one to three thermometers in order of time, with gaps and with faults."""
-    thermometers = draw(st.integers(1, 3))
-    step = st.one_of(st.integers(1, SECOND), st.integers(SECOND, 9 * SECOND))
-    value = st.one_of(st.floats(19, 21), st.sampled_from([20.0, math.nan, math.inf]))
-    drawn = draw(st.lists(st.tuples(st.integers(0, thermometers - 1), step, value), max_size=80))
-    stamp, stream = draw(st.integers(0, 3 * SECOND)), []
-    for thermometer, wait, temperature in drawn:
-        stamp += wait
-        stream.append((thermometer, stamp, temperature))
-        if temperature == 20.0:
-            stream.append((thermometer, stamp, 1e6))  # a stamp twice
-    return thermometers, stream
-
-
-@settings(deadline=None, max_examples=300, derandomize=True)
-@given(drawn=streams())
-def test_the_stream_gives_what_the_batch_gives(drawn):
-    thermometers, stream = drawn
-    tracker = DriftTracker(thermometers, SECOND, OUTAGE_S, 1000.0)
-    completed = feed_tracker(tracker, stream)
-    usable = [
-        [s for s in stream if s[0] == j and math.isfinite(s[2]) and s[2] != 1e6]
-        for j in range(thermometers)
-    ]
-    assert tracker.clocks.rejected == len(stream) - sum(map(len, usable))
-    if not all(usable):
-        assert not completed
-        return
-    blocks = [
-        Samples(
-            (temperature_channel(j),),
-            np.array([stamp for number, stamp, _ in stream if number == j]),
-            np.array([[value] for number, _, value in stream if number == j]),
-        )
-        for j in range(thermometers)
-    ]
-    wrench = Samples(('force_x',), blocks[0].stamps_ns[:1], np.zeros((1, 1)))
-    batch = grid_samples([*blocks, wrench], max_bad_share=1.0)
-    if not completed:
-        return
-    numbers, held_c, measured = table(completed)
-    rows = numbers - batch.first_cell
-    assert numbers[0] == batch.first_cell
-    reported = reporting_cells(batch.measured, SECOND)
-    np.testing.assert_array_equal(rows, reported[: len(rows)])
-    # All but the cells that a thermometer may still deliver to.
-    ready = min(samples[-1][1] // SECOND for samples in usable) - batch.first_cell
-    assert np.count_nonzero(reported < ready) <= len(rows)
-    np.testing.assert_array_equal(measured, batch.measured[rows])
-    if tracker.grid.rejected:
-        return  # a second reading in the cell of one that had reported seldom came too late
-    np.testing.assert_allclose(held_c, batch.temperature_c[rows], atol=1e-10)
-    bridged_c = tracker.history_c
-    np.testing.assert_allclose(bridged_c, batch.temperature_c[: len(bridged_c)], atol=1e-10)
-    assert len(bridged_c) == rows[-1] + 1
 
 
 @pytest.mark.parametrize(('second', 'first'), [(1999.6, 1999), (1990.6, 1996)])

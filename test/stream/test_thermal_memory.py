@@ -82,34 +82,29 @@ def test_the_drift_is_subtracted_before_the_first_temperature(model):
     assert restarted(model, again).compensation.zero[2] == again.compensation.zero[2]
 
 
-class TestGap:
-    @pytest.mark.parametrize(
-        ('gap_s', 'by_clock_s', 'words'),
-        [
-            (-100, 0, 'is 100 s ahead of the temperatures: their stamps are of another clock'),
-            (-1e9, 0, 'ahead of the temperatures'),
-            (1801, 0, 'is 1801 s old and this model remembers 1800 s'),
-            (1e9, 0, 'this model remembers 1800 s'),
-            (10, 100, 's while 100 s passed since the thermal state was saved: their clock was'),
-        ],
-    )
-    def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
-        self, model, gap_s, by_clock_s, words
-    ):
-        killed = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
-        feed(killed, 0, 400)
-        memory = memory_of(killed)
-        again = Compensator(1, StreamSettings(max_drift_rate_n_s=1e3), model)
-        again.resume(memory, by_clock_s)
-        first = memory.end_ns + round(gap_s) * SECOND
-        for second in range(3):
-            again.add_temperature(0, first + second * SECOND, 30.0)
-        assert words in again.tracker.origin
-        assert again.tracker.origin.endswith(
-            'so the drift starts at the steady state of the present temperatures'
-        )
-        assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
-        assert not again.tracker.awaiting_gap
+@pytest.mark.parametrize(
+    ('gap_s', 'by_clock_s', 'words'),
+    [
+        (-100, 0, '100 s ahead of the temperatures'),
+        (-1e9, 0, 'ahead of the temperatures'),
+        (1801, 0, '1801 s old and this model remembers 1800 s'),
+        (1e9, 0, 'this model remembers 1800 s'),
+        (10, 100, 'while 100 s passed since the thermal state was saved'),
+    ],
+)
+def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
+    model, gap_s, by_clock_s, words
+):
+    fast = StreamSettings(max_drift_rate_n_s=1e3)
+    killed, again = (Compensator(1, fast, model) for _ in range(2))
+    feed(killed, 0, 400)
+    memory = memory_of(killed)
+    again.resume(memory, by_clock_s)
+    for second in range(3):
+        again.add_temperature(0, memory.end_ns + (round(gap_s) + second) * SECOND, 30.0)
+    assert words in again.tracker.origin
+    assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
+    assert not again.tracker.awaiting_gap
 
 
 def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):
@@ -140,18 +135,20 @@ def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
     ):
         assert not belongs_to(model, replace(memory, **change))
     assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
-    two = make_model({'force_z': (1.0, 0.0, 600.0)}, thermometers=2, prediction=ALIKE)
-    compensator = Compensator(2, SETTINGS, two)
+
+
+def test_what_is_known_of_thermometers_belongs_to_models_that_predict_as_many(make_model):
+    model = make_model({'force_z': (1.0, 0.0, 600.0)}, thermometers=2, prediction=ALIKE)
+    compensator = Compensator(2, SETTINGS, model)
     for k in range(4):
         for j in range(2):
             compensator.add_temperature(j, START + k * SECOND, 20.0)
     memory = memory_of(compensator)
-    assert belongs_to(two, memory)
-    assert not belongs_to(replace(two, prediction=None), memory)
-    assert not belongs_to(two, replace(memory, thermometers=None))
-    for change in ({'reasons': ('',)}, {'relaxed_c': np.zeros((2, 2))}, {'age_s': np.zeros(1)}):
-        known = replace(memory.thermometers, **change)
-        assert not belongs_to(two, replace(memory, thermometers=known))
+    assert belongs_to(model, memory)
+    assert not belongs_to(replace(model, prediction=None), memory)
+    short = replace(memory.thermometers, reasons=('',))
+    for thermometers in (None, short):
+        assert not belongs_to(model, replace(memory, thermometers=thermometers))
 
 
 def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):

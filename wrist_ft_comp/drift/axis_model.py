@@ -6,6 +6,7 @@ The drift of one axis: dynamic filters, features, and the outer and inner model 
     y(k)  = ARX-PLS of x          (M,)    eq. 15
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from wrist_ft_comp.series import FloatArray
 _UNIT_GAIN_TOLERANCE = 1e-6
 #: Smallest calibrated range of a thermometer that counts: one that hardly moved during the
 #: calibration is not outside its range for a hundredth of a degree, K.
-_LEAST_RANGE_K = 1.0
+LEAST_RANGE_K = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,12 @@ class AxisModel:
         first = {name: getattr(self.dynamics, name)[:1] for name in names}
         return replace(self, dynamics=replace(self.dynamics, **first))
 
+    def anchored(self, at_rest: Sequence[float]) -> 'AxisModel':
+        """Shift the constants so that soaked at T_ref it gives these outputs, (M,)."""
+        resting = self.step(self.start(self.reference_c), self.reference_c)[1]
+        mean = self.dynamics.output_mean - resting + np.array(at_rest)
+        return replace(self, dynamics=replace(self.dynamics, output_mean=mean))
+
     @property
     def poles(self) -> FloatArray:
         """Poles of all filters and latents, complex, shape (poles,)."""
@@ -154,5 +161,5 @@ class AxisModel:
         below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
         excess = np.maximum(np.maximum(below, above), 0.0)
         return np.asarray(
-            (excess / np.maximum(self.upper_c - self.lower_c, _LEAST_RANGE_K)).max(axis=-1)
+            (excess / np.maximum(self.upper_c - self.lower_c, LEAST_RANGE_K)).max(axis=-1)
         )

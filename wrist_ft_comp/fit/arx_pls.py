@@ -12,18 +12,25 @@ With a direct term φ's second half begins one cell later in time, at t(k-d).
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.folds import fold_bins, part_errors, simplest_good
 from wrist_ft_comp.fit.pls import fit_pls, Pls, XyBlock
-from wrist_ft_comp.fit.settings import Orders
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.fit.settings import Orders, STATIC
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
 MAX_POLE_RADIUS = 0.99999
+#: Orders n = m up to this compete for each latent, and n = 1 with two inputs, ...
+_HIGHEST_ORDER = 2
+#: ... each with a direct term, without delay, and with this one, s: heat takes as long at most.
+_DELAY_S = 30.0
 #: Score t_r and output u_r of a recording, shapes (N_i,), u_r with an unknown constant.
 Segment = tuple[FloatArray, FloatArray]
 
@@ -67,6 +74,57 @@ def latent_segments(
         segments.append([(t[:, r], f @ q) for t, f in zip(scores, outputs, strict=True)])
         outputs = [f - b * np.outer(t[:, r], q) for f, t in zip(outputs, scores, strict=True)]
     return segments
+
+
+def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders, ...]:
+    """
+    Choose orders of R latents by what the free run of H_r leaves of u_r on held-out folds.
+
+    They are fewer where a block is exhausted, and static where nothing can be held out.
+    """
+    by_fold = dict[int, list[list[Segment]]]()
+    for fold in data.fold_numbers:
+        pairs = zip(data.folds, block.outputs, strict=True)
+        others = tuple(np.where((folds == fold)[:, np.newaxis], np.nan, y) for folds, y in pairs)
+        seen = XyBlock(block.inputs, others)
+        if seen.observed:
+            everywhere = [y * seen.output_weight for y in block.outputs]
+            by_fold[fold] = latent_segments(seen, fit_pls(seen.x, seen.y, latents), everywhere)
+    if not by_fold:
+        return (STATIC,) * latents
+    delays = sorted({0, round(_DELAY_S / data.period_s)})
+    competing = [
+        orders
+        for n in range(_HIGHEST_ORDER + 1)
+        for m in range(max(n, 1), max(n, 1) + (_HIGHEST_ORDER if n == 1 else 1))
+        for orders in (Orders(n, m, direct=True), *(Orders(n, m, d) for d in delays))
+    ]
+    chosen: list[Orders] = []
+    for r in range(min(map(len, by_fold.values()))):
+        scored = []
+        for orders in competing:
+            with suppress(TooShortError):  # what is too long for the recordings does not compete
+                left = [_left_held_out(data, fold, by_fold[fold][r], orders) for fold in by_fold]
+                scored.append((orders, np.concatenate(left)))
+        if not scored:
+            return (*chosen, STATIC)
+        chosen.append(scored[simplest_good([errors for _, errors in scored])][0])
+    return tuple(chosen)
+
+
+def _left_held_out(
+    data: AxisData, fold: int, segments: Sequence[Segment], orders: Orders
+) -> FloatArray:
+    """Fit H_r to what is not in a fold; mean squares of what its free run leaves there."""
+    seen = [
+        (t, np.where(folds == fold, np.nan, u))
+        for (t, u), folds in zip(segments, data.folds, strict=True)
+    ]
+    h, _ = stabilise(fit_one_step(seen, orders))
+    left = part_errors(fold_bins(data, [u - free_run(h, t) for t, u in segments], fold))
+    whole = part_errors(fold_bins(data, [u for _, u in segments], fold)).mean()
+    # What leaves less than rounding of u_r is equally good.
+    return np.asarray(np.maximum(left, ROUNDING * whole))
 
 
 def regressors(t: FloatArray, u: FloatArray, orders: Orders) -> tuple[FloatArray, FloatArray]:

@@ -11,15 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import free_run
-from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
 from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
 from wrist_ft_comp.fit.folds import bin_means, hold_out, tare
 from wrist_ft_comp.fit.result import AxisFit, Candidate
 from wrist_ft_comp.fit.ridge_bank import (
     bin_axis_data,
-    BinnedData,
     build_axis_model,
     candidates,
     LONG_BANK_S,
@@ -38,7 +36,7 @@ _WORTH_RUNNING = 0.02
 #: chance on the others. Of 144 axes on which there is nothing to learn one left 1.82 times as much
 #: without this rule, with it none more than 1.1 times. Thirds of a single recording say less:
 #: there an average that left 3 times more of one of them left 0.11 of another day.
-_HARMFUL_FOLD = 1.25
+HARMFUL_FOLD = 1.25
 #: A fit's weight is what it leaves of the folds to the power of minus this.
 _SHARPNESS = 8.0
 #: Fits are compared by means over this time, or all look alike where a robot moves, s.
@@ -66,74 +64,45 @@ class LeftOfFold(NamedTuple):
 
 def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """Learn the drift of an axis from all fits, each as far as it holds unseen."""
-    bins = bin_axis_data(data, data.bin_cells[0])
-    features = build_features(bins.temperature_c, settings, beyond='tangents')
-    lags = [bins.relaxation(float(tau)) for tau in POOL_S]
-    # Temperatures of each recording behind every relaxation, (n_i, K, J).
-    relaxed_c = [
-        np.stack([free_run(lag, temperature_c) for lag in lags], axis=1)
-        for temperature_c in bins.temperature_c
-    ]
-    inputs = [_columns(features, of_recording) for of_recording in relaxed_c]
     fits = candidates(settings.highest_degree)
+    bins = bin_axis_data(data, data.bin_cells[0])
+    relaxed_c = bins.relaxed(POOL_S)
+    features = build_features(bins.temperature_c, settings, beyond='tangents')
     pool = Pool(settings.highest_degree, features.thermometers, bins.loaded)
+    # The pool's columns, without load, (n_i, K·F).
+    inputs = [features.expand(values_c).reshape(len(values_c), -1) for values_c in relaxed_c]
     sums = sum_by_fold(bins, inputs)
     left = []
     for fold in data.fold_numbers:
-        gains = _fit_all(pool, fits, sums.centred(sums.fold != fold))
-        left.append(_left_of_fold(bins, features, relaxed_c, fold, gains))
+        gains = pool.fit_all(fits, sums.centred(sums.fold != fold))
+        # What runs has the range that the other folds saw, so the rule beyond it is judged, too.
+        pairs = zip(bins.temperature_c, bins.folds, strict=True)
+        others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
+        seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
+        i = next(i for i, folds in enumerate(bins.folds) if (folds == fold).any())
+        rows = np.flatnonzero((bins.folds[i] == fold) & (bins.sums[i].count > 0))
+        x = seen.expand(relaxed_c[i][rows]).reshape(len(rows), -1)
+        errors = bins.regression(i, rows, x) @ gains.T
+        # Fits are compared around a constant and a start transient.
+        time_s = np.arange(len(errors)) * bins.period_s
+        transients = np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S))
+        phi = np.concatenate((np.ones((len(errors), 1)), transients), axis=1)
+        precision = np.full(phi.shape[1], len(errors) / _TRANSIENT_VARIANCE)
+        precision[0] = 0.0
+        level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ errors)
+        rest = errors - phi @ level
+        width = max(1, min(round(_COMPARED_S / bins.period_s), len(rest) // BINS_PER_FOLD))
+        means = bin_means(rest, np.arange(len(rest)), width)
+        compared = np.asarray((means**2).mean(axis=0) + precision @ level**2 / len(errors))
+        middles = np.asarray((rows + 0.5) * bins.cells - 0.5)
+        left.append(LeftOfFold(i, fold, middles, tare(errors, bins.period_s), compared))
     weights = _weigh(left)
     fit = _axis_fit(data, fits, weights, left, bins.period_s)
     if weights[0] == 1:
         return fit
-    gains = weights @ _fit_all(pool, fits, sums.centred(sums.fold >= 0))
+    gains = weights @ pool.fit_all(fits, sums.centred(sums.fold >= 0))
     model = build_axis_model(features, POOL_S, gains[:-1], inputs, data.period_s)
     return replace(fit, model=model)
-
-
-def _columns(features: Features, relaxed_c: FloatArray) -> FloatArray:
-    """Compute the pool's columns, without load, of relaxed temperatures (n, K, J): (n, K·F)."""
-    return features.expand(relaxed_c).reshape(len(relaxed_c), -1)
-
-
-def _fit_all(pool: Pool, fits: Sequence[RidgeFit], normal: FloatArray) -> FloatArray:
-    """Fit no compensation and all candidates: gains of the pool, and -1 for r - w, (C, P + 1)."""
-    none = np.append(np.zeros(len(normal) - 1), -1.0)
-    return np.stack([none, *(pool.fit(candidate, normal) for candidate in fits)])
-
-
-def _left_of_fold(
-    data: BinnedData,
-    features: Features,
-    relaxed_c: Sequence[FloatArray],
-    fold: int,
-    gains: FloatArray,
-) -> LeftOfFold:
-    """
-    Compute what gains of the pool, (C, P + 1), leave of a fold.
-
-    The features are those that a fit to the other folds would run with: their range is what the
-    others saw, so the rule beyond that range is judged, too.
-    """
-    pairs = zip(data.temperature_c, data.folds, strict=True)
-    others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
-    seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
-    i = next(i for i, folds in enumerate(data.folds) if (folds == fold).any())
-    rows = np.flatnonzero((data.folds[i] == fold) & (data.sums[i].count > 0))
-    left = data.regression(i, rows, _columns(seen, relaxed_c[i][rows])) @ gains.T
-    # Fits are compared around a constant and a start transient.
-    time_s = np.arange(len(left)) * data.period_s
-    transients = np.exp(-time_s[:, np.newaxis] / np.array(_TRANSIENTS_S))
-    phi = np.concatenate((np.ones((len(left), 1)), transients), axis=1)
-    precision = np.full(phi.shape[1], len(left) / _TRANSIENT_VARIANCE)
-    precision[0] = 0.0
-    level = np.linalg.solve(phi.T @ phi + np.diag(precision), phi.T @ left)
-    rest = left - phi @ level
-    width = max(1, min(round(_COMPARED_S / data.period_s), len(rest) // BINS_PER_FOLD))
-    means = bin_means(rest, np.arange(len(rest)), width)
-    compared = (means**2).mean(axis=0) + precision @ level**2 / len(left)
-    middles = np.asarray((rows + 0.5) * data.cells - 0.5)
-    return LeftOfFold(i, fold, middles, tare(left, data.period_s), np.asarray(compared))
 
 
 def _weigh(left: Sequence[LeftOfFold]) -> FloatArray:
@@ -150,7 +119,7 @@ def _weigh(left: Sequence[LeftOfFold]) -> FloatArray:
     after, before = (np.sqrt(_mean_squares(used, left)) for used in (weights, none))
     worth = after.mean() < (1 - _WORTH_RUNNING) * before.mean()
     several = len({of_fold.recording for of_fold in left}) > 1
-    harmful = several and bool((after > _HARMFUL_FOLD * before).any())
+    harmful = several and bool((after > HARMFUL_FOLD * before).any())
     return weights if worth and not harmful else none
 
 
@@ -167,44 +136,47 @@ def _axis_fit(
     period_s: float,
 ) -> AxisFit:
     """State what the average of an axis leaves, and what the fits of each name do."""
-    single = np.array([np.mean(of_fold.tared**2, axis=0) for of_fold in left])  # (folds, C)
-    before = float(np.sqrt(single[:, 0]).mean())
-    factor = day_over_blocks(data, before)
-    rounding = ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
-
-    def stated(average: FloatArray) -> float:
-        rms = left_of_a_day(float(np.sqrt(_mean_squares(average, left)).mean()), before, factor)
-        return rms if rms > rounding else 0.0
-
-    none = np.eye(len(weights))[0]
-    rows = [Candidate('none', stated(none), float(weights[0]))]
+    # What runs, nothing, and the average of each name: weights, (C,), and their share of the sum.
+    none: FloatArray = np.eye(len(weights))[0]
+    averages = {'': (weights, 1.0), 'none': (none, float(weights[0]))}
     names = np.array(['none', *(candidate.name for candidate in fits)])
     for name in dict.fromkeys(names[1:].tolist()):
         members = names == name
         total = float(weights[members].sum())
         average = np.where(members, weights if total > 0 else 1.0, 0.0)
-        rows.append(Candidate(name, stated(average / average.sum()), total))
-    used, after = weights[0] < 1, stated(weights)
+        averages[name] = average / average.sum(), total
+    mean_squares = [_mean_squares(average, left) for average, _ in averages.values()]
+    single = np.array([np.mean(of_fold.tared**2, axis=0) for of_fold in left])  # (folds, C)
+    before = float(np.sqrt(single[:, 0]).mean())
+    factor = day_over_blocks(data, before)
+    rms = [left_of_a_day(float(np.sqrt(s).mean()), before, factor) for s in mean_squares]
+    rounding = ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
+    after, *others = (value if value > rounding else 0.0 for value in rms)
+    expected = expected_rms(data, mean_squares[0], single @ weights, single[:, 0])
+    rows = [
+        Candidate(name, value, total)
+        for (name, (_, total)), value in zip(list(averages.items())[1:], others, strict=True)
+    ]
+    used, unit = weights[0] < 1, axis_unit(data.axis)
     reason = (
         f'Nothing that was tried holds on held-out data: no compensation leaves '
-        f'{rows[0].rms:.3g} {data.unit} RMS.'
+        f'{rows[0].rms:.3g} {unit} RMS.'
     )
     if used:
         heaviest = sorted(rows[1:], key=lambda row: -row.weight)[:2]
         names_of_two = [f'{row.name} ({100 * row.weight:.0f} %)' for row in heaviest]
         reason = (
-            f'An average of {len(fits)} fits leaves {after:.3g} {data.unit} RMS on held-out data, '
-            f'no compensation {rows[0].rms:.3g} {data.unit}; most weight have '
+            f'An average of {len(fits)} fits leaves {after:.3g} {unit} RMS on held-out data, '
+            f'no compensation {rows[0].rms:.3g} {unit}; most weight have '
             f'{" and ".join(names_of_two)}.'
         )
     errors = []
     for i, fold, cells, tared, _ in left:
         inside = np.minimum(cells, len(data.residual[i]) - 1)
         errors.append((i, fold, inside, -tared[:, 0], -tared @ weights))
-    expected = expected_rms(data, _mean_squares(weights, left), single @ weights, single[:, 0])
     return AxisFit(
         model=None, chosen=COMBINATION if used else 'none', candidates=tuple(rows),
         rms_before=rows[0].rms, rms_after=after,
         notes=(f'zero drift only: {data.no_sensitivity}',) if data.no_sensitivity else (),
-        reason=reason, unit=data.unit, held_out=hold_out(errors, period_s, tared=True),
+        reason=reason, unit=unit, held_out=hold_out(errors, period_s, tared=True),
         expected_rms=expected if after else 0.0)  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.features import Beyond, Features
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
@@ -54,6 +54,8 @@ class AxisData:
     folds: tuple[IntArray, ...]
     #: Cells from which on a recording has a new constant, because it may have been tared there.
     steps: tuple[tuple[int, ...], ...]
+    #: Cells per bin when a model is fitted in competition, and when it is judged.
+    bin_cells: tuple[int, int]
     #: Why sensitivity drift is not learnt; empty when it is.
     no_sensitivity: str = ''
     #: Whether a held-out fold has its own constant, because taring removes it. Plateaus of a
@@ -61,19 +63,9 @@ class AxisData:
     tared: bool = True
 
     @property
-    def unit(self) -> str:
-        """N or N m."""
-        return axis_unit(self.axis)
-
-    @property
     def longest_s(self) -> float:
         """Duration of the longest recording, s."""
         return max(len(residual) for residual in self.residual) * self.period_s
-
-    @property
-    def bin_cells(self) -> tuple[int, int]:
-        """Cells per bin when a model is fitted in competition, and when it is judged."""
-        return bin_cells(max(len(residual) for residual in self.residual), self.period_s)
 
     @property
     def fold_numbers(self) -> list[int]:
@@ -128,6 +120,7 @@ def build_axis_data(
         load=None if no_sensitivity or load is None else tuple(load),
         folds=tuple(folds), no_sensitivity=no_sensitivity,
         steps=tuple(recording.steps for recording in recordings),
+        bin_cells=bin_cells(max(map(len, residual)), recordings[0].period_s),
         tared=reference == 'payload' or find_plateaus(recordings) is None)  # fmt: skip
 
 
@@ -185,19 +178,20 @@ def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:
 def build_features(
     temperature_c: Sequence[FloatArray],
     settings: IdentificationSettings,
-    observed: Sequence[FloatArray] | None = None,
+    residual: Sequence[FloatArray] = (),
     beyond: Beyond = 'clamped',
 ) -> Features:
     """
     Choose reference, range and knots of features from temperatures, °C, shapes (N_i, J).
 
-    Knots of hats stand where samples were observed, (n_i, J), if that is given. The features are
-    those of the temperatures behind one relaxation.
+    Knots of hats stand where r - w, (N_i,), was observed, if that is given. The features are those
+    of the temperatures behind one relaxation.
     """
     everything = np.concatenate(list(temperature_c))
     knots = list[FloatArray]()
     if settings.features == 'hats':
-        for column in (everything if observed is None else np.concatenate(list(observed))).T:
+        present = np.isfinite(np.concatenate(residual)) if residual else slice(None)
+        for column in everything[present].T:
             plateaus = np.unique(column)
             if settings.hat_temperatures_c:
                 plateaus = np.array(settings.hat_temperatures_c, dtype=float)

@@ -36,7 +36,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.recording import Recording, require_recordings
 from wrist_ft_comp.series import IntArray, Progress
 
 
@@ -74,11 +74,14 @@ def calibrate(
     progress = progress or (lambda _: None)
     reference, max_gap_s = settings.reference, settings.max_gap_s
     # Check.
-    ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
+    require_recordings(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
+    duration_s = sum(recording.duration_s for recording in recordings)
+    ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
     silent = missing_wrenches(recordings, max_gap_s)
     recordings, unknown = drop_unknown_temperatures(recordings, max_gap_s)
     recordings, dropped = drop_stuck_cells(recordings, axes)
+    thermometers = idle_thermometers(recordings) + jumping_thermometers(recordings)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)
     folds = assign_folds(recordings)
@@ -89,7 +92,7 @@ def calibrate(
         _, model, _ = _learn(work.drift, axes, folds, settings, lambda _: None)
         work = learn_at_work(recordings, (work, model))
     learnt_from = work.drift if work else recordings
-    fits, model, skipped = _learn(learnt_from, axes, folds, settings, progress)
+    fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
     sensors = {
         f'in recording {number}, {recording.name}': recording.sensor
@@ -98,21 +101,24 @@ def calibrate(
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [
-        *dropped,
-        *stepped,
-        *skipped,
-        *unknown,
-        *silent,
-        *jumping_thermometers(recordings),
-        *idle_thermometers(recordings),
-        *(follows_gravity(recordings, reference) if not settings.moves else ()),
-        *(work.warnings if work else ()),
-        *_doubts(fits, settings),
-    ]
+    warnings += [*dropped, *stepped, *said, *unknown, *silent, *thermometers]
+    warnings += work.warnings if work else ()
+    if reference in {'unloaded', 'constant'}:
+        warnings += follows_gravity(recordings, reference)
+        unexplained = [
+            f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
+            for axis, fit in fits.items()
+            if fit.rms_after > max(fit.rms_before / 2, moving_limit(axis))
+        ]
+        if unexplained:
+            warnings.append(
+                'Most of what these readings do is not explained by temperature, RMS: '
+                f'{", ".join(unexplained)}. The load was declared {reference}: did the robot '
+                'move, or did something touch it? Or does no thermometer see the heat? Record '
+                'again standing still, or with the specific force (--reference payload).'
+            )
     return Calibration(
-        model=model, fits=fits, temperature_range_c=ranges_c,
-        duration_s=sum(recording.duration_s for recording in recordings),
+        model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
         warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
         settings=settings, payloads=work.payloads if work else None,
         separation=work.separation if work else None,
@@ -126,12 +132,12 @@ def _learn(
     settings: CalibrationSettings,
     progress: Progress,
 ) -> tuple[dict[str, AxisFit], DriftModel, list[str]]:
-    """Learn some axes, and say which are left out; CalibrationRefusedError where all are."""
-    fits, skipped = dict[str, AxisFit](), list[str]()
+    """Learn some axes, and say what to doubt; CalibrationRefusedError where none can be."""
+    fits, said = dict[str, AxisFit](), list[str]()
     for number, axis in enumerate(axes, 1):
         data = build_axis_data(recordings, axis, settings.reference, folds)
         if data.recordings == 1 < len(recordings):
-            skipped.append(
+            said.append(
                 f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
             )
             # It is judged on stretches of that recording.
@@ -140,19 +146,26 @@ def _learn(
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))
         if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
-            skipped.append(
+            said.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
             )
             continue
         fit = identify_axis(data, settings.identification)
+        if fit.refusal:
+            said.append(f'{fit.refusal}. It is left uncompensated.')
+        if fit.harmful:
+            said.append(
+                f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
+                'auto.'
+            )
         if data.tared:
             limit = day_limit(data, fit.stated_rms)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))
     if not fits:
-        raise CalibrationRefusedError(skipped[0])
+        raise CalibrationRefusedError(said[0])
     refusals = [fit.refusal for fit in fits.values() if fit.refusal]
     if refusals and all(fit.model is None for fit in fits.values()):
         raise CalibrationRefusedError(f'{refusals[0]}.')
@@ -166,7 +179,7 @@ def _learn(
         },
         # A start takes means over this time: long for a thermometer's noise, short for a body.
         start_s=FITTED_BIN_S, prediction=predicted)  # fmt: skip
-    return fits, model, skipped
+    return fits, model, said
 
 
 def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
@@ -178,26 +191,3 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if settings.method == 'arx_pls_oe':
         return identify_lags(data, settings)
     return identify_paper_method(data, settings, settings.method)
-
-
-def _doubts(fits: dict[str, AxisFit], settings: CalibrationSettings) -> list[str]:
-    """Say what a person should doubt in the fits, in sentences."""
-    unexplained = [
-        f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
-        for axis, fit in fits.items()
-        if fit.rms_after > max(fit.rms_before / 2, moving_limit(axis))
-    ]
-    doubts = list[str]()
-    if unexplained and not settings.moves:
-        doubts.append(
-            'Most of what these readings do is not explained by temperature, RMS: '
-            f'{", ".join(unexplained)}. The load was declared {settings.reference}: did the robot '
-            'move, or did something touch it? Or does no thermometer see the heat? Record again '
-            'standing still, or with the specific force (--reference payload).'
-        )
-    doubts += [f'{fit.refusal}. It is left uncompensated.' for fit in fits.values() if fit.refusal]
-    return doubts + [
-        f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method auto.'
-        for axis, fit in fits.items()
-        if fit.harmful
-    ]

@@ -1,6 +1,6 @@
 """Whether recordings can be calibrated from: refusals with numbers and a remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 import math
@@ -11,8 +11,7 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import order_problem
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.axis_data import find_plateaus, MIN_SAMPLES
-from wrist_ft_comp.fit.thermometer_prediction import runs_of
-from wrist_ft_comp.recording import elapsed_s, Recording, Reference, require_recordings, time_in
+from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.thermometer_faults import jumps
 
@@ -43,7 +42,6 @@ def check_recordings(
 
     The result is the range of each thermometer, °C, shape (J, 2).
     """
-    require_recordings(recordings)
     if not recordings:
         raise CalibrationRefusedError('A calibration needs at least one recording; got none.')
     first = recordings[0]
@@ -206,7 +204,8 @@ def drop_unknown_temperatures(
                 )
             if runs:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')
-        sound.append(replace(recording, wrench=wrench))
+        changed = not np.array_equal(wrench, recording.wrench, equal_nan=True)
+        sound.append(replace(recording, wrench=wrench) if changed else recording)
     return sound, sentences
 
 
@@ -237,6 +236,12 @@ def _long_runs(missing: BoolArray, counts: BoolArray, cells: float) -> list[tupl
         if len(at) and at[-1] + 1 - at[0] > cells:
             runs.append((int(at[0]), int(at[-1]) + 1))
     return sorted(runs, key=lambda run: run[0] - run[1])
+
+
+def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of every run of marked values, (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:

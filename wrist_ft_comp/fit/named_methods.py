@@ -19,12 +19,13 @@ from typing import Literal
 import numpy as np
 import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.drift.arx import free_run, static_gain
+from wrist_ft_comp.channels import axis_unit
+from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import TooShortError
-from wrist_ft_comp.fit.arx_pls import fit_arx_pls
+from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
 from wrist_ft_comp.fit.folds import (
@@ -40,7 +41,6 @@ from wrist_ft_comp.fit.folds import (
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, fit_pls
 from wrist_ft_comp.fit.result import AxisFit, Candidate
 from wrist_ft_comp.fit.ridge_bank import (
-    anchored,
     bin_axis_data,
     BinnedData,
     build_axis_model,
@@ -50,15 +50,6 @@ from wrist_ft_comp.fit.ridge_bank import (
 )
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
-
-#: Most latents that compete.
-_MAX_LATENTS = 8
-#: Orders n = m up to this compete for each latent of arx_pls, the simplest first, ...
-_HIGHEST_ORDER = 2
-#: ... each with a direct term, without delay, and with this one, s: heat takes as long at most.
-_DELAY_S = 30.0
-#: Where arx_pls_oe searches τ, s: below, no sensor is known to lag; above, a day hardly shows it.
-_BOUNDS_S = (20.0, 5600.0)
 
 PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 #: What each latent is: its orders, or the time constant of its filter, s.
@@ -71,53 +62,37 @@ def identify_paper_method(
     """
     Let held-out folds choose how many latents there are, and their structure.
 
-    All latents have the same structure, unless orders were given for each. TooShortError is raised
-    where no ARX finds enough consecutive samples.
+    Each latent of arx_pls has orders of its own; all of filtered_pls have one relaxation.
+    TooShortError is raised where no ARX finds enough consecutive samples.
     """
-    width = len(_observed_features(data, settings).names)
+    features = build_features(data.temperature_c, settings, data.residual)
+    width, orders = len(features.names), settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
-    fixed = settings.latents or (width if settings.features == 'hats' else None)
-    options: Structure = (STATIC,)
+    fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
+    fixed = fixed or (width if features.kind == 'hats' else 0)
+    most = fixed or width
+    structures: list[Structure] = [(STATIC,) * most]
     if method == 'filtered_pls':
-        options = LONG_BANK_S
+        structures = [(tau_s,) * most for tau_s in LONG_BANK_S]
+    elif method == 'arx_pls' and orders:
+        structures = [orders if len(orders) > 1 else orders * most]
     elif method == 'arx_pls':
-        delays = sorted({0, round(_DELAY_S / data.period_s)})
-        options = settings.orders or tuple(
-            orders
-            for n in range(_HIGHEST_ORDER + 1)
-            for orders in (
-                Orders(n, max(n, 1), direct=True),
-                *(Orders(n, max(n, 1), d) for d in delays),
-            )
-        )
-    numbers = [fixed] if fixed else range(1, min(width, _MAX_LATENTS) + 1)
-    structures: list[Structure] = [(option,) * r for r in numbers for option in options]
-    if method == 'arx_pls' and len(settings.orders) > 1:
-        structures = [settings.orders]
+        structures = [choose_orders(data, build_xy_block(data, features), most)]
     refits = dict[str, Refit]()
-    for structure in structures:
-        name = f'{method}, {len(structure)} latent{"s" if len(structure) > 1 else ""}'
-        if len(options) > 1:
-            alike = 'orders as given' if settings.orders else structure[0]
-            name += f', relaxation {alike} s' if method == 'filtered_pls' else f', {alike}'
-        refits[name] = partial(_fit_structure, settings, method, structure)
+    for r in range(fixed or 1, max(fixed, *map(len, structures)) + 1):
+        for structure in structures:
+            name = f'{method}, {r} latent{"s" if r > 1 else ""}'
+            if method == 'filtered_pls':
+                name += f', relaxation {structure[0]} s'
+            refits[name] = partial(_fit_structure, settings, method, structure[:r])
     return compete(data, refits)
-
-
-def _observed_features(data: AxisData, settings: IdentificationSettings) -> Features:
-    """Build the features of an axis, with knots only where there are samples."""
-    observed = [
-        temperature_c[np.isfinite(residual)]
-        for temperature_c, residual in zip(data.temperature_c, data.residual, strict=True)
-    ]
-    return build_features(data.temperature_c, settings, observed)
 
 
 def _fit_structure(
     settings: IdentificationSettings, method: PaperMethod, structure: Structure, part: AxisData
 ) -> Fitted:
     """Fit one of the paper's methods to what is not held out."""
-    features = _observed_features(part, settings)
+    features = build_features(part.temperature_c, settings, part.residual)
     dynamics, notes = identify(method, part, features, structure)
     return None if dynamics is None else AxisModel(features, dynamics), notes
 
@@ -153,7 +128,8 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     a few temperatures it is easily worse than none. ``pls`` in hats learns it.
     """
     hats = replace(settings, features='hats')
-    latents = settings.latents or len(_observed_features(data, hats).names)
+    features = build_features(data.temperature_c, hats, data.residual)
+    latents = settings.latents or len(features.names)
 
     def fit_zero(part: AxisData) -> Fitted:
         model, notes = _fit_structure(hats, 'pls', (STATIC,) * latents, part)
@@ -207,7 +183,8 @@ def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
     Fit drift behind free time constants; poles are relaxations, since heat conducts by no others.
 
     For given time constants every gain is linear, so ln τ alone is searched (variable projection),
-    from the best of the relaxations of ``auto``, or of their pairs.
+    from the best of the relaxations of ``auto``, or of their pairs: above the shortest of them,
+    because no sensor is known to lag less, and below twice the longest recording.
     """
     bins, tau_s = bin_axis_data(data, data.bin_cells[0]), np.zeros(1)
     if count:
@@ -215,7 +192,7 @@ def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
         start_s = min(tried, key=lambda some_s: _behind(bins, features, some_s)[0])
         found = scipy.optimize.minimize(
             lambda logs: np.log(_behind(bins, features, np.exp(logs))[0]), np.log(start_s),
-            method='Nelder-Mead', bounds=[np.log(_BOUNDS_S)] * count,
+            method='Nelder-Mead', bounds=[np.log((POOL_S[1], 2 * data.longest_s))] * count,
             options={'xatol': 1e-5, 'fatol': 1e-9})  # fmt: skip
         tau_s = np.exp(np.sort(found.x))
     # What runs is fitted cell by cell.
@@ -231,10 +208,9 @@ def _behind(
 
     Gives the squares that are left, gains, (p,), and the features by relaxation, (n_i, K·F).
     """
-    lags = [data.relaxation(float(tau_s)) for tau_s in time_constants_s]
-    columns = [
-        np.concatenate([features.expand_within(free_run(lag, own_c)) for lag in lags], axis=1)
-        for own_c in data.temperature_c
+    columns: list[FloatArray] = [
+        features.expand_within(relaxed_c).reshape(len(relaxed_c), -1)
+        for relaxed_c in data.relaxed(time_constants_s)
     ]
     sums = sum_by_fold(data, columns)
     normal = sums.centred(sums.fold >= -1)
@@ -277,11 +253,11 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         name: float(np.mean([np.sqrt(np.mean(fold.errors**2)) for fold in left]))
         for name, left in bins.items()
     }
-    factor = day_over_blocks(data, after['none'])
+    factor, unit = day_over_blocks(data, after['none']), axis_unit(data.axis)
     rms = {name: left_of_a_day(left, after['none'], factor) for name, left in after.items()}
-    reason = f'{chosen} leaves {rms[chosen]:.3g} {data.unit} RMS on held-out data'
+    reason = f'{chosen} leaves {rms[chosen]:.3g} {unit} RMS on held-out data'
     if chosen != 'none':
-        reason += f', no compensation {rms["none"]:.3g} {data.unit}'
+        reason += f', no compensation {rms["none"]:.3g} {unit}'
     best = competing[int(np.argmin([score.mean() for score in scores]))]
     if len(competing) == 1:
         reason += '; nothing else competed.'
@@ -303,12 +279,12 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         rms_before=rms['none'], rms_after=rms[chosen], reason=reason,
         time_constants_s=tuple(time_constants_s),
         time_constant_errors_s=(float('nan'),) * len(time_constants_s), notes=notes,
-        unit=data.unit, held_out=held_out)  # fmt: skip
+        unit=unit, held_out=held_out)  # fmt: skip
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
     """Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if any."""
-    without_gain_error = anchored(model, [0.0] * model.outputs)
+    without_gain_error = model.anchored([0.0] * model.outputs)
     if data.load is None or model.outputs == 1:
         return without_gain_error
     above, below, whole = 0.0, 0.0, 0.0
@@ -321,4 +297,4 @@ def anchor(data: AxisData, model: AxisModel) -> AxisModel:
             whole += float(load[rows] @ load[rows])
     # A load that is constant within each recording leaves the gain error at T_ref open.
     gain_error = above / below if below > ROUNDING * whole else 0.0
-    return anchored(model, [0.0, gain_error])
+    return model.anchored([0.0, gain_error])

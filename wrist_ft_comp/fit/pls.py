@@ -19,7 +19,7 @@ The filtered block is deflated, and E_r is what it was before h_r: so the next l
 its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,7 +29,7 @@ from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.series import BoolArray, FloatArray, stretches
+from wrist_ft_comp.series import BoolArray, FloatArray, ROUNDING, stretches
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 EXHAUSTED = 1e-24
@@ -189,31 +189,39 @@ def fix_signs(weights: FloatArray) -> FloatArray:
     return weights if weights[np.argmax(np.abs(weights))] >= 0 else -weights
 
 
-def fit_pls(x: FloatArray, y: FloatArray, latents: int) -> Pls:
-    """Fit PLS by NIPALS (eq. 3 to 10) to x, (N, F), and y, (N, M), until either is exhausted."""
-    e, f = x.copy(), y.copy()  # E_r and F_r of eq. 3 and 5
+def fit_pls(
+    x: FloatArray,
+    y: FloatArray,
+    latents: int,
+    behind: Callable[[int, FloatArray], FloatArray] | None = None,
+) -> Pls:
+    """
+    Fit PLS by NIPALS (eq. 3 to 10) to x, (N, F), and y, (N, M), until either is exhausted.
+
+    ``behind(r, D)`` gives E_r = X D, (N, F), behind the filter of latent r, counted from 0, for a
+    deflation D, (F, F); without it there are no filters.
+    """
+    f, deflation = y.copy(), np.eye(x.shape[1])  # F_r of eq. 5; E_r = E_0 D
     x_limit, y_limit = (EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
     components: list[tuple[FloatArray, ...]] = []
-    while len(components) < latents and np.sum(e**2) > x_limit and np.sum(f**2) > y_limit:
-        w = dominant_weights(e, f)
+    while len(components) < latents and np.sum(f**2) > y_limit:
+        e = behind(len(components), deflation) if behind else x @ deflation  # eq. 11
+        w = dominant_weights(e, f)  # eq. 12
         t = e @ w
         tt = float(t @ t)
-        if w @ w == 0 or tt <= x_limit:
+        if tt <= x_limit:
             break
-        q = f.T @ t
-        q /= np.linalg.norm(q)
-        u = f @ q
-        p = e.T @ t / tt
-        b = float(u @ t) / tt  # eq. 9
-        e -= np.outer(t, p)  # eq. 3
-        f -= b * np.outer(t, q)  # eq. 5 with eq. 10
-        components.append((w, p, q, t, np.array(b)))
-    w_, p_, q_, t_ = (
+        p = e.T @ t / tt  # eq. 13
+        slopes = f.T @ t / tt  # b_r q_r of eq. 9
+        b = np.linalg.norm(slopes)
+        f -= np.outer(t, slopes)  # eq. 5 with eq. 10
+        deflation = deflation @ (np.eye(len(w)) - np.outer(w, p))  # eq. 3
+        components.append((w, p, slopes / b, t, np.array([b])))
+    w_, p_, q_, t_, b_ = (
         np.reshape([latent[part] for latent in components], (-1, size)).T  # (0, size) without any
-        for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x)))
+        for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x), 1))
     )
-    inner = np.array([float(latent[4]) for latent in components])
-    return Pls(weights=w_, loadings=p_, inner=inner, output_loadings=q_, scores=t_)
+    return Pls(weights=w_, loadings=p_, inner=b_[0], output_loadings=q_, scores=t_)
 
 
 def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
@@ -221,10 +229,10 @@ def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
     Find the next latent's weights, what NIPALS converges to, shape (F,), of length 1.
 
     They are the leading eigenvector of EᵀF FᵀE, E of shape (N, F), F of shape (N, M). Where E
-    explains nothing of F, the weights are 0.
+    explains nothing of F but rounding errors, the weights are 0.
     """
     covariance = e.T @ f  # (F, M)
-    if not covariance.any():
+    if np.linalg.norm(covariance) <= ROUNDING * np.linalg.norm(e) * np.linalg.norm(f):
         return np.zeros(len(covariance))
     return fix_signs(np.linalg.svd(covariance, full_matrices=False)[0][:, 0])
 
@@ -252,30 +260,17 @@ def fit_filtered_pls(
     The model is None where the inputs explain nothing; beside it stands h_r of each latent, in
     words.
     """
-    deflation, remaining = np.eye(len(block.input_weight)), block.scaled_outputs
-    rotations, latents, loadings, notes = [], list[Arx](), [], list[str]()
-    for time_constant_s in time_constants_s:
-        h, f = relaxation(time_constant_s, period_s), block.stack(remaining)
-        filtered = [free_run(h, scaled @ deflation) for scaled in block.scaled_inputs]  # eq. 11
-        stacked = block.stack(filtered)
-        w = dominant_weights(stacked, f)  # eq. 12
-        t = stacked @ w
-        tt = float(t @ t)
-        outputs_left, inputs_left = np.sum(f**2), EXHAUSTED * np.sum(block.x**2)
-        if outputs_left <= EXHAUSTED * np.sum(block.y**2) or tt <= inputs_left:
-            break
-        p = stacked.T @ t / tt
-        slopes = f.T @ t / tt  # b_r q_r
-        b = float(np.linalg.norm(slopes))
-        rotations.append(deflation @ w)
-        latents.append(Arx(h.a, b * h.b, h.first_lag))
-        loadings.append(slopes / b)
-        deflation = deflation @ (np.eye(len(w)) - np.outer(w, p))
-        pairs = zip(remaining, filtered, strict=True)
-        remaining = tuple(y - np.outer(values @ w, slopes) for y, values in pairs)
-        what = f'a relaxation of {time_constant_s:g} s' if time_constant_s else 'none'
-        notes.append(f'latent {len(notes) + 1}: h is {what}')
-    if not latents:
-        return None, ()
-    model = block.model(np.stack(rotations, axis=1), latents, np.stack(loadings, axis=1))
-    return model, tuple(notes)
+    filters = [relaxation(time_constant_s, period_s) for time_constant_s in time_constants_s]
+
+    def behind(r: int, deflation: FloatArray) -> FloatArray:
+        """Deflate the inputs of all cells, and filter each recording by itself (eq. 11)."""
+        return block.stack([free_run(filters[r], e @ deflation) for e in block.scaled_inputs])
+
+    outer = fit_pls(block.x, block.y, len(filters), behind)
+    pairs = list(zip(filters, outer.inner.tolist(), strict=False))
+    notes = [
+        f'latent {r}: h is {f"a relaxation of {tau:g} s" if tau else "none"}'
+        for r, tau in enumerate(time_constants_s[: len(pairs)], 1)
+    ]
+    latents = [Arx(h.a, b * h.b, h.first_lag) for h, b in pairs]
+    return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)

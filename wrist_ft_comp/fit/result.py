@@ -1,7 +1,6 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
 from dataclasses import dataclass, field
-from html import escape
 from typing import NamedTuple
 
 import numpy as np
@@ -144,16 +143,3 @@ class Calibration:
             for axis, fit in self.fits.items()
         )
         return f'<Calibration of {self.duration_s / 3600:.2f} h: {figures} RMS>'
-
-    def _repr_html_(self) -> str:
-        """Write a table of the axes for a notebook."""
-        rows = ''.join(
-            f'<tr><td>{axis}</td><td>{fit.rms_before:.3g}</td><td>{fit.rms_after:.3g}</td>'
-            f'<td>{fit.unit}</td><td>{escape(fit.chosen)}</td></tr>'
-            for axis, fit in self.fits.items()
-        )
-        return (
-            f'<table><caption>Calibration of {self.duration_s / 3600:.2f} h</caption>'
-            '<tr><th>axis</th><th>RMS before</th><th>left</th><th>unit</th><th>model</th></tr>'
-            f'{rows}</table>'
-        )

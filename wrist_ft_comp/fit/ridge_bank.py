@@ -17,21 +17,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx, mean_relaxation, relaxation, static_gain
+from wrist_ft_comp.drift.arx import Arx, free_run, mean_relaxation, relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
-#: Time constants of the longest bank of relaxations, s; 0 is static.
-LONG_BANK_S = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+#: A relaxation without memory, s, which every bank holds.
+STATIC_S = 0.0
+#: Time constants of the longest bank of relaxations, s.
+LONG_BANK_S = (STATIC_S, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 #: Time constants of all banks, s. With the longest alone 1.18 times as much drift was left on 620
 #: drawn days of 31 kinds.
 BANKS_S = {
     'bank to 3000 s': LONG_BANK_S,
-    'bank to 60 s': (0.0, 20.0, 60.0),
-    'bank to 600 s': (0.0, 100.0, 600.0),
+    'bank to 60 s': (STATIC_S, 20.0, 60.0),
+    'bank to 600 s': (STATIC_S, 100.0, 600.0),
 }
 #: Time constants of the pool, increasing, s, shape (K,).
 POOL_S: FloatArray = np.unique(np.concatenate([*BANKS_S.values()]))
@@ -54,7 +56,7 @@ def candidates(highest_degree: int) -> list[RidgeFit]:
     """List the candidates, the simplest first: ten for each degree."""
     fits = []
     for degree in range(1, highest_degree + 1):
-        fits.append(RidgeFit(f'static, degree {degree}', (0.0,), degree, STRENGTHS[-1]))
+        fits.append(RidgeFit(f'static, degree {degree}', (STATIC_S,), degree, STRENGTHS[-1]))
         fits += [
             RidgeFit(f'{name}, degree {degree}', bank_s, degree, strength)
             for name, bank_s in BANKS_S.items()
@@ -96,6 +98,11 @@ class Pool(NamedTuple):
         gains[-1] = -1.0
         return gains
 
+    def fit_all(self, candidates: Sequence[RidgeFit], normal: FloatArray) -> FloatArray:
+        """Fit no compensation and all candidates: their gains, (C, P + 1)."""
+        none = np.append(np.zeros(len(normal) - 1), -1.0)
+        return np.stack([none, *(self.fit(candidate, normal) for candidate in candidates)])
+
 
 @dataclass(frozen=True, eq=False)
 class BinSums:
@@ -124,11 +131,18 @@ class BinnedData:
     segments: tuple[IntArray, ...]
     loaded: bool
 
-    def relaxation(self, time_constant_s: float) -> Arx:
-        """First-order lag of the bins' temperatures: what runs, averaged over each bin."""
-        if self.cells == 1:
-            return relaxation(time_constant_s, self.period_s)
-        return mean_relaxation(time_constant_s, self.period_s / self.cells, self.cells)
+    def relaxed(self, time_constants_s: FloatArray) -> list[FloatArray]:
+        """Run the bins' temperatures behind relaxations, as they run cell by cell: (n_i, K, J)."""
+        lags: list[Arx] = []
+        for tau_s in time_constants_s.tolist():
+            if self.cells == 1:
+                lags.append(relaxation(tau_s, self.period_s))
+            else:
+                lags.append(mean_relaxation(tau_s, self.period_s / self.cells, self.cells))
+        return [
+            np.stack([free_run(lag, own_c) for lag in lags], axis=1)
+            for own_c in self.temperature_c
+        ]
 
     def regression(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
         """Put features, (n, C), of some bins of a recording beside what they explain."""
@@ -241,7 +255,7 @@ def build_axis_model(
     temperatures one set of features; inputs, (n_i, K·F), say how far they move. Soaked at T_ref
     there is no zero drift. All gains zero give None.
     """
-    count, width = len(time_constants_s), len(time_constants_s) * len(features.names)
+    count, width = len(time_constants_s), inputs[0].shape[1]
     joined = replace(
         features, reference_c=np.tile(features.reference_c, count),
         lower_c=np.tile(features.lower_c, count), upper_c=np.tile(features.upper_c, count),
@@ -269,14 +283,7 @@ def build_axis_model(
     bank = tuple(relaxation(tau, period_s) for tau in time_constants_s.tolist())
     model = AxisModel(joined, dynamics, bank if time_constants_s.any() else ())
     if outputs == 1:
-        return anchored(model, [0.0])
+        return model.anchored([0.0])
     x = features.expand(features.reference_c)
     sensitivity = x @ by_output[1].reshape(count, -1).sum(axis=0) + gains[-1]
-    return anchored(model, [0.0, float(sensitivity)])
-
-
-def anchored(model: AxisModel, at_rest: Sequence[float]) -> AxisModel:
-    """Shift a model's constants so that soaked at T_ref it gives these outputs, (M,)."""
-    resting = model.step(model.start(model.reference_c), model.reference_c)[1]
-    mean = model.dynamics.output_mean - resting + np.array(at_rest)
-    return replace(model, dynamics=replace(model.dynamics, output_mean=mean))
+    return model.anchored([0.0, float(sensitivity)])

@@ -19,11 +19,11 @@ from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import FloatArray, noise_level, ROUNDING
-from wrist_ft_comp.steps import find_steps, Step
+from wrist_ft_comp.steps import BESIDE_S, find_steps, Step
 
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
 #: longer touch both ends are steps.
-_LEVEL_S = 120.0
+_LEVEL_S = BESIDE_S
 #: A reading stands out where it is this many standard deviations of its noise from its level ...
 _OUTLYING_SIGMA = 12.0
 #: ... and this share of the axis' range: sudden heat bends less within two minutes.

@@ -19,8 +19,8 @@ class Orders:
     """Orders of one latent's ARX, determined before its coefficients (last sentence of 3.2)."""
 
     #: n, how many past outputs of its own it feeds back, and m, how many inputs it takes.
-    n: int
-    m: int
+    n: int = 0
+    m: int = 1
     #: d_r, cells: the newest input is t(k-d-1) ...
     d: int = 0
     #: ... or t(k-d), as a model without delay needs it.
@@ -45,7 +45,7 @@ class Orders:
 
 
 #: u_r = b_r t_r (eq. 10): no memory.
-STATIC = Orders(n=0, m=1, direct=True)
+STATIC = Orders(direct=True)
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,3 @@ class CalibrationSettings:
             )
         check_range('min_temperature_span_k', self.min_temperature_span_k, 0.0)
         check_range('max_gap_s', self.max_gap_s, 0.0)
-
-    @property
-    def moves(self) -> bool:
-        """Whether the load may move while it is recorded."""
-        return self.reference in {'payload', 'recorded'}

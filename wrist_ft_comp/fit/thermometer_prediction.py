@@ -5,7 +5,7 @@ The others stand behind the longest bank of relaxations of ``auto``, with its st
 ridge; the strength that errs least is taken.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.fit.data_checks import runs_of
 from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
@@ -21,17 +22,15 @@ from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 _MEAN_S = 60.0
 #: Less than this, s, cannot tell one thermometer by another.
 _SHORTEST_S = 3600.0
-#: Errors are averaged over this time before they say what is usual, s.
-_ERROR_MEAN_S = 300.0
-#: An averaged error changes within this time, s; and no thermometer is dead that is silent for
-#: less.
+#: An averaged error changes within this time, s, and errors are averaged over half of it before
+#: they say what is usual; no thermometer is dead that is silent for less.
 _USUAL_S = 600.0
 #: No healthy thermometer is called frozen that reads within this of its prediction, K, and none is
 #: believed again that does not.
 _NEAR_K = 0.5
 #: What is unusual is this many times what was usual in the recordings. Of 1200 healthy ones of
 #: drawn worlds, 4 were replaced where a change of the error did not count as usual, too.
-_UNUSUAL = 3.0
+UNUSUAL = 3.0
 #: From one or two recordings predictions of healthy thermometers of drawn worlds were off by up to
 #: this on other days, K.
 _NEAR_UNSHOWN_K = 6.0
@@ -65,7 +64,7 @@ def predict_each_other(
         ]
     )
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
-    averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_ERROR_MEAN_S, _USUAL_S))
+    averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_USUAL_S / 2, _USUAL_S))
     gains = np.zeros((thermometers, len(filters), thermometers))
     constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
     for j in range(thermometers):
@@ -88,9 +87,9 @@ def predict_each_other(
             changed_k = max(changed_k, float(np.abs(change_k).max(initial=0.0)))
             for first, last in runs_of(~recording.measured[:, j]):
                 silent_s = max(silent_s, (last - first) * period_s)
-        still_k[j] = max(_NEAR_K, _UNUSUAL * moved_k, changed_k)
-        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else _NEAR_UNSHOWN_K, _UNUSUAL * largest_k)
-        silence_s[j] = max(_USUAL_S, _UNUSUAL * silent_s)
+        still_k[j] = max(_NEAR_K, UNUSUAL * moved_k, changed_k)
+        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else _NEAR_UNSHOWN_K, UNUSUAL * largest_k)
+        silence_s[j] = max(_USUAL_S, UNUSUAL * silent_s)
     time_constants_s = np.array(LONG_BANK_S)
     return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)
 
@@ -124,9 +123,3 @@ def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[
     gram = scaled.T @ scaled + strength * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)
-
-
-def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of every run of marked values, (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

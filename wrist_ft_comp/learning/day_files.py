@@ -31,8 +31,6 @@ SILENCE_NS = 7200 * NANOSECONDS
 SHORTEST_NS = 600 * NANOSECONDS
 #: How large the folder is is measured once in this time of stamps, ns.
 _MEASURED_EVERY_NS = 60 * NANOSECONDS
-#: Rows of this time take less, bytes: a dozen thermometers.
-_MARGIN_BYTES = 200_000
 #: Largest day, bytes: ten times what 24 h of cells of 1 s and a dozen thermometers take. A larger
 #: file is no day.
 LARGEST_BYTES = 200_000_000
@@ -155,7 +153,7 @@ class DayFiles:
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row into the day it belongs to."""
         if self.full or abs(stamp_ns - self._measured_ns) >= _MEASURED_EVERY_NS:
-            self.full = self.used() > self._max_bytes - _MARGIN_BYTES
+            self.full = self.used() > self._max_bytes
             if self.full:
                 raise RecordingError(
                     f'{self._folder} holds as much as learning.max_mb allows '

@@ -43,7 +43,8 @@ _SPARE_MB = 10.0
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
 #: Forces and torques, in the axis order.
-FORCES, TORQUES = slice(3), slice(3, None)
+FORCES = slice(AXES.index('torque_x'))
+TORQUES = slice(FORCES.stop, None)
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.

@@ -16,9 +16,11 @@ from itertools import permutations
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.drift.axis_model import LEAST_RANGE_K
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import drop_unknown_temperatures, jumping_thermometers
 from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     DayEntry,
@@ -33,9 +35,11 @@ from wrist_ft_comp.learning.diary import (
 )
 from wrist_ft_comp.learning.separated_day import Day
 from wrist_ft_comp.payload.mass_and_center import LEVER_M
+from wrist_ft_comp.payload.minute_of_motion import LEAST_FREE
 from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import differ, FloatArray, NANOSECONDS
+from wrist_ft_comp.steps import BESIDE_S
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
 #: one harms less than the drift that a model leaves.
@@ -54,21 +58,13 @@ _JUMP_TOLERANCE = 0.25
 #: confirmed; without one, 0.75 overlooks a jump beside four minutes of contact in a fast warm-up.
 _CONFIRMED_SHARE = 0.5
 #: A tare is looked for within this time of the step, s, because a contact may hide it, and the
-#: change of the level is that of the nearest cells free of contact that fill this time, ...
-_NEAR_S = 120.0
-#: ... none of which is farther away than this, s. A long contact beside a jump leaves none.
-_FAR_S = 600.0
-#: On an ordinary day a smaller share of the time is in contact. Simulated days had 0.20 to 0.30.
-_MOST_CONTACT = 0.6
+#: change of the level is that of the nearest cells free of contact that fill this time. None of
+#: these is farther away than five times this; a long contact beside a jump leaves none.
+_NEAR_S = BESIDE_S
 #: On an ordinary day a smaller share of the changes between poses is explained by no payload.
 #: Ordinary days had up to 0.01, a day in contact for 0.9 of the time 0.16: half of it finds the
 #: same days, twice of it overlooks that one.
 _MOST_UNEXPLAINED = 0.1
-#: A day scatters too much from this many times the median noise of the good days on. On ordinary
-#: days it was up to 1.9 times that; half of it would refuse such days.
-_LEAST_NOISE_RATIO = 3.0
-#: A thermometer has stopped that keeps one value all day while another moves by more than this, K.
-_LEAST_CHANGE_K = 1.0
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
 
@@ -84,7 +80,8 @@ def incident(
     """
     if trouble := _thermometer_trouble(day.recording):
         return THERMOMETER, trouble
-    if day.contact >= _MOST_CONTACT or day.unexplained >= _MOST_UNEXPLAINED:
+    # Simulated days were in contact for 0.20 to 0.30 of the time.
+    if day.contact >= 1 - LEAST_FREE or day.unexplained >= _MOST_UNEXPLAINED:
         return CONTACTS, (
             f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
             f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
@@ -99,7 +96,8 @@ def incident(
     ratios = np.zeros(len(AXES))
     ratios[common] = np.array(entry.noise)[common] / np.median(past[:, common], axis=0)
     axis = int(ratios.argmax())
-    if ratios[axis] < _LEAST_NOISE_RATIO:
+    # On ordinary days it was up to 1.9; half of the limit would refuse such days.
+    if ratios[axis] < UNUSUAL:
         return '', ''
     return CONTACTS, (
         f'The scatter of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that '
@@ -128,7 +126,7 @@ def _thermometer_trouble(recording: Recording) -> str:
     """Say which thermometer stands still, is silent, or jumps; empty where none does."""
     spans_k = np.ptp(recording.temperature_c, axis=0)
     for j, values_c in enumerate(recording.temperature_c.T):
-        if not differ(values_c, values_c[0]).any() and spans_k.max() > _LEAST_CHANGE_K:
+        if not differ(values_c, values_c[0]).any() and spans_k.max() > LEAST_RANGE_K:
             return f'Thermometer {j + 1} read {values_c[0]:.1f} °C all day.'
     try:
         _, sentences = drop_unknown_temperatures([recording], CalibrationSettings().max_gap_s)
@@ -197,7 +195,7 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     residual = (recording.wrench - day.drift.reference - drift)[:, present] / noise
     residual[~np.isfinite(day.drift.wrench[:, present])] = np.nan
     free = np.flatnonzero(np.isfinite(residual).all(axis=1))
-    near, far = (max(round(seconds / recording.period_s), 1) for seconds in (_NEAR_S, _FAR_S))
+    near, far = (max(round(seconds / recording.period_s), 1) for seconds in (_NEAR_S, 5 * _NEAR_S))
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
         at, jump = step.cell, step.jump / noise
         size = np.linalg.norm(jump)

@@ -16,6 +16,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
+from wrist_ft_comp.fit.auto import HARMFUL_FOLD
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
@@ -41,12 +42,6 @@ from wrist_ft_comp.stream.offline import thermometer_doubts
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
 _FLOOR = 0.01
-#: A new model is not taken where it leaves more than this many times what the live one does. It
-#: may leave a little more: it knows more days than the fits to the others that it is judged by.
-#: With 1, a development world left 8 % more from the tenth day on. Without a limit, another left
-#: 0.4 of a usual day's drift instead of 0.01 for a week, after one day that was separated badly.
-_CLEARLY_WORSE = 1.25
-
 #: Fewest days that a model is learnt from.
 FEWEST_DAYS = 2
 #: Most days that a model is learnt from. They bound the cost, and all seasons fit into them.
@@ -55,10 +50,8 @@ MOST_DAYS = 12
 #: 6th, 8th, 11th, 15th, 20th … good day.
 _GROWTH_PARTS = 3
 #: One is learnt after a day on which the live model left more than this many times what it leaves
-#: on the median day ...
+#: on the median day, ...
 _BAD_RATIO = 2.0
-#: ... and more than this share of the drift, ...
-_BAD_SHARE = 0.1
 #: ... and after a day with more than this share of coarse temperatures that are new.
 _NEW_TEMPERATURES_SHARE = 0.25
 ANOTHER_DAY = 'Another good day is needed to learn from.'
@@ -158,7 +151,10 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
         ratio, count = compare(learnt, errors, champion.key, max(since, champion.newest))
     except WristFtCompError as error:
         return Choice(replace(entry, verdict=f'{words}No new model could be learnt: {error}'))
-    taken = ratio < (_CLEARLY_WORSE if champion.key and not chosen else 1)
+    # It may leave a little more: it knows more days than the fits to the others that it is judged
+    # by. With 1, a development world left 8 % more from the tenth day on. Without a limit, another
+    # left 0.4 of a usual day's drift instead of 0.01 for a week, after one day separated badly.
+    taken = ratio < (HARMFUL_FOLD if champion.key and not chosen else 1)
     is_better = round(ratio, 2) < 1  # as it is printed
     why_so = 'It is better' if is_better else 'It is about as good and has learnt from more days'
     verdict = (
@@ -247,7 +243,7 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[: last + 1]))
     judged = [day for day in good if day.live in day.left]
     shares = {day.name: float(np.nanmean(day.share_left(day.live))) for day in judged}
-    bad_share = max(_BAD_RATIO * float(np.median(list(shares.values()) or [1.0])), _BAD_SHARE)
+    bad_share = _BAD_RATIO * float(np.median(list(shares.values()) or [1.0]))
     for day in good[last + 1 :]:
         if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
             return True, f'{day.name} had other temperatures'

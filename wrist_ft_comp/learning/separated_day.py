@@ -7,7 +7,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.folds import bin_means, tare
+from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.learn_at_work import payloads_of
@@ -19,8 +19,6 @@ from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
 from wrist_ft_comp.stream.offline import simulate_drift
 
-#: Errors are judged as means over this time, s, which hold less noise; thermal drift is slower.
-_MEAN_S = 10.0
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
 #: A coarse temperature belongs to a day that had it for this time, s.
@@ -105,7 +103,7 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
     """Compute the RMS of what a model leaves of a day's drift, tared in its first minute, (6,)."""
     drift = day.drift
     residual = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
-    cells = max(1, round(_MEAN_S / drift.period_s))
+    cells = averaged_cells(drift.period_s)
     rms = np.full(len(AXES), np.nan)
     for axis, values in enumerate(residual.T):
         rows = np.flatnonzero(np.isfinite(values))

@@ -141,7 +141,6 @@ class CompensatorNode(Hub):
         store, compensator, counts = self.store, self.compensator, self.counts
         writer, drivers = FileWriter(), set[str]()
         self.writer = writer
-        writer.problems['state.json'] = store.check_writable()
         self.live = live = LiveModel(
             store=store,
             sensor=self.sensor,
@@ -162,13 +161,11 @@ class CompensatorNode(Hub):
         )  # fmt: skip
         source = chosen['gravity.source']
         self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
-        self.recording = RecordService(
-            recorder=self.recorder, store=store, counts=counts, writer=writer
-        )
+        self.recording = RecordService(recorder=self.recorder, store=store, writer=writer)
         files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
             compensator=compensator, files=files, specific_force=self.specific_force,
-            newest=self.newest, recorder=self.recorder,
+            newest=self.newest,
         )  # fmt: skip
         jobs = self.jobs = JobMaker(store, self.chosen, self._full_topics, self.recorder)
         self.identification = IdentifyService(
@@ -198,7 +195,7 @@ class CompensatorNode(Hub):
         try:
             layout = locate(data, WRENCH_DOUBLES)
         except RecordingError:
-            counts.malformed += 1
+            counts.dropped, counts.strange = counts.dropped + 1, None
             return
         try:
             stamp_ns, raw = layout.decode(data)

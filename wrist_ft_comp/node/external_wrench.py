@@ -1,8 +1,8 @@
 """The part that publishes the wrench without drift and payload, and chooses the payload."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Newest
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
@@ -21,8 +20,8 @@ from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.payload_file import IDENTIFIED, Learnt, load_payloads, PAYLOADS
+from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
@@ -39,9 +38,9 @@ _LEAST_NORM = 0.5 * GRAVITY
 #: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
 _LARGEST_NORM = 2.0 * GRAVITY
 #: Specific force that comes farther than this from the wrench, s, is stamped by another clock.
-_APART_S = 60.0
-#: An IMU is frozen after this many reports without a change of any bit.
-_FROZEN_REPORTS = 5
+_APART_S = 5.0
+#: An IMU is frozen where this many reports are the same to the last bit.
+_FROZEN_REPORTS = 6
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it.
 _NORM_DEVIATION = 0.03
 #: It is doubted after this many reports in a row with such a deviation to the same side: motion
@@ -85,12 +84,6 @@ class PayloadFiles:
             and not changed_frames(frame, here)
         }
 
-    def sensor(self, here: FrameIds) -> ForceFrame | None:
-        """Find the newest frame of a calibration, which is better than that of a minute."""
-        frames = self.frames(here).items()
-        calibrated = [frame for name, frame in frames if not name.startswith(f'{IDENTIFIED}-')]
-        return calibrated[-1] if calibrated else None
-
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     """Say which frame_ids differ from those of a learnt frame, where both are known."""
@@ -111,9 +104,7 @@ class ExternalWrench(Part):
     files: PayloadFiles
     specific_force: SpecificForceInput
     newest: Callable[[], Newest | None]
-    recorder: Recorder
-    #: Wrenches that were published, and those that were not because specific force was too old.
-    published: int = 0
+    #: Wrenches that were not published because specific force was too old.
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
@@ -121,17 +112,15 @@ class ExternalWrench(Part):
     collector: MotionCollector | None = None
     hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
-    _check: WeightCheck = field(default_factory=WeightCheck)
+    check: WeightCheck = field(default_factory=WeightCheck)
     #: Whether the first model is live; the payload before the present one.
     _begun: bool = False
     _last: LivePayload | None = None
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
-    #: The specific force of the last report, and how many reports before had the same.
-    _same: tuple[Force | None, int] = None, 0
-    #: In how many reports in a row the norm was too large, or, negative, too small.
-    _deviating: float = 0.0
+    #: The specific forces of the last reports, while new ones come.
+    _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_DEVIATION_REPORTS))
 
     title, logged = 'payload', True
     parameters = (
@@ -185,7 +174,6 @@ class ExternalWrench(Part):
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
-            self.published += 1
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
 
@@ -224,7 +212,7 @@ class ExternalWrench(Part):
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
         self.payload = payload
-        self._check = WeightCheck()
+        self.check = WeightCheck(payload.name if payload else '')
         self.collect(self.collector)
         if payload is None:
             return
@@ -305,19 +293,14 @@ class ExternalWrench(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
         forces, newest, payload = self.specific_force.forces, self.newest(), self.payload
-        grown, elapsed_s = self._growth.since(
-            forces=forces.count, published=self.published, missed=self.missed
-        )
-        age_s = None
+        grown, elapsed_s = self._growth.since(forces=forces.count, missed=self.missed)
+        apart_s = 0.0
         if newest is not None and forces.newest is not None:
-            age_s = (newest[0] - forces.newest[0]) / NANOSECONDS
+            apart_s = abs(newest[0] - forces.newest[0]) / NANOSECONDS
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
             'force_rate_hz': f'{grown["forces"] / elapsed_s:.1f}',
-            'force_age_s': 'never' if age_s is None else f'{age_s:.3f}',
-            'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
-            'published': str(self.published),
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
@@ -326,32 +309,45 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        yield doubtful(self.title, self._doubts(age_s, grown), well, numbers)
+        yield doubtful(self.title, self._doubts(apart_s, grown), well, numbers)
 
-    def _doubts(self, age_s: float | None, grown: Mapping[str, int]) -> Iterator[str]:
+    def _doubts(self, apart_s: float, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
         newest, payload = self.specific_force.forces.newest, self.payload
-        rests = 'wrench_external rests' if self.wanted else 'cells are recorded without it'
-        if not (self.wanted or self.recorder.records_force):
+        if not self.wanted:
             return
+        rests = 'wrench_external rests'
         if newest is None:
             yield f'{self.specific_force.problem() or "no specific force has come"}; {rests}'
             return
-        force, (before, count) = newest[1], self._same
-        self._same = force, count + 1 if grown['forces'] and force == before else 0
-        if grown['missed'] or (self.recorder.lacking_force and not self.wanted):
-            apart_s = abs(age_s or 0.0)
+        if grown['forces']:
+            self._felt.append(newest[1])
+        else:
+            self._felt.clear()
+        if grown['missed']:
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
-        if self.wanted:
-            yield from self._off_gravity(np.array(force))
-        if self._same[1] >= _FROZEN_REPORTS and self.files.source == 'imu':
+        frame = ForceFrame() if payload is None else payload.frame
+        norm = float(np.linalg.norm(frame.turn(np.array(newest[1]))))
+        if not _LEAST_NORM < norm < _LARGEST_NORM:
+            yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
+        last = list(self._felt)[-_FROZEN_REPORTS:]
+        is_frozen = len(last) == _FROZEN_REPORTS and len(set(last)) == 1
+        if is_frozen and self.files.source == 'imu':
             yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
         if payload is None:
             return
+        if len(self._felt) == _DEVIATION_REPORTS:
+            off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
+            if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:
+                yield (
+                    f'specific force is {off[-1]:+.0%} off gravity by the accelerometer of '
+                    f'{payload.name}, and so is the weight that is taken off; call '
+                    '~/identify_payload'
+                )
         if changed := changed_frames(payload.frame, self.specific_force.frames()):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
@@ -361,48 +357,5 @@ class ExternalWrench(Part):
         at_stamp = wrench and self.specific_force.forces.at(wrench[0])
         if wrench is not None and at_stamp is not None:
             corrected = self.compensator.correct(*wrench[:2], external=True)
-            self._check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
-        yield from filter(None, [self.moves_otherwise()])
-
-    def moves_otherwise(self) -> str:
-        """Say how the wrench moves otherwise than the weight that is taken off; '' where not."""
-        found, payload = self._check.found, self.payload
-        if payload is None:
-            return ''
-        if found.mirrored or found.turn_deg:
-            return (
-                f'the force moves otherwise than the weight of {payload.name}: specific force is '
-                f'mirrored or turned, by {found.turn_deg:.0f} degrees; mend the mount of the IMU '
-                'or the frame of the wrench, or call ~/identify_payload'
-            )
-        if found.scale != 1:
-            return (
-                f'the force moves {found.scale:.3g} times as much as the weight of '
-                f'{payload.name}: its unit, payload.mass, or the payload is another one; mend '
-                'that, or call ~/identify_payload'
-            )
-        if found.shift_m:
-            return (
-                'the torque moves as if the centre of mass were '
-                f'{1e3 * found.shift_m:.0f} mm from that of {payload.name}; was the frame of the '
-                'wrench moved, such as by another TCP? Move it back, or call ~/identify_payload'
-            )
-        return ''
-
-    def _off_gravity(self, force: FloatArray) -> Iterator[str]:
-        """Doubt a specific force, (3,), whose norm is not that of gravity."""
-        payload = self.payload
-        frame = ForceFrame() if payload is None else payload.frame
-        norm = float(np.linalg.norm(frame.turn(force)))
-        if not _LEAST_NORM < norm < _LARGEST_NORM:
-            yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
-        deviation = norm / GRAVITY - 1
-        deviates = abs(deviation) > _NORM_DEVIATION
-        same_side = deviates and deviation * self._deviating > 0
-        before = self._deviating if same_side else 0.0
-        self._deviating = before + math.copysign(deviates, deviation)
-        if payload is not None and abs(self._deviating) >= _DEVIATION_REPORTS:
-            yield (
-                f'specific force is {deviation:+.0%} off gravity by the accelerometer of '
-                f'{payload.name}, and so is the weight that is taken off; call ~/identify_payload'
-            )
+            self.check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
+        yield from filter(None, [self.check.found])

@@ -24,7 +24,7 @@ from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.payload_file import PAYLOADS
+from wrist_ft_comp.stored.payload_file import IDENTIFIED, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 
 #: The process that runs a job.
@@ -95,11 +95,6 @@ class JobMaker:
             report=output.with_suffix('.html'), **more,
         )  # fmt: skip
 
-    def identification(self, minute: Minute) -> CalibrationJob:
-        """Ask for what ``~/identify_payload`` does."""
-        output, topics = self.store.directory / 'models' / PAYLOADS, self.topics(self.settings())
-        return CalibrationJob((), output, topics=topics, minute=minute)
-
 
 @dataclass(eq=False)
 class CalibrateService(LongService):
@@ -150,7 +145,7 @@ class CalibrateService(LongService):
             numbers |= {'recorded_cells': str(recording.rows), **self.recording.spans()}
         if self.running_s is not None:
             message = f'running for {self.running_s:.0f} s'
-        elif trouble := self.recording.failure or self.recording.doubt():
+        elif trouble := self.recording.failure or self.recording.recorder.doubt():
             level, message = WARN, trouble
         elif self.refused:
             level, message = WARN, f'the last one was refused: {self.last_outcome}'
@@ -221,15 +216,20 @@ class IdentifyService(LongService):
                 raise CalibrationRefusedError(
                     'The tare or the model changed meanwhile. Call again.'
                 )
-            sensor = self.files.sensor(external.specific_force.frames())
-            calibrated = None if sensor is None else (sensor.bias.tolist(), sensor.scale.tolist())
+            # The accelerometer is as a calibration found it, which a minute can do no better.
+            frames, calibrated = self.files.frames(external.specific_force.frames()), None
+            for name, frame in frames.items():
+                if not name.startswith(f'{IDENTIFIED}-'):
+                    calibrated = frame.bias.tolist(), frame.scale.tolist()
             minute = Minute(collector.cells, CELL_S, tuple(self.files.payloads()), calibrated)
-            outcome = yield from run_job(self.jobs.identification(minute))
+            path, topics = self.jobs.store.directory / 'models' / PAYLOADS, self.jobs.topics
+            job = CalibrationJob((), path, topics=topics(self.jobs.settings()), minute=minute)
+            outcome = yield from run_job(job)
         finally:
             external.collect(None)
-        frame = ForceFrame(np.array(outcome['rotation']))
+        found = ForceFrame(np.array(outcome['rotation']))
         use = (
-            f'{outcome["message"]} Specific force is {frame}. Use it: ros2 '
+            f'{outcome["message"]} Specific force is {found}. Use it: ros2 '
             f'param set {self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])

@@ -52,8 +52,6 @@ class DiaryKeeper:
     def __init__(self, recorder: Recorder, files: DayFiles, log: NodeLog) -> None:
         #: Why nothing is being recorded; empty while all is well.
         self.problem = ''
-        #: Rows that were written since the start.
-        self.rows = 0
         self.files = files
         self._recorder, self._log = recorder, log
         #: When to try again, and when the last row was written, by the steady clock.
@@ -67,13 +65,11 @@ class DiaryKeeper:
             if now >= self._wait_until:
                 self._recording = self._recorder.begin(self.files, self._fail)
         elif recording.rows:
-            self.rows, recording.rows = self.rows + recording.rows, 0
-            self._written, self.problem = now, ''
+            recording.rows, self._written, self.problem = 0, now, ''
         if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
             self.end_day()
 
     def _fail(self, error: RecordingError) -> None:
-        """Record nothing for a while."""
         with suppress(RecordingError):  # what the disk took stays, the rest is lost
             self.files.close()
         self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
@@ -314,7 +310,6 @@ class Learner(Part):
         self._live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
-        """Stop the job, if one runs, and forget it."""
         if self._process is not None:
             self._process.end()
             self._process = None
@@ -333,12 +328,8 @@ class Learner(Part):
             report = str(self.offered.with_suffix('.html'))
             numbers |= {'offered': str(self.offered), 'why': memory.why, 'report': report}
         if diary is not None:
-            numbers |= {
-                'days': str(len(diary.files.ended())),
-                'megabytes': f'{diary.files.used() / 1e6:.1f}',
-                'today': diary.files.path.name if diary.files.path else 'none yet',
-                'cells': str(diary.rows),
-            }
+            numbers['days'] = str(len(diary.files.ended()))
+            numbers['megabytes'] = f'{diary.files.used() / 1e6:.1f}'
         disk = diary.problem if diary else ''
         # The worst first.
         trouble = self.why_not or disk or self.problem or memory.paused or memory.incident

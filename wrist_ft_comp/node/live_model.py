@@ -73,7 +73,7 @@ class LiveModel(Part):
     def start(self) -> None:
         """Choose the first model: that of model_file, or the one that was live last."""
         log, store, model_file = self.hub.log, self.store, self.hub.chosen()['model_file']
-        store.take()
+        self.writer.problems['state.json'] = store.take()
         given = self.load(store.locate(model_file)) if model_file else None
         try:
             self.history = store.history()
@@ -110,25 +110,18 @@ class LiveModel(Part):
     def statuses(self) -> Iterator[Status]:
         """Report the live model."""
         stored, unsaved = self.stored, self.writer.problems.get('state.json', '')
-        numbers = {
-            'files_written': str(self.writer.written),
-            'last_write_took_ms': f'{1e3 * self.writer.took_s:.1f}',
-        }
         if stored is None:
             why = self.problem or 'no model; record a warm-up and call ~/calibrate'
             why = f'{why}; {unsaved}' if unsaved else why
-            yield Status(self.title, ERROR if self.problem else WARN, why, numbers)
+            yield Status(self.title, ERROR if self.problem else WARN, why)
             return
-        numbers |= {
+        numbers = {
             'file': str(stored.path),
             'sha256': stored.sha256,
-            'created': str(stored.document['provenance'].get('created', '')),
             'axes': ', '.join(stored.model.axes) or 'none',
-            'period_s': f'{stored.model.period_ns / 1e9:g}',
         }
         for j, entry in enumerate(stored.document['thermometers'], start=1):
             numbers[f'thermometer_{j}_calibrated_c'] = '{:.1f} to {:.1f}'.format(*entry['range_c'])
-        numbers |= {f'learnt_from_{fact}': ', '.join(n) for fact, n in stored.sensor.items()}
         trouble = self.problem or unsaved or ''.join(check_sensor(stored, self.sensor()))
         if not stored.model.axes:
             trouble = trouble or (
@@ -166,7 +159,6 @@ class LiveModel(Part):
         self._write_down(why, 'learnt' if judged else 'chosen', judged, then)
 
     def _make_live(self, stored: StoredModel | None) -> None:
-        """Swap a model in, say so, and let all parts follow."""
         self.swap(None if stored is None else stored.model)
         self.stored = stored
         if stored is not None:

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Hub, Part, Vector
 from wrist_ft_comp.ros.services import Reply, Service
@@ -38,8 +36,9 @@ LACKING_S = 60.0
 
 @dataclass(eq=False)
 class OwnRecording:
-    """A recording in progress."""
+    """A recording in progress, with what averages for it."""
 
+    averager: CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
     #: Called when the disk refuses; nothing more is written after that.
@@ -53,7 +52,7 @@ class OwnRecording:
 
 class Recorder(Part):
     """
-    Averages over cells for all recordings that run; while there is none, it hears no wrenches.
+    Feeds all recordings that run; while there is none, it hears no wrenches.
 
     Its cells have the length that thermal cells have without a model, and keep it, whichever model
     goes live. ``sensor`` gives the names of the sensor.
@@ -73,42 +72,39 @@ class Recorder(Part):
         self.period_ns = round(NANOSECONDS * compensator.settings.thermal_period_s)
         self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
-        self._new_averager = partial(
-            CellAverager, self.period_ns, thermometers, with_force=with_force
-        )
-        #: Averages for all recordings that run.
-        self.averager = self._new_averager()
-
-    def _flush(self) -> list[Row]:
-        """Take all rows, and begin anew: no row waits for a reference that has ended."""
-        rows = self.averager.rows(final=True)
-        self.averager = self._new_averager()
-        return rows
 
     @property
     def thermal_period_ns(self) -> int:
         """Length of the live model's thermal cells, ns; without a model, that of a row's cell."""
         return self._compensator.tracker.grid.period_ns
 
-    @property
-    def records_force(self) -> bool:
-        """Whether a recording runs that is to hold specific force."""
-        return self._with_force and bool(self._running)
-
-    @property
-    def lacking_force(self) -> bool:
-        """Whether a recording has got no specific force for LACKING_S."""
-        force = FORCE_CHANNELS[0]
-        return any(self.lacking_s(recording, force) >= LACKING_S for recording in self._running)
-
-    def lacking_s(self, recording: OwnRecording, channel: str) -> float:
-        """Find for how long nothing of a channel was recorded, s."""
-        return recording.lacking[channel] * self.period_ns / NANOSECONDS
+    def doubt(self) -> str:
+        """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
+        for recording in self._running:
+            rows, had_reference = recording.lacking, REFERENCE_CHANNELS[0] in recording.spans
+            lacking_s = min(rows[axis] for axis in AXES) * self.period_ns / NANOSECONDS
+            if lacking_s >= LACKING_S:
+                return (
+                    f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are '
+                    'silent, or their stamps are of another clock than those of the temperatures. '
+                    'Nothing can be learnt from that; set one clock, then record again'
+                )
+            for channel, source, is_wanted in (
+                (FORCE_CHANNELS[0], 'specific force', self._with_force),
+                (REFERENCE_CHANNELS[0], 'wrench_reference', had_reference),
+            ):
+                lacking_s = rows[channel] * self.period_ns / NANOSECONDS
+                if is_wanted and lacking_s >= LACKING_S:
+                    return (
+                        f'the last {lacking_s:.0f} s were recorded without {source}: it is '
+                        'silent, or its stamps are of another clock than those of the wrench'
+                    )
+        return ''
 
     def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
         """Feed a new recording from now on."""
-        self._share(self._flush())  # what was before is none of its
-        recording = OwnRecording(writer, on_failure)
+        averager = CellAverager(self.period_ns, self.thermometers, with_force=self._with_force)
+        recording = OwnRecording(averager, writer, on_failure)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
         return recording
@@ -119,22 +115,13 @@ class Recorder(Part):
 
         RecordingError when the disk refuses.
         """
-        rows = self._flush()
         self._leave(recording)
-        self._share(rows)
-        if error := self._write(recording, rows):
+        if error := self._write(recording, recording.averager.rows(final=True)):
             raise error
 
     def _leave(self, recording: OwnRecording) -> None:
         self._running.remove(recording)
         self.hub.listen(self, wanted=bool(self._running))
-
-    def _share(self, rows: Sequence[Row]) -> None:
-        """Write rows into all recordings; a full disk ends a recording, not the stream."""
-        for recording in tuple(self._running):
-            if error := self._write(recording, rows):
-                self._leave(recording)
-                recording.on_failure(error)
 
     def _write(self, recording: OwnRecording, rows: Sequence[Row]) -> RecordingError | None:
         """Write rows into a recording, and note what they lack; give why the disk refuses."""
@@ -154,14 +141,15 @@ class Recorder(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
-        self.averager.add_raw(stamp_ns, raw)
+        for recording in self._running:
+            recording.averager.add_raw(stamp_ns, raw)
 
     def on_specific_force(
         self, stamp_ns: int, specific_force: Vector, speed: float | None
     ) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        if self._running:
-            self.averager.add_force(stamp_ns, specific_force, speed)
+        for recording in self._running:
+            recording.averager.add_force(stamp_ns, specific_force, speed)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
@@ -174,13 +162,16 @@ class Recorder(Part):
                 replace(cell, number=middle_ns // self.period_ns)
                 for cell, middle_ns in zip(cells, middles, strict=True)
             ]
-        self.averager.add_cells(cells)
+        for recording in self._running:
+            recording.averager.add_cells(cells)
         self.poll()
 
     def poll(self) -> None:
-        """Write the rows there are."""
-        if self._running:
-            self._share(self.averager.rows())
+        """Write the rows there are; a full disk ends a recording, not the stream."""
+        for recording in tuple(self._running):
+            if error := self._write(recording, recording.averager.rows()):
+                self._leave(recording)
+                recording.on_failure(error)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -193,7 +184,6 @@ class RecordService(Part):
 
     recorder: Recorder
     store: ModelStore
-    counts: Counts
     writer: FileWriter
     hub: Hub = field(init=False)
     #: The recording that runs, and its file, or that of the last one.
@@ -202,8 +192,6 @@ class RecordService(Part):
     #: Why the last one ended early; empty when it did not.
     failure: str = ''
     _reference: Any = None
-    #: Whether the one that runs has heard its reference.
-    _heard: bool = False
 
     title = 'recording'
     topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
@@ -245,7 +233,7 @@ class RecordService(Part):
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
-        self._reference, self.path, self.failure, self._heard = reference, path, '', False
+        self._reference, self.path, self.failure = reference, path, ''
         self.current = self.recorder.begin(writer, self._fail)
         return f'recording into {path}'
 
@@ -278,13 +266,10 @@ class RecordService(Part):
         try:
             stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
         except RecordingError:
-            self.counts.bad_references += 1
             return
-        if not math.hypot(*reference) < LARGEST:  # false for NaN
-            self.counts.bad_references += 1
-        elif self.current is not None:
-            self._heard = True
-            self.recorder.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+        # The comparison is false for NaN.
+        if self.current is not None and math.hypot(*reference) < LARGEST:
+            self.current.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
 
     def spans(self) -> dict[str, str]:
         """Give how long the present recording is, and which temperatures it spans."""
@@ -296,27 +281,7 @@ class RecordService(Part):
                 values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
         return values
 
-    def doubt(self) -> str:
-        """Say that no wrenches are recorded, or no reference that was heard; else empty."""
-        if self.current is None:
-            return ''
-        lacking_s = min(self.recorder.lacking_s(self.current, axis) for axis in AXES)
-        if lacking_s >= LACKING_S:
-            return (
-                f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are silent, '
-                'or their stamps are of another clock than those of the temperatures. Nothing can '
-                'be learnt from that; set one clock, then record again'
-            )
-        lacking_s = self.recorder.lacking_s(self.current, REFERENCE_CHANNELS[0])
-        if not self._heard or lacking_s < LACKING_S:
-            return ''
-        return (
-            f'the last {lacking_s:.0f} s were recorded without wrench_reference: it is silent, or '
-            'its stamps are of another clock than those of the wrench'
-        )
-
     def _fail(self, error: RecordingError) -> None:
-        """Say that the disk has ended the recording."""
         if (recording := self.current) is not None:
             self._forget()
             self.writer.put(str(self.path), recording.writer.close)
@@ -335,7 +300,6 @@ class RecordService(Part):
 
 
 def _ended(problem: str, rows: int) -> str:
-    """Say what has ended a recording, and what to do."""
     return (
         f'{problem} The recording has ended after {rows} thermal cells. See that its file stays '
         'and the disk has room, or choose another data_directory, then record again.'

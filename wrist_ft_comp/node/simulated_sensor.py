@@ -196,7 +196,6 @@ class SimulatedSensor(Node):
             number += 1
 
     def _stamp(self, message: Any, elapsed_ns: int) -> None:
-        """Write the stamp of a simulated time."""
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self._start_ns + elapsed_ns, NANOSECONDS)
 

@@ -145,7 +145,7 @@ class TareService(LongService):
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
                 'again when the sensor lives.'
             )
-        if otherwise := self.external.moves_otherwise():
+        if otherwise := self.external.check.found:
             raise TareRefusedError(
                 f'wrench_external cannot be tared: {otherwise}. Both tares stay as they were; '
                 'when that is mended, turn the tool about until the status payload says so.'

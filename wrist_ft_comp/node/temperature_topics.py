@@ -178,8 +178,8 @@ class TemperatureInput(Part):
     _stamp_ns: int = 0
     _growth: Growth = field(default_factory=Growth)
     _events: Events = field(default_factory=Events)
-    #: Stamps of the wrench and of the IMU that were compared last, ns.
-    _compared_ns: tuple[int | None, int] = None, 0
+    #: Stamp of the wrench that was compared last, ns.
+    _compared_ns: int | None = None
 
     title, logged = 'temperature', True
     topics = (('temperature', 'one per entry of temperature_topics, which hears any type, too'),)
@@ -187,8 +187,6 @@ class TemperatureInput(Part):
     def start(self) -> None:
         """Subscribe to every thermometer."""
         self._tracker, self._comparison = self.compensator.tracker, ClockComparison()
-        by_imu = self.hub.chosen()['gravity.source'] == 'imu'
-        self._imu_topic = self.hub.resolve_topic_name('imu') if by_imu else ''
         by_topic: defaultdict[str, dict[int, TemperatureSource]] = defaultdict(dict)
         for j, thermometer in enumerate(self.thermometers):
             by_topic[thermometer.topic][j] = thermometer.source
@@ -205,7 +203,8 @@ class TemperatureInput(Part):
             return
         at_ns, newest = stamp_ns or self.hub.now_ns(), self.wrenches.newest()
         if stamp_ns:
-            self._compare(self.thermometers[thermometer].topic, stamp_ns)
+            topic, cell_ns = self.thermometers[thermometer].topic, self._tracker.grid.period_ns
+            self._comparison.note(topic, stamp_ns, self._now_ns(), cell_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self.specific_force, self.specific_force.poll)
         # The clock of the time since the boot is never set, and goes on while the machine sleeps.
@@ -224,12 +223,9 @@ class TemperatureInput(Part):
 
     def poll(self) -> None:
         """Take temperatures that are fields of messages, and note what several messages show."""
-        wrench_ns, imu_ns = self.wrenches.stamp_ns, self.specific_force.forces.newest_ns
-        before, self._compared_ns = self._compared_ns, (wrench_ns, imu_ns)
-        if wrench_ns is not None and wrench_ns != before[0]:
-            self._comparison.note_wrench(wrench_ns, self._now_ns())
-        if self._imu_topic and imu_ns != before[1]:
-            self._compare(self._imu_topic, imu_ns)
+        before, self._compared_ns = self._compared_ns, self.wrenches.stamp_ns
+        if self._compared_ns is not None and self._compared_ns != before:
+            self._comparison.note_wrench(self._compared_ns, self._now_ns())
         for topic in self.by_topic:
             topic.poll()
         clocks = self._tracker.clocks
@@ -238,11 +234,6 @@ class TemperatureInput(Part):
             leapt=clocks.leaps + clocks.restarts,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
         )
-
-    def _compare(self, topic: str, stamp_ns: int) -> None:
-        """Compare the clock of a topic with that of the wrench."""
-        cell_s = self._tracker.grid.period_ns / NANOSECONDS
-        self._comparison.note(topic, stamp_ns, self._now_ns(), cell_s)
 
     def _now_ns(self) -> int:
         """Time of arrival: of the simulation, or by a clock that nobody sets."""
@@ -256,21 +247,14 @@ class TemperatureInput(Part):
             topic.look()
         self.poll()
         tracker, clocks = self._tracker, self._tracker.clocks
-        rejected = clocks.rejected + tracker.grid.rejected
-        unreadable = sum(topic.unreadable for topic in self.by_topic)
+        rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=rejected + clocks.strays
+            usable=self.usable, unusable=self.unusable, rejected=rejected
         )
         numbers = {
             'state': self.state_keeper.outcome,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
-            'rejected': str(rejected),
-            'stray_stamps': str(clocks.strays),
-            'spikes': str(sum(spikes.dropped for spikes in tracker.spikes)),
-            'stamps_leapt': str(clocks.leaps),
-            'stamps_restarted': str(clocks.restarts),
-            'unusable': str(self.unusable + unreadable),
-            'jumps': str(sum(spikes.jumps for spikes in tracker.spikes)),
+            'unusable': str(self.unusable + sum(topic.unreadable for topic in self.by_topic)),
         }
         for j, thermometer in enumerate(self.thermometers, start=1):
             numbers[f'thermometer_{j}_age_s'] = age(thermometer.heard_s)
@@ -375,5 +359,4 @@ class TemperatureInput(Part):
 
 
 def _numbers(thermometers: Sequence[int]) -> str:
-    """Write thermometers as numbers from 1."""
     return ', '.join(str(j + 1) for j in thermometers)

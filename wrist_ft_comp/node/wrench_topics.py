@@ -40,15 +40,13 @@ class Counts:
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0
     published: int = 0
-    malformed: int = 0
-    not_finite: int = 0
-    implausible: int = 0
-    bad_references: int = 0
+    #: Those that could not be used, and the number that no sensor reads of the newest of them;
+    #: None where its bytes were no wrench.
+    dropped: int = 0
+    strange: float | None = None
     #: Wrenches that were lost by a fault of this program, and the last one of those.
     failed: int = 0
     fault: str = ''
-    #: The number that no sensor reads, of the newest wrench that was dropped for one.
-    strange: float = 0.0
 
 
 class Events:
@@ -134,12 +132,8 @@ class WrenchInput(Part):
         )
         if numbers and not lost and math.hypot(*numbers) < LARGEST:
             return True
-        strange = math.nan if lost or not numbers else max(numbers, key=abs)
-        self._counts.strange = strange
-        if math.isfinite(strange):
-            self._counts.implausible += 1
-        else:
-            self._counts.not_finite += 1
+        self._counts.strange = math.nan if lost or not numbers else max(numbers, key=abs)
+        self._counts.dropped += 1
         return False
 
     def poll(self) -> None:
@@ -166,29 +160,19 @@ class WrenchInput(Part):
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
         counts, publishers = self._counts, self.hub.count_publishers(self.topic)
-        strange = counts.not_finite + counts.implausible
-        grown, elapsed_s = self._growth.since(
-            wrenches=counts.wrenches, unusable=counts.malformed + strange, strange=strange
-        )
+        grown, elapsed_s = self._growth.since(wrenches=counts.wrenches, dropped=counts.dropped)
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
             'rate_hz': f'{rate_hz:.1f}',
             'age_s': age(self._heard_s),
             'frame': self._frame,
             'received': str(counts.wrenches),
-            'dropped_malformed': str(counts.malformed),
-            'dropped_not_finite': str(counts.not_finite),
-            'dropped_implausible': str(counts.implausible),
-            'dropped_references': str(counts.bad_references),
-            'publishers': str(publishers),
-            'stamps_ran_back': str(self.sensor.ran_back),
-            'stamps_leapt': str(self.sensor.leapt),
-            'frame_changes': str(self._frame_changes),
+            'dropped': str(counts.dropped),
         }
-        if grown['unusable']:
+        if grown['dropped']:
             which = 'some wrenches are' if rate_hz else 'all wrenches are'
             message = f'{which} unusable and dropped; check the driver'
-            if grown['strange']:
+            if counts.strange is not None:
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
@@ -320,24 +304,28 @@ class DriftTopic(Part):
         if hub.get_node_names_and_namespaces().count(own) <= 1:
             self._alone_s = time.monotonic()
 
-        grown, elapsed_s = self._growth.since(published=counts.published, failed=counts.failed)
+        grown, _ = self._growth.since(failed=counts.failed)
         tare = 'active' if stream.tared else 'none'
         if not stream.tared and stream.tare.any():
             kept = np.linalg.norm(stream.tare[:3])
             tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
-        numbers = {
-            'rate_hz': f'{grown["published"] / elapsed_s:.1f}',
-            'published': str(counts.published),
-            'tare': tare,
-            'origin': stream.tracker.origin,
-            **_axis_numbers(stream),
+        numbers = {'published': str(counts.published), 'tare': tare}
+        columns: dict[str, Sequence[float] | FloatArray] = {
+            'drift': stream.compensation.zero,
+            'tare': stream.tare,
         }
+        if stream.model is not None and stream.tracker.temperature_c is not None:
+            columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
         if (newest := self._newest()) is not None:
-            published = stream.correct(*newest[:2])
-            for axis, raw, compensated in zip(AXES, newest[1], published, strict=True):
-                if not math.isnan(raw):
-                    numbers[f'{axis}_raw'] = f'{raw:.4g} {axis_unit(axis)}'
-                    numbers[f'{axis}_compensated'] = f'{compensated:.4g} {axis_unit(axis)}'
+            columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
+        for name, values in columns.items():
+            numbers |= {
+                f'{axis}_{name}': f'{value:.4g} {axis_unit(axis)}'
+                for axis, value in zip(AXES, values, strict=True)
+                if not math.isnan(value)
+            }
+        for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
+            numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
         status = doubtful(self.title, self._doubts(grown['failed']), 'compensated', numbers)
         is_error = grown['failed'] or stream.limits.too_large
         yield replace(status, level=ERROR) if is_error else status
@@ -364,24 +352,3 @@ class DriftTopic(Part):
         yield from stream.zero_doubts
         if not stream.tared:
             yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'
-
-
-def _axis_numbers(stream: Compensator) -> dict[str, str]:
-    """Give drift, its deviation and the tare of every axis."""
-    numbers: dict[str, str] = {}
-    model, temperature_c = stream.model, stream.tracker.temperature_c
-    deviations: FloatArray = np.full(len(AXES), np.nan)
-    if model is not None and temperature_c is not None:
-        deviations = model.uncertainty(temperature_c)
-    for axis, zero, sensitivity, tare, deviation in zip(
-        AXES, *stream.compensation, stream.tare, deviations, strict=True
-    ):
-        unit = axis_unit(axis)
-        numbers[f'{axis}_drift'] = f'{zero:.4g} {unit}'
-        if np.isfinite(deviation):
-            numbers[f'{axis}_drift_deviation'] = f'{deviation:.4g} {unit}'
-        if model is not None and axis in model.day_limits:
-            numbers[f'{axis}_day_limit'] = f'{model.day_limits[axis]:.4g} {unit}'
-        numbers[f'{axis}_sensitivity'] = f'{100 * sensitivity:.3g} %'
-        numbers[f'{axis}_tare'] = f'{tare:.4g} {unit}'
-    return numbers

@@ -16,14 +16,13 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
+from wrist_ft_comp.steps import SMALLEST_SIGMA
 
 #: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
 CONTRAST = 0.3
 #: An IMU is frozen that gives the same value for this time, s, ...
-FROZEN_S = 1200
-#: ... while the wrench jumps, as that of a moving robot does, by this many times its noise ...
-_JUMP_SIGMA = 12.0
-#: ... in this share of the cells.
+_FROZEN_S = 1200
+#: ... while the wrench jumps, as that of a moving robot does, in this share of the cells.
 _JUMPING_SHARE = 0.01
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
@@ -173,12 +172,12 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
 
 
 def _frozen(recording: Recording) -> BoolArray:
-    """Mark where the specific force does not change for FROZEN_S, but the wrench jumps, (N,)."""
+    """Mark where the specific force does not change for _FROZEN_S, but the wrench jumps, (N,)."""
     force = np.asarray(recording.specific_force)
     runs = np.cumsum(np.append(False, np.any(differ(force[1:], force[:-1]), axis=1)))
     steps = np.abs(np.diff(recording.wrench, axis=0, prepend=recording.wrench[:1]))
     noise = np.array([noise_level([axis]) for axis in recording.wrench.T])
-    jumped = np.any(steps > _JUMP_SIGMA * noise, axis=1)
+    jumped = np.any(steps > SMALLEST_SIGMA * noise, axis=1)
     cells, jumps = np.bincount(runs), np.bincount(runs, jumped)
-    frozen = (jumps > _JUMPING_SHARE * cells) & (cells * recording.period_s >= FROZEN_S)
+    frozen = (jumps > _JUMPING_SHARE * cells) & (cells * recording.period_s >= _FROZEN_S)
     return np.asarray(frozen[runs])

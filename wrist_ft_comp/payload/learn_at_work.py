@@ -30,10 +30,8 @@ from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
 
 #: Above this share of changes between poses that do not turn with the specific force, no payload
-#: is identified ...
+#: is identified, and above three times this share nothing is learnt at all.
 _MOST_UNEXPLAINED = 0.2
-#: ... and above this share nothing is learnt at all.
-_NOTHING_LEARNT = 0.6
 #: A wrench follows gravity where this share of its changes turns with the specific force.
 _FOLLOWS_GRAVITY = 0.5
 #: Longer thermal cells, s, are seldom free of contact. With contacts in 40 % of the time, cells of
@@ -135,7 +133,7 @@ def doubts(separation: Separation, bodies: RigidBodies | None) -> list[str]:
         f'most {_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame, or of '
         'another clock than the wrench, or a cable pulls.'
     )
-    if share > _NOTHING_LEARNT:
+    if share > 3 * _MOST_UNEXPLAINED:
         raise CalibrationRefusedError(
             f'{what} Neither payload nor drift can be learnt. Record the specific force of a '
             'frame fixed to the sensor, by its clock.'

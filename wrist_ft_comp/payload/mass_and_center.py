@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
-from wrist_ft_comp.series import BoolArray, FloatArray
+from wrist_ft_comp.series import BoolArray, FloatArray, ROUNDING
 
 #: Least mass of a payload, kg.
 LIGHTEST_KG = 0.02
@@ -28,8 +28,6 @@ MISFIT = 0.1
 _SENSOR_GAIN = 0.01
 #: Torques are compared with forces at this lever, m: where a tool's centre of mass is.
 LEVER_M = 0.1
-#: Smaller squares, of contrasts, m²/s⁴, of wrenches and of weights, are rounding errors.
-_ROUNDING = 1e-12
 #: Standard errors come from the scatter of at least this many parts of the recordings.
 _LEAST_PARTS = 12
 
@@ -112,9 +110,9 @@ def rigid_bodies(
     seen = seen_by_body.sum(axis=0)
     start, mirrored = _start_rotation(gains, seen)
     sign = -1.0 if mirrored else 1.0
-    ridge = 1e-9 * np.trace(normal) + _ROUNDING
+    ridge = 1e-9 * np.trace(normal) + ROUNDING
     roots = np.linalg.cholesky(normal + ridge * np.eye(3 * count)).T
-    spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + _ROUNDING)
+    spread = np.maximum(spread, 1e-18 * np.mean(gains**2, axis=(0, 1)) + ROUNDING)
 
     def residual(values: FloatArray) -> FloatArray:
         """
@@ -153,7 +151,7 @@ def rigid_bodies(
     return RigidBodies(
         mass_kg=bodies[:, 0], mass_error_kg=error[:, 0],
         center_m=bodies[:, 1:], center_error_m=error[:, 1:],
-        rotation=rotation, misfit=float(np.sqrt(rest.max() / max(whole.max(), _ROUNDING))),
+        rotation=rotation, misfit=float(np.sqrt(rest.max() / max(whole.max(), ROUNDING))),
         mirrored=mirrored, contrast=np.sqrt(np.maximum(sizes[::-1], 0) / cells),
         unseen=rotation @ directions[:, 0])  # fmt: skip
 

@@ -33,9 +33,7 @@ CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1
 #: Shortest time in which the tool turns slowly, s.
 _LEAST_SLOW_S = 10.0
 #: Least share of these cells that has to be free of contact.
-_LEAST_FREE = 0.4
-#: A specific force with a smaller norm is not that of gravity, m/s².
-_LEAST_NORM = 0.5
+LEAST_FREE = 0.4
 #: The calibrated bias and scale of the accelerometer are used while the norm that they give is
 #: within this share of gravity.
 _MOST_NORM_ERROR = 0.02
@@ -84,7 +82,7 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     finite_force = np.where(finite[:, np.newaxis], force, 0.0)
     by_force = turning_speed(finite_force, period_s)[: len(finite_force)]
     speed = np.where(np.isnan(speed), by_force, speed)
-    slow = finite & (np.linalg.norm(finite_force, axis=1) > _LEAST_NORM) & (speed < FASTEST)
+    slow = finite & (np.linalg.norm(finite_force, axis=1) > CONTRAST) & (speed < FASTEST)
     if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
@@ -104,10 +102,10 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     fit = fit_again(block, _start(block))
     found = bodies_of(block, fit, scale if sensor is None else None)
     free = float((fit.weights > COUNTS).mean())
-    if free < _LEAST_FREE and found.contrast[1] > CONTRAST:
+    if free < LEAST_FREE and found.contrast[1] > CONTRAST:
         raise CalibrationRefusedError(
             f'In {1 - free:.0%} of the time the wrench did not follow gravity; at least '
-            f'{_LEAST_FREE:.0%} have to be free. Move without contact, and look whether gravity '
+            f'{LEAST_FREE:.0%} have to be free. Move without contact, and look whether gravity '
             'is of this sensor.'
         )
     if doubts := found.doubts():
@@ -132,7 +130,7 @@ def _start(cells: Cells) -> Fit:
     errors = np.linalg.norm((wrench - x @ fits) / np.repeat([1.0, LEVER_M], 3), axis=2)
     best = int(np.argmin(np.log(errors + _NOISE_N) @ rarity))
     level, gains = fits[best, 0], fits[best, 1:]
-    weights = 1.0 * (errors[best] <= np.quantile(errors[best], _LEAST_FREE))[np.newaxis]
+    weights = 1.0 * (errors[best] <= np.quantile(errors[best], LEAST_FREE))[np.newaxis]
     states = np.zeros(weights.shape, dtype=np.int64)
     levels = np.broadcast_to(level, cells.wrench.shape)
     start = Fit(gains[np.newaxis], states, weights, levels, np.ones(len(AXES)))

@@ -7,13 +7,13 @@ parabola, the level, stands for o and c together: neither temperatures nor tares
 understood before the payloads are. What remains are differences between poses, which only payloads
 and contacts make. A cell in contact is an outlier in all axes at once, and loses its robust
 weight. Gains, states, levels and weights are fitted by turns, while the width of the weight falls
-to WIDTH. Another state is added where it explains more of blocks that it was not fitted to.
+to WIDTH_SIGMA. Another state is added where it explains more of blocks that it was not fitted to.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from itertools import combinations, pairwise
+from itertools import pairwise
 import math
 from typing import Any
 
@@ -25,20 +25,17 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.accelerometer import CONTRAST, rotation_speed
 from wrist_ft_comp.payload.mass_and_center import (
     information,
-    LIGHTEST_KG,
     MISFIT,
     rigid_bodies,
     RigidBodies,
 )
-from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
+from wrist_ft_comp.steps import SMALLEST_SIGMA, WIDTH_SIGMA
 
-#: Length of a block, s, in which a parabola follows the drift.
+#: Length of a block, s, in which a parabola follows the drift. It would follow a press of two
+#: minutes, too: where the drift is roughly known already, blocks are three times as long.
 BLOCK_S = 300.0
-#: Length of a block, s, where the drift is roughly known already. A parabola of 300 s would follow
-#: a press of two minutes, too.
-LONG_BLOCK_S = 900.0
 #: Coefficients of the polynomial that is the level of a block: a parabola.
 POWERS = 3
 #: Ten cells for each coefficient: along 10 cells, a parabola fits cells in contact as well as free
@@ -49,26 +46,15 @@ LEAST_CELLS_IN_BLOCK = 10 * POWERS
 FASTEST = 0.7
 #: A cell whose robust weight is larger is free of contact, and counts for the drift.
 COUNTS = 0.5
-#: A stretch with a smaller share of usable cells is left out: one contact would look like its
-#: level.
-LEAST_USABLE_SHARE = 0.2
 #: This share of the cells, the quietest ones, are taken to be free of contact. With contacts in
-#: 15 % of the time, half of the cells of 10 s are free; a share of 0.3 took contact for noise.
-_QUIET_SHARE = 0.2
+#: 15 % of the time, half of the cells of 10 s are free; a share of 0.3 took contact for noise. A
+#: stretch with a smaller share of usable cells is left out: one contact would look like its level.
+LEAST_FREE_SHARE = 0.2
 #: The noise of cells is at most this many times the noise of differences between neighbours: what
 #: is larger is contact, or a specific force that is not the sensor's.
 _MOST_NOISE_RATIO = 4.0
-#: Differences between poses need an explanation from this many standard deviations on.
-_SIGNIFICANT_SIGMA = 10.0
-#: Width of the robust weight in the last rounds, in standard deviations of an axis.
-WIDTH = 4.0
-#: Width in the first round of a fit, in the same unit, where nothing is known before; each further
-#: round has half of it.
-_WIDEST = 40.0
-#: Rounds with WIDTH: cells of 10 s, half of which hold contact or motion, settle slowly.
+#: Rounds with WIDTH_SIGMA: cells of 10 s, half of which hold contact or motion, settle slowly.
 _ROUNDS = 5
-#: Most payloads that are distinguished.
-_MOST_STATES = 4
 #: Share of the cells that another state was not fitted to, and has to explain. Where a payload is
 #: changed within a cell, the cell shows a mean of two. In 24 runs with cells of 10 s, such means
 #: gained up to 0.05, so that at 0.02 five runs had a payload too many; real payloads gain 0.13.
@@ -171,7 +157,7 @@ def cut(
     holds = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1) & (speed < FASTEST)
     usable = holds[rows] & (rows >= 0)
     wrench, force = (np.where(usable[..., None], part[rows], 0.0) for part in (wrench, force))
-    usable &= usable.mean(axis=1, keepdims=True) >= LEAST_USABLE_SHARE
+    usable &= usable.mean(axis=1, keepdims=True) >= LEAST_FREE_SHARE
     return Cells(wrench, force, usable, rows=rows, lengths=tuple(map(len, recordings)))
 
 
@@ -186,23 +172,19 @@ def find_states(cells: Cells) -> Fit:
     learnt, held_out = cells.part(spread[::2]), cells.part(spread[1::2])
     fit = _fit_states(learnt, np.zeros(learnt.usable.shape, dtype=np.int64), 1)
     moved = contrast(cells, cells.usable.astype(float)) > CONTRAST
-    while moved and len(fit.gains) < _MOST_STATES and (starts := _splits(learnt, fit)):
+    while moved and (starts := _splits(learnt, fit)):
         candidates = [_fit_states(learnt, start, len(fit.gains) + 1, 1) for start in starts]
         noise = np.min([candidate.noise for candidate in candidates], axis=0)
         more = min(candidates, key=partial(_unexplained, learnt, noise))
         more = _settle(learnt, more)
         noise = np.minimum(fit.noise, more.noise)
         gained = _unexplained(held_out, noise, fit) - _unexplained(held_out, noise, more)
-        alike = any(
-            np.linalg.norm(one - other) < max(SAME_SHARE * float(np.linalg.norm(one)), LIGHTEST_KG)
-            for one, other in combinations(more.gains, 2)
-        )
         # A state also explains a press that returns in the same pose, but no rigid body does.
         pressed = _misfit(learnt, more) > MISFIT >= _misfit(learnt, fit)
-        if gained < _LEAST_GAIN or alike or pressed:
+        if gained < _LEAST_GAIN or pressed:
             break
         fit = more
-    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), _WIDEST)
+    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), 10 * WIDTH_SIGMA)
 
 
 def fit_again(cells: Cells, fit: Fit) -> Fit:
@@ -212,7 +194,7 @@ def fit_again(cells: Cells, fit: Fit) -> Fit:
     A long contact draws a block's level to itself, so that of every part of the block is tried.
     """
     starts = [_present_levels(cells, fit), *_levels_of_parts(cells, fit)]
-    return _settle(cells, _assign(cells, fit, WIDTH, starts, 4))
+    return _settle(cells, _assign(cells, fit, WIDTH_SIGMA, starts, 4))
 
 
 def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
@@ -236,14 +218,14 @@ def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = _ROUND
     gains = solve(cells, states, weights, count)
     fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
     fit = replace(fit, levels=_present_levels(cells, fit))
-    return _settle(cells, fit, _WIDEST, rounds)
+    return _settle(cells, fit, 10 * WIDTH_SIGMA, rounds)
 
 
-def _settle(cells: Cells, fit: Fit, widest: float = WIDTH, rounds: int = _ROUNDS) -> Fit:
+def _settle(cells: Cells, fit: Fit, widest: float = WIDTH_SIGMA, rounds: int = _ROUNDS) -> Fit:
     """Fit states, weights, levels and gains by turns, in ever narrower widths and then rounds."""
-    narrowing = math.ceil(math.log2(widest / WIDTH))
+    narrowing = math.ceil(math.log2(widest / WIDTH_SIGMA))
     for number in range(narrowing + rounds):
-        width = max(widest / 2**number, WIDTH)
+        width = max(widest / 2**number, WIDTH_SIGMA)
         fit = with_new_noise(cells, fit)
         starts = _levels_by_state(cells, fit) if number % 4 == 0 else ()
         fit = _assign(cells, fit, width, [_present_levels(cells, fit), *starts], 4)
@@ -256,7 +238,7 @@ def _assigned_anywhere(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fi
     states = np.zeros(cells.usable.shape, dtype=np.int64)
     weights = cells.usable.astype(float)
     start = Fit(gains, states, weights, np.zeros_like(cells.wrench), noise)
-    return _assign(cells, start, WIDTH, _levels_by_state(cells, start), 8)
+    return _assign(cells, start, WIDTH_SIGMA, _levels_by_state(cells, start), 8)
 
 
 def _unexplained(cells: Cells, noise: FloatArray, fit: Fit) -> float:
@@ -289,7 +271,7 @@ def _levels_of_parts(cells: Cells, fit: Fit) -> Iterator[FloatArray]:
         measured = np.where(cells.usable[..., None], residual, np.nan)
         for part in np.array_split(measured, _PARTS, axis=1):
             level = medians(part)[:, None]
-            states, weights = _assign_cells(residuals, cells.usable, level, 4 * WIDTH)
+            states, weights = _assign_cells(residuals, cells.usable, level, 4 * WIDTH_SIGMA)
             yield fitted_levels(of_state(residuals, states), weights, cells.powers)
 
 
@@ -412,12 +394,12 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
     square = square + least**2
     norm = np.sqrt(np.sum(residual**2 / square, axis=2) / cells.axes)[cells.usable]
     # The norm of standard normal variables, per axis, at the same quantile (of a χ² distribution).
-    expected = np.sqrt(2 * gammaincinv(cells.axes / 2, _QUIET_SHARE) / cells.axes)
-    noise = np.sqrt(square) * np.quantile(norm, _QUIET_SHARE) / expected
+    expected = np.sqrt(2 * gammaincinv(cells.axes / 2, LEAST_FREE_SHARE) / cells.axes)
+    noise = np.sqrt(square) * np.quantile(norm, LEAST_FREE_SHARE) / expected
     neighbours = cells.usable[:, 1:] & cells.usable[:, :-1]
     if neighbours.any():  # every second cell may turn too fast
         differences = np.abs(np.diff(residual, axis=1))[neighbours]
-        quiet = np.quantile(differences, _QUIET_SHARE, axis=0) / (2 * erfinv(_QUIET_SHARE))
+        quiet = np.quantile(differences, LEAST_FREE_SHARE, axis=0) / (2 * erfinv(LEAST_FREE_SHARE))
         noise = np.minimum(noise, _MOST_NOISE_RATIO * quiet)
     return replace(fit, noise=np.maximum(noise, least))
 
@@ -454,5 +436,6 @@ def unexplained_contrast(cells: Cells, fit: Fit) -> float:
         np.nanmedian(np.where(cells.usable, norm, np.nan)[used], axis=1)
         for norm in (np.linalg.norm(values / fit.noise, axis=2) for values in (rest, whole))
     )
-    least = _SIGNIFICANT_SIGMA * np.sqrt(cells.axes)
+    # Smaller differences between poses need no explanation.
+    least = SMALLEST_SIGMA * np.sqrt(cells.axes)
     return float(np.median(unexplained / np.maximum(changes, least)))

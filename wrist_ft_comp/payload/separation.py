@@ -35,22 +35,16 @@ from wrist_ft_comp.payload.payload_states import (
     Fit,
     fit_again,
     LEAST_CELLS_IN_BLOCK,
-    LEAST_USABLE_SHARE,
-    LONG_BLOCK_S,
+    LEAST_FREE_SHARE,
     medians,
     of_state,
-    POWERS,
 )
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.steps import find_steps, Step
 
-#: Fewest cells with both wrench and specific force: those of four blocks.
-_LEAST_CELLS = 4 * LEAST_CELLS_IN_BLOCK
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
-#: Time on either side of a step from which what is left of it is estimated, s.
-_NEAR_S = 90.0
 #: Most rounds in which steps and contacts are found by turns.
 _MOST_ROUNDS = 4
 #: A shorter recording, s, does not show which changes are slow.
@@ -107,12 +101,12 @@ def separate(recordings: Sequence[Recording]) -> Separation:
                 f'{recording.period_s:g} s each. Set the thermal period to {apart_s:g} s, or '
                 'record more often.'
             )
-    cells = cut(recordings, accelerometer.forces)
-    if cells.usable.sum() < _LEAST_CELLS or not cells.axes:
+    cells, least = cut(recordings, accelerometer.forces), 4 * LEAST_CELLS_IN_BLOCK
+    if cells.usable.sum() < least or not cells.axes:
         raise CalibrationRefusedError(
             f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
             'with wrench and specific force that turn slowly; at least '
-            f'{_LEAST_CELLS} are needed for the reference payload. Record both at the same time.'
+            f'{least} are needed for the reference payload. Record both at the same time.'
         )
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
@@ -121,7 +115,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
 
 def separate_again(found: Separation, drift: Sequence[FloatArray]) -> Separation:
     """Separate again, with the estimated drift, N and N m, (N, 6) per recording, taken off."""
-    return _separated(found, drift, LONG_BLOCK_S)
+    return _separated(found, drift, 3 * BLOCK_S)
 
 
 def slow_drift(separation: Separation) -> list[FloatArray]:
@@ -138,7 +132,7 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
         bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
         bins = bins.reshape(-1, length, len(axes))
         # A few free cells of a bin may be of a long press that looks like drift.
-        free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_USABLE_SHARE
+        free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_FREE_SHARE
         half = round(_WINDOW_S / _BIN_S / 2)
         bins = np.where(free, medians(bins), np.nan)
         bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
@@ -185,36 +179,16 @@ def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -
             break
     drifts = []
     for n, recording in enumerate(recordings):
-        unsure, near = (cells_in(s, recording.period_s) for s in (_UNSURE_S, _NEAR_S))
+        unsure = cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
-        weight = of_state(forces[n] @ fit.gains, mounted[n])
-        wrench, residual = (
-            _without_steps(part, steps[n])
-            for part in (recording.wrench[:, axes], wrenches[n] - weight)
-        )
-        for step in steps[n]:
-            remaining = _remaining_step(residual, counts[n], step.cell, near)
-            residual[step.cell :] -= remaining
-            wrench[step.cell :] -= remaining
         empty = np.full_like(recording.wrench, np.nan)
         free = replace(recording, wrench=empty, reference=empty.copy())
+        wrench = _without_steps(recording.wrench[:, axes], steps[n])
         free = _with_wrench(free, np.where(counts[n][:, None], wrench, np.nan), axes)
-        free.reference[:, axes] = weight
+        free.reference[:, axes] = of_state(forces[n] @ fit.gains, mounted[n])
         drifts.append(replace(free, steps=tuple(step.cell for step in steps[n])))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
-
-
-def _remaining_step(drift: FloatArray, counts: BoolArray, cell: int, near: int) -> FloatArray:
-    """Estimate what is left of a step, (A,), from all cells near it that count, and a parabola."""
-    rows = np.arange(max(0, cell - near), min(len(drift), cell + near))
-    rows = rows[counts[rows]]
-    after = rows >= cell
-    if min(np.sum(after), np.sum(~after)) < 2 * POWERS:
-        return np.zeros(drift.shape[1])
-    share = (rows - cell) / near
-    x = np.stack((np.ones(len(rows)), share, share**2, after), axis=1)
-    return np.asarray(np.linalg.lstsq(x, drift[rows], rcond=None)[0][POWERS])
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:

@@ -9,7 +9,6 @@ median of squares).
 """
 
 from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,25 +31,15 @@ _UNEXPLAINED_SHARE = 0.4
 _LEAST_SCALE_ERROR = 0.15
 
 
-class Disagreement(NamedTuple):
-    """How the wrench moves otherwise than the weight does."""
-
-    #: Turn between both forces, degrees, and whether they are mirrored.
-    turn_deg: float = 0.0
-    mirrored: bool = False
-    #: How many times as much the force moves as the weight.
-    scale: float = 1.0
-    #: How far the centre of mass seems to be away, m.
-    shift_m: float = 0.0
-
-
 class WeightCheck:
-    """Compares changes of the corrected wrench with those of the payload's weight."""
+    """Compares changes of the corrected wrench with those of the weight of a payload, by name."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = '') -> None:
+        #: How the wrench moves otherwise than the weight, in a sentence; '' where it does not.
+        self.found = ''
+        self._name = name
         self._before: FloatArray | None = None
         self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
-        self.found = Disagreement()
 
     def add(self, wrench: FloatArray, weight: FloatArray) -> None:
         """Take a wrench before the payload is taken off, and the weight, N and N m, (6,) each."""
@@ -62,10 +51,11 @@ class WeightCheck:
             self._before = now
             self._changes.append(change)
             if len(self._changes) >= _FEWEST:
-                self.found = self._compare() or self.found
+                found = self._compare()
+                self.found = self.found if found is None else found
 
-    def _compare(self) -> Disagreement | None:
-        """Find turn and shift in the changes that are kept; None where they do not tell."""
+    def _compare(self) -> str | None:
+        """Say what the changes that are kept show; None where they do not tell."""
         changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
         rng = np.random.default_rng(0)
@@ -87,9 +77,17 @@ class WeightCheck:
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
             if scale < 0 or turn_deg > _LEAST_TURN_DEG:
-                return Disagreement(turn_deg, scale < 0)
+                return (
+                    f'the force moves otherwise than the weight of {self._name}: specific force '
+                    f'is mirrored or turned, by {turn_deg:.0f} degrees; mend the mount of the IMU '
+                    'or the frame of the wrench, or call ~/identify_payload'
+                )
             if abs(scale - 1) > _LEAST_SCALE_ERROR:
-                return Disagreement(scale=scale)
+                return (
+                    f'the force moves {scale:.3g} times as much as the weight of {self._name}: '
+                    'its unit, payload.mass, or the payload is another one; mend that, or call '
+                    '~/identify_payload'
+                )
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
         x, y, z = weight[free].T
@@ -100,10 +98,14 @@ class WeightCheck:
         off = np.median(np.linalg.norm(torque, axis=1))
         distance_m = float(np.linalg.norm(shift))
         if distance_m > _LEAST_SHIFT_M and rest < _UNEXPLAINED_SHARE * off:
-            return Disagreement(shift_m=distance_m)
+            return (
+                f'the torque moves as if the centre of mass were {1e3 * distance_m:.0f} mm from '
+                f'that of {self._name}; was the frame of the wrench moved, such as by another '
+                'TCP? Move it back, or call ~/identify_payload'
+            )
         reach = np.median(np.linalg.norm(weight[free], axis=1))
         agrees = off_n < np.radians(_LEAST_TURN_DEG) * reach and off < _LEAST_SHIFT_M * reach
-        return Disagreement() if agrees else None
+        return '' if agrees else None
 
 
 def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:

@@ -16,11 +16,11 @@ from wrist_ft_comp.channels import (
     is_plausible,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
+    temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
-from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.bag import (
     Bag,
     Connection,
@@ -29,11 +29,15 @@ from wrist_ft_comp.recordings.bag import (
     uppermost_frame,
 )
 from wrist_ft_comp.recordings.log_proposal import missing_sentence, OPEN
-from wrist_ft_comp.recordings.read import BAG, open_recording, OpenTable, TABLE
+from wrist_ft_comp.recordings.read import (
+    BAG,
+    open_recording,
+    OpenTable,
+    read_opened,
+    TABLE,
+)
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.recordings.table import RestartError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
-from wrist_ft_comp.stream.batch_grid import SampleChecks
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader
 from wrist_ft_comp.wire.message_layout import Path as FieldPath
@@ -231,9 +235,6 @@ def _names(entry: str) -> set[str]:
 
 
 REFERENCE = 'reference'
-#: Thermal cells are as long as rows are apart where that is between these, s: rows that are more
-#: than a day apart are those of a log in another unit.
-_SLOW_S = 120.0, 86_400.0
 SPECIFIC_FORCE = 'specific force'
 #: Roles of channels that are no temperatures.
 _CHANNEL_ROLES = {
@@ -282,26 +283,18 @@ class RecordingSummary:
     is_open: bool = False
     #: Why a file cannot be read as a recording; empty where it can, and of a bag.
     refusal: str = ''
-    #: Length of the thermal cells that fit: 1 s, or that from row to row of a slow log.
-    period_s: float = 1.0
-    #: Recordings in a file whose clock begins anew; the first one is described.
-    parts: int = 1
     #: Whether a reference was recorded that is zero throughout.
     is_unloaded: bool = False
-
-    def paths(self, path: Path) -> list[str]:
-        """Write the recordings as arguments of a command."""
-        return [str(path)] if self.parts == 1 else [f'{path}@{k + 1}' for k in range(self.parts)]
 
 
 def describe_recording(
     path: Path | str, topics: Topics | None = None, progress: Progress | None = None
-) -> RecordingSummary:
+) -> tuple[RecordingSummary, Recording | None]:
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Of a bag, the topics say which role which one has; what they don't name is chosen.
-    RecordingError when it cannot be read.
+    Of a bag, the topics say which role which one has; what they don't name is chosen. A table is
+    read on the way: the recording, or None. RecordingError when it cannot be read.
     """
     topics = topics or Topics()
     with open_recording(Path(path), topics) as opened:
@@ -346,64 +339,53 @@ def describe_recording(
             for (topic, kind), count in sorted(counts.items())
         )
         compressed = f', {bag.compression} compression' if bag.compression else ''
-        return RecordingSummary(
+        summary = RecordingSummary(
             bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
             (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
+        return summary, None
 
 
-def _describe_table(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
-    """Describe a table; what cannot be read as it is, by a map that is proposed."""
-    if not opened.lacks():
-        try:
-            return _count_samples(opened, progress)
-        except RestartError as error:
-            first = OpenTable(opened.tables, opened.options, 1)
-            warnings = (str(error),)
-            return replace(_count_samples(first, progress), parts=error.parts, warnings=warnings)
-    topics = opened.options.topics
-    proposal = opened.propose()
-    columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
-    topics = replace(topics, columns=columns, time=topics.time or proposal.time)
-    if OPEN not in columns:
-        again = OpenTable(opened.tables, parse_options(topics), opened.part)
-        return replace(_describe_table(again, progress), guessed=True)
-    refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
-    summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
-    return replace(summary, is_open=True, guessed=True, refusal=refusal)
-
-
-def _count_samples(opened: OpenTable, progress: Progress | None) -> RecordingSummary:
-    """Count samples, judge them one by one, and name every channel's unit and role."""
-    checks, moments = SampleChecks(opened.name), np.zeros((4, 4))
-    ends: list[int] = []
-    spacings_s: list[float] = []
-    for block in opened.samples(progress):
-        if block.channels == FORCE_CHANNELS:
-            moments += moments_of(block.values)
-        if len(block.stamps_ns):
-            ends += [int(block.stamps_ns.min()), int(block.stamps_ns.max())]
-            ends = [min(ends), max(ends)]
-        if len(block.stamps_ns) > 1:
-            spacings_s.append(float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS)
-        checks.admit(block)
-    period_s, spacing_s = 1.0, min(spacings_s, default=0.0)
-    if _SLOW_S[0] < spacing_s < _SLOW_S[1]:  # as of a row in ten minutes for weeks
-        period_s = min(float(round(spacing_s)), PERIODS_S[1])
-    found: dict[str, ChannelSummary] = {}
-    for channels, tally in checks.tallies.items():
-        for channel in channels:
-            role = _CHANNEL_ROLES.get(channel, TEMPERATURE)
-            unit = axis_unit(channel.removeprefix('reference_'))
-            reads = (tally.least, tally.largest) if role == TEMPERATURE else None
-            samples = tally.samples + (found[channel].samples if channel in found else 0)
-            found[channel] = ChannelSummary(channel, '°C' if reads else unit, samples, role, reads)
-    first_ns, last_ns = ends or (None, None)
-    return RecordingSummary(
-        opened.name, TABLE, tuple(found.values()), first_ns, last_ns,
-        warnings=(*opened.warnings, *(sentence for sentence, _ in checks.judge())),
-        topics=opened.options.topics, specific_force=describe_force(moments),
-        refusal=opened.compensated, period_s=period_s,
-        is_unloaded=all(
-            tally.least == tally.largest == 0.0
-            for channels, tally in checks.tallies.items()
-            if channels[0] in REFERENCE_CHANNELS))  # fmt: skip
+def _describe_table(
+    opened: OpenTable, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
+    topics, guessed = opened.options.topics, bool(opened.lacks())
+    if guessed:
+        proposal = opened.propose()
+        columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
+        topics = replace(topics, columns=columns, time=topics.time or proposal.time)
+        if OPEN in columns:
+            refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
+            summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
+            return replace(summary, is_open=True, guessed=True, refusal=refusal), None
+        opened = OpenTable(opened.tables, parse_options(topics))
+    recording, refusal = None, ''
+    try:
+        recording = read_opened(opened, period_s=opened.period_s, progress=progress)
+    except RecordingError as error:
+        if not opened.is_read:
+            raise
+        refusal = str(error)
+    force, is_unloaded, reads = None, False, {}
+    if recording:
+        heats = np.where(recording.measured, recording.temperature_c, np.nan)
+        limits = zip(np.nanmin(heats, axis=0).tolist(), np.nanmax(heats, axis=0), strict=True)
+        reads = {
+            temperature_channel(j): (low, float(high)) for j, (low, high) in enumerate(limits)
+        }
+        is_unloaded = not np.nan_to_num(recording.reference).any()
+        if recording.specific_force is not None:
+            known = np.isfinite(recording.specific_force).all(axis=1)
+            force = describe_force(moments_of(recording.specific_force[known]))
+    first_ns, last_ns = opened.span_ns or (None, None)
+    channels = []
+    for channel, count in opened.counts.items():
+        role = _CHANNEL_ROLES.get(channel, TEMPERATURE)
+        unit = '°C' if role == TEMPERATURE else axis_unit(channel.removeprefix('reference_'))
+        channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    summary = RecordingSummary(
+        opened.name, TABLE, tuple(channels), first_ns, last_ns,
+        warnings=opened.warnings, topics=topics,
+        specific_force=force, guessed=guessed, refusal=opened.compensated or refusal,
+        is_unloaded=is_unloaded)  # fmt: skip
+    return summary, recording

@@ -7,7 +7,7 @@ word of forces. What never changes, what counts, and texts are none of them. Wha
 stays open, as in ``force_z=…``, with the columns that it could be.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count
@@ -123,15 +123,11 @@ class Proposal:
     time: str
     #: By what is open: the columns that it could be.
     candidates: dict[str, list[str]] = field(default_factory=dict)
-    #: Where each row holds one value: what makes columns of them, as a command.
-    pivot: str = ''
 
     def sentence(self) -> str:
         """Say what is open, and what it could be; empty where nothing is."""
         if OPEN not in self.columns:
             return ''
-        if self.pivot:
-            return f'Each row seems to hold one value of many. Make columns of them: {self.pivot}'
         could = [
             f'{ours} could be {" or ".join(theirs)}'
             for ours, theirs in self.candidates.items()
@@ -254,10 +250,6 @@ class _Looks:
         form = self.form if not self._is_number else ''
         return form not in {'', *TIME_UNITS_NS} and not any(':' in cell for cell in self.filled)
 
-    def names_others(self) -> bool:
-        """Whether it says in each row of what the value beside it is."""
-        return not self._is_number and 1 < len({*self.filled}) < _MOST_ENTRIES
-
     def temperature_unit(self) -> str | None:
         """Find the unit in which it reads like a thermometer; None where it is none."""
         unit = self.unit_of('temperature_c')
@@ -353,9 +345,7 @@ def propose(
             entries.append(f'{channel}={OPEN}')
             may_be = [_called(placed, looks) for looks in free if looks.could_be(channel)]
             candidates[channel] = may_be[:_MOST_CANDIDATES]
-    columns = ','.join(entries[:_MOST_ENTRIES])
-    pivot = _pivot(placed, free, found, sign) if OPEN in columns else ''
-    return Proposal(columns, time, candidates, pivot)
+    return Proposal(','.join(entries[:_MOST_ENTRIES]), time, candidates)
 
 
 def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
@@ -426,23 +416,6 @@ def _find_channels(
         )
         for looks in [*forces][:1]:
             take('force_z', looks)
-
-
-def _pivot(placed: Placed, free: Sequence[_Looks], found: Mapping[str, _Looks], sign: str) -> str:
-    """Write the command that makes columns of a table with one value in each row; else ''."""
-    keys = [looks for looks in free if looks.names_others()]
-    values = [looks for looks in free if looks.may_be('force_z')]
-    values.sort(key=lambda looks: 'val' not in looks.plain)
-    if STAMP not in found or not keys or not values:
-        return ''
-    index, columns, value = (placed.names[x.place] for x in (found[STAMP], keys[0], values[0]))
-    decimal = ',' if sign == ';' else '.'
-    code = (
-        f'import pandas as p; p.read_csv({placed.table!r}, comment="#", sep={sign!r}, '
-        f'decimal={decimal!r}).pivot_table(index={index!r}, '
-        f'columns={columns!r}, values={value!r}).to_csv("columns.csv")'
-    )
-    return f'{shlex.join(["python3", "-c", code])}; wrist_ft_comp show columns.csv'
 
 
 def _called(placed: Placed, looks: _Looks) -> str:

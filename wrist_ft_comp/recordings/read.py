@@ -1,10 +1,12 @@
 """What a path is, and the recording behind it opened: a bag, by whatever reads it, or a table."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
 import hashlib
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 import re
 import shlex
@@ -16,6 +18,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, SensorNames
 from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.log_proposal import (
@@ -51,11 +54,13 @@ from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSour
 #: Turns a table of a chamber test into a recording.
 _CONVERTER = 'examples/paper/chamber_table.py'
 BAG, TABLE = 'rosbag2', 'table'
+#: Rows of a table that are farther apart are those of a log in another unit, s.
+LONGEST_SPACING_S = 86_400.0
 
 
 def kind_of(path: Path) -> str:
     """Find the kind of a recording from its name; a table if in doubt."""
-    files, _ = files_of(path)
+    files = files_of(path)
     if len(files) > 1:
         return TABLE
     (path,) = files
@@ -157,23 +162,14 @@ class OpenBag:
 class OpenTable:
     """A table, or several with one clock, and which of their columns are read."""
 
-    def __init__(
-        self, tables: Sequence[Table], options: ReadOptions, part: int | None = None
-    ) -> None:
-        self.tables, self.options, self.part = tables, options, part
+    def __init__(self, tables: Sequence[Table], options: ReadOptions) -> None:
+        self.tables, self.options = tables, options
         self.name = '+'.join(table.name for table in tables)
-        if part:
-            self.name += f'@{part}'
         self.sources = ()
         self.names = names = [name for table in tables for name in table.names]
         if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
-            words = (
-                'python',
-                _CONVERTER,
-                str(tables[0].path),
-                '-o',
-                f'{tables[0].path.stem}_recording.csv',
-            )
+            path = tables[0].path
+            words = 'python', _CONVERTER, str(path), '-o', f'{path.stem}_recording.csv'
             raise RecordingError(
                 f'{self.name} is a table of a chamber test, which has no times. Make a recording '
                 f'of it: {shlex.join(words)}'
@@ -190,6 +186,9 @@ class OpenTable:
         for column in options.columns.columns:
             if len(tables) > 1 and all(column.channel not in p.columns for p in self.columns):
                 options.columns.place(self.name, names)  # refuses what no table has
+        #: Once samples were read: whether all were, how many by channel, and the outermost stamps.
+        self.is_read, self.counts = False, Counter[str]()
+        self.span_ns: tuple[int, ...] = ()
         #: What the sensor is called: by the name of a column.
         self.sensor = sensor_in(names)
         #: Says that drift was removed from it; empty where it was not.
@@ -241,12 +240,34 @@ class OpenTable:
         """Read all rows of the columns that are used, one table after the other."""
         self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
-            yield from table.rows(placed, progress, self.part)
+            yield from table.rows(placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
         for rows in self.rows(progress):
-            yield from samples_of(rows.stamps_ns, rows.values)
+            self.counts.update(dict.fromkeys(rows.values, 0))
+            for block in samples_of(rows.stamps_ns, rows.values):
+                self.counts.update(dict.fromkeys(block.channels, len(block.stamps_ns)))
+                ends = *self.span_ns, *block.stamps_ns[:1].tolist(), *block.stamps_ns[-1:].tolist()
+                self.span_ns = (min(ends), max(ends)) if ends else ()
+                yield block
+        self.is_read = True
+
+    @property
+    def period_s(self) -> float:
+        """How long thermal cells have to be, s: 1, or as samples of a slow log are apart."""
+        self.require()
+        spacings_s = [
+            float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
+            for table, placed in zip(self.tables, self.columns, strict=True)
+            for rows in islice(table.rows(placed), 1)
+            for block in samples_of(rows.stamps_ns, rows.values)
+            if len(block.stamps_ns) > 1
+        ]
+        spacing_s = min(spacings_s, default=1.0)
+        if spacing_s > LONGEST_SPACING_S:
+            return 1.0
+        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -257,22 +278,14 @@ class OpenTable:
         return tuple(found)
 
 
-def files_of(path: Path) -> tuple[list[Path], int | None]:
-    """
-    Find the files that a path names, and the part of them, from 1 on, or None.
-
-    ``force.csv+temperature.csv`` are two with one clock, ``log.csv@2`` is what follows where a
-    clock began anew.
-    """
+def files_of(path: Path) -> list[Path]:
+    """Find the files that a path names: ``force.csv+heat.csv`` are two with one clock."""
     if path.exists():
-        return [path], None
-    text, sign, part = str(path).rpartition('@')
-    number = int(part) if sign and part.isdecimal() else None
-    first, *others = (text if number else str(path)).split('+')
-    files = [Path(first), *(Path(other) for other in others)]
+        return [path]
+    first, *others = map(Path, str(path).split('+'))
     # Beside the first one, where only their names are given.
-    files = [f if f.exists() else files[0].with_name(f.name) for f in files]
-    return (files, number) if all(file.is_file() for file in files) else ([path], None)
+    files = [first, *(f if f.exists() else first.with_name(f.name) for f in others)]
+    return files if all(file.is_file() for file in files) else [path]
 
 
 @contextmanager
@@ -282,8 +295,8 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
         with open_bag(path) as bag:
             yield OpenBag(bag, parse_options(topics))
     else:
-        files, part = files_of(path)
-        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics), part)
+        files = files_of(path)
+        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
 
 
 #: Bytes of a file that are hashed at once.
@@ -305,34 +318,56 @@ def read_recording(
     default. The recording's warnings say what was left out. RecordingError when it cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
-    topics = topics or Topics()
-    origin_ns: int | None = None
-    with open_recording(Path(path), topics) as source:
-        if isinstance(source, OpenTable):
-            source.require()
-
-        def blocks() -> Iterator[Samples]:
-            """Read, and note the first stamp of all, from which times count."""
-            nonlocal origin_ns
-            for block in source.samples(progress):
-                timed = block.stamps_ns[block.stamps_ns != NO_TIME]
-                if origin_ns is None and len(timed):
-                    origin_ns = int(timed[0])
-                yield block
-
-        excerpt = source.options.excerpt
-        recording = grid_samples(
-            blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
-            name=source.name,
-            period_s=period_s,
-            max_bad_share=max_bad_share,
-            temperatures=source.sources,
+    with open_recording(Path(path), topics or Topics()) as source:
+        return read_opened(
+            source, period_s=period_s, max_bad_share=max_bad_share, progress=progress
         )
-        sensor = source.sensor
-        if problem := order_problem({'temperature_topics': topics.temperatures}, sensor):
-            raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
-        warnings = *source.warnings, *recording.warnings
-        return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+
+
+def read_opened(
+    source: OpenBag | OpenTable,
+    *,
+    period_s: float,
+    max_bad_share: float = 0.01,
+    progress: Progress | None = None,
+) -> Recording:
+    """Read what was opened, as read_recording does."""
+    origin_ns: int | None = None
+    if isinstance(source, OpenTable):
+        source.require()
+
+    def blocks() -> Iterator[Samples]:
+        """Read, and note the first stamp of all, from which times count."""
+        nonlocal origin_ns
+        for block in source.samples(progress):
+            timed = block.stamps_ns[block.stamps_ns != NO_TIME]
+            if origin_ns is None and len(timed):
+                origin_ns = int(timed[0])
+            yield block
+
+    excerpt, sensor = source.options.excerpt, source.sensor
+    recording = grid_samples(
+        blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
+        name=source.name,
+        period_s=period_s,
+        max_bad_share=max_bad_share,
+        temperatures=source.sources,
+    )
+    said = {'temperature_topics': source.options.topics.temperatures}
+    if problem := order_problem(said, sensor):
+        raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
+    warnings = *source.warnings, *recording.warnings
+    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+
+
+def period_of(paths: Iterable[Path], topics: Topics) -> float:
+    """Find how long thermal cells of recordings have to be, s: as the slowest table asks."""
+    periods_s = [1.0]
+    for path in paths:
+        if kind_of(path) == TABLE:
+            with open_recording(path, topics) as source:
+                periods_s += [source.period_s] if isinstance(source, OpenTable) else []
+    return max(periods_s)
 
 
 def hash_recording(path: Path) -> str:
@@ -342,9 +377,7 @@ def hash_recording(path: Path) -> str:
     What else lies in the folder may change: metadata.yaml, notes, a database's journal.
     """
     digest = hashlib.sha256()
-    files, part = files_of(path)
-    if part:
-        digest.update(f'@{part}'.encode())
+    files = files_of(path)
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):

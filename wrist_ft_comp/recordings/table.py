@@ -8,17 +8,17 @@ cut off; where it is incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import gzip
 from io import StringIO, TextIOWrapper
-from itertools import islice, pairwise
 import lzma
 from math import nan
 from pathlib import Path
 import re
+import shlex
 from typing import Any
 import zlib
 
@@ -26,7 +26,6 @@ import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.read_options import (
-    Column,
     EXCEL,
     Placed,
     ROW,
@@ -79,11 +78,6 @@ class Rows:
     #: Numbers of their lines in the file.
     lines: IntArray
 
-    def part(self, begin: int, end: int) -> 'Rows':
-        """Take some of the rows."""
-        values = {channel: column[begin:end] for channel, column in self.values.items()}
-        return Rows(self.stamps_ns[begin:end], values, self.lines[begin:end])
-
 
 class Table:
     """A table in a file; ``names`` and ``units`` say what its columns are called."""
@@ -92,8 +86,8 @@ class Table:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
-        #: What some programs write, and what is read in its place.
-        self._replaced: dict[str, str] = {}
+        #: Whether it is of a terminal that writes a time, an arrow, and what was sent.
+        self._has_arrows = False
         lines: list[str] = []
         for _, text in self._texts():
             if '\0' in text and text.endswith('\n'):
@@ -109,13 +103,9 @@ class Table:
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
-        last = next(line for line in reversed(lines) if line.strip())
-        if ' -> ' in last:  # of a terminal: a time, an arrow, and what was sent
-            self._replaced[' -> '] = ','
-        if last.startswith("'"):
-            self._replaced["'"] = '"'
-        for old, new in self._replaced.items():
-            lines = [line.replace(old, new) for line in lines]
+        self._has_arrows = ' -> ' in next(line for line in reversed(lines) if line.strip())
+        if self._has_arrows:
+            lines = [line.replace(' -> ', ',') for line in lines]
         self.header = find_header(lines[:FIRST_LINES])
         self.names, self.units = self.header.names, self.header.units
 
@@ -143,9 +133,7 @@ class Table:
                 file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
                 size, number, rest = max(self.path.stat().st_size, 1), 1, ''
                 while piece := file.read(BLOCK):
-                    for old, new in self._replaced.items():
-                        piece = piece.replace(old, new)
-                    rest += piece
+                    rest += piece.replace(' -> ', ',') if self._has_arrows else piece
                     end = rest.rfind('\n') + 1
                     if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                         end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
@@ -186,55 +174,18 @@ class Table:
             for line in lines[:: max(len(lines) // count, 1)]:
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
                 if len(row) >= self.header.width and tuple(row) not in self.header.rows_above:
-                    for place, (label, unit) in self.header.affixes.items():
-                        row[place] = row[place].removeprefix(label).removesuffix(unit)
                     rows.append([*row, ''][: len(self.names)])
         return rows
 
-    def rows(
-        self, placed: Placed, progress: Progress | None = None, part: int | None = None
-    ) -> Iterator[Rows]:
+    def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
         """
         Read the columns that are used.
 
-        Where the clock begins anew, a new part of the file begins; RecordingError where it has
-        several and none was named, from 1 on. RecordingError, naming the line, where a row is bad.
+        RecordingError, naming the line, where a row is bad, or where the clock begins anew.
         """
-        earlier_ns: IntArray = np.empty(0, np.int64)
-        begins: list[int] = []
-        for rows in self._blocks(placed, progress):
-            seen_ns = np.concatenate([earlier_ns, rows.stamps_ns])
-            steps, n = np.diff(seen_ns), _SURE_ROWS
-            # A step back near the end of a block is seen with the next one.
-            cuts = [
-                max(k - len(earlier_ns), 0)
-                for k in (np.flatnonzero(steps < 0) + 1).tolist()
-                if max(n, len(earlier_ns) - n + 1) <= k <= len(seen_ns) - n
-                and (steps[k - n : k - 1] >= 0).all()
-                and (steps[k : k + n - 1] >= 0).all()
-                and seen_ns[k + n - 1] < seen_ns[k - n]
-            ]
-            earlier_ns = seen_ns[-2 * _SURE_ROWS :]
-            for piece, (begin, end) in enumerate(pairwise([0, *cuts, len(rows.stamps_ns)])):
-                if piece:
-                    begins.append(int(rows.lines[begin]))
-                if end > begin and len(begins) + 1 == (part or 1):
-                    yield rows if end - begin == len(rows.lines) else rows.part(begin, end)
-        if part and not 0 < part <= len(begins) + 1:
-            raise RecordingError(
-                f'{self.name} has {len(begins) + 1} parts, and none with the number {part}.'
-            )
-        if begins and not part:
-            named = ' '.join(f'{self.path}@{k + 1}' for k in range(len(begins) + 1))
-            raise RestartError(
-                f'The clock of {self.name} begins anew in line {", ".join(map(str, begins))}: '
-                f'another recording begins there. Name {named}, its parts, one by one.',
-                len(begins) + 1,
-            )
-
-    def _blocks(self, placed: Placed, progress: Progress | None) -> Iterator[Rows]:
-        """Read rows block by block."""
-        reader, is_empty = _RowReader(self, placed), True
+        reader, is_empty, n = _RowReader(self, placed), True, _SURE_ROWS
+        stamps_ns: IntArray = np.empty(0, np.int64)
+        numbers = stamps_ns
         for number, text in self._row_texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
@@ -245,27 +196,33 @@ class Table:
                     raise
                 self.warnings.append(f'{where} is cut off in its middle; it was left out.')
                 continue
-            if len(rows.stamps_ns):
-                is_empty = False
-                yield rows
-                if not is_whole:
-                    cell = cut_line(text, self.header.delimiter)[-1]
-                    self.warnings.append(
-                        f'{where} has no line end; if it was cut off, its last value '
-                        f'({self.names[-1]} = {cell!r}) is incomplete.'
+            if not len(rows.stamps_ns):
+                continue
+            if not is_whole:
+                cell = cut_line(text, self.header.delimiter)[-1]
+                self.warnings.append(
+                    f'{where} has no line end; if it was cut off, its last value '
+                    f'({self.names[-1]} = {cell!r}) is incomplete.'
+                )
+            stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
+            numbers = np.concatenate([numbers[-2 * n :], rows.lines])
+            for k in (np.flatnonzero(np.diff(stamps_ns) < 0) + 1).tolist():
+                before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
+                in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
+                if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
+                    path, line = shlex.quote(str(self.path)), int(numbers[k])
+                    raise RecordingError(
+                        f'The clock of {self.name} begins anew in line {line}: another recording '
+                        f'begins there. Cut it by "head -n {line - 1} {path} > part_1.csv; '
+                        f'(head -n {self.header.lines_above} {path}; tail -n +{line} {path}) > '
+                        'part_2.csv".'
                     )
+            is_empty = False
+            yield rows
         if is_empty:
             raise RecordingError(
                 f'{self.name} holds a header and no complete row; nothing was recorded.'
             )
-
-
-class RestartError(RecordingError):
-    """Says that a file holds several recordings, one behind the other."""
-
-    def __init__(self, sentence: str, parts: int) -> None:
-        super().__init__(sentence)
-        self.parts = parts
 
 
 class _RowReader:
@@ -285,139 +242,121 @@ class _RowReader:
 
     def read(self, text: str, number: int) -> Rows:
         """Convert lines, of which the first has a number; RecordingError where one is bad."""
-        stamps_ns, values, lines = self._read_block(text, number) or self._read_rows(text, number)
-        self._count += len(stamps_ns)
-        pairs = zip(self._values, values, strict=True)
-        return Rows(
-            stamps_ns, {column.channel: column.to_channel(v) for column, v in pairs}, lines
-        )
+        with suppress(*_BAD, KeyError):
+            count = text.count('\n')
+            if columns := self._columns_by_pandas(text, count):
+                return self._rows_of(columns, number + np.arange(count))
 
-    def _read_block(
-        self, text: str, number: int
-    ) -> tuple[IntArray, list[FloatArray], IntArray] | None:
-        """Convert lines by pandas; None where it may not understand all of them."""
-        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
-
-        sign, width, lines = self._header.delimiter, self._header.width, text.count('\n')
-        data = np.frombuffer(text.encode(errors='replace'), np.uint8)
-        ends = np.flatnonzero((data == ord(sign)) | (data == ord('\n')))
-        cells = len(text.split()) if sign == ' ' else len(ends)
-        if cells != lines * width or not lines or (not self._form and self._stamp.place != ROW):
-            return None
-        # Numbers of few digits are read exactly in a faster way.
-        longest = np.full(width, LONGEST_LINE)
-        if sign != ' ':
-            longest = np.diff(ends, prepend=-1).reshape(lines, width).max(axis=0) - 1
-        kinds: dict[int, object] = {column.place: float for column in self._values}
-        is_short = 'e' not in text and 'E' not in text
-        is_short &= all(longest[k] <= DIGITS for k in kinds if k < width)
-        if self._stamp.place != ROW:
-            is_float = self._form in {*TIME_UNITS_NS, EXCEL}
-            is_float &= bool(longest[self._stamp.place] <= DIGITS)
-            kinds[self._stamp.place] = float if is_float and self._date is None else str
-            if self._form == 'ns':
-                kinds[self._stamp.place] = np.int64
-        for column, kind in ((self._nanosec, float), (self._date, str)):
-            if column is not None:
-                kinds[column.place] = kind
-        # What is no number must not become an integer.
-        with suppress(*_BAD, KeyError), np.errstate(invalid='raise'):
-            frame = pandas.read_csv(
-                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
-                na_values=[*MISSING], index_col=False, skipinitialspace=True,
-                float_precision='high' if is_short else 'round_trip',
-                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
-            if len(frame) != lines:
-                return None
-            columns = {place: frame[place].to_numpy() for place in frame}
-            absent = np.full(lines, nan)
-            values = [columns.get(column.place, absent) for column in self._values]
-            line_numbers = number + np.arange(lines)
-            return self._stamps_of(columns, lines), values, line_numbers
-        return None
-
-    def _read_rows(self, text: str, number: int) -> tuple[IntArray, list[FloatArray], IntArray]:
-        """Convert lines row by row; RecordingError where one is bad."""
+        # Row by row: some are comments, repeat the header, are empty or bad.
         sign, width = self._header.delimiter, self._header.width
         lines = [
             '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
             for line in text.split('\n')
         ]
-        rows: list[tuple[int, list[str]]] = []
+        numbers: list[int] = []
+        rows: list[list[str]] = []
         reader = csv.reader(lines, delimiter=sign, skipinitialspace=True)
         try:
             for row in reader:
                 cells = [cell.strip() for cell in row]
                 if not any(cells) or tuple(cells) in self._header.rows_above:
                     continue
-                line = number + reader.line_num - 1
+                numbers.append(number + reader.line_num - 1)
                 if not width <= len(cells) <= self._most and any(cells[width:] or ['x']):
                     raise RecordingError(
-                        f'Line {line} of {self._name} has {len(cells)} cells; the others have '
-                        f'{width}. Repair or remove the line.'
+                        f'Line {numbers[-1]} of {self._name} has {len(cells)} cells; the others '
+                        f'have {width}. Repair or remove the line.'
                     )
-                rows.append((line, cells + [''] * (self._most - len(cells))))
+                rows.append(cells + [''] * (self._most - len(cells)))
         except csv.Error as error:
             raise RecordingError(f'{self._name} is no table: {error}.') from error
+        columns = dict(enumerate(zip(*rows, strict=True))) if rows else {}
+        with suppress(*_BAD):
+            return self._rows_of(columns, np.array(numbers, np.int64))
 
-        affixes = self._header.affixes
-
-        def cells_of(part: list[list[str]], column: Column) -> list[str]:
-            label, unit = affixes.get(column.place, ('', ''))
-            return [row[column.place].removeprefix(label).removesuffix(unit) for row in part]
-
-        def converted(column: Column, convert: Callable[[list[list[str]]], Any]) -> Any:
-            """Convert a column of rows, or name the first line that cannot be converted."""
-            with suppress(*_BAD):
-                return convert([row for _, row in rows])
-            wanted, remedy = 'a number', 'Repair or remove the line.'
-            if column.channel == STAMP:
-                wanted = f'a time ({self._form})'
-                remedy = (
-                    'If every line has such a time, say what it is: --time iso, ms, or a form '
-                    'such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove the line.'
-                )
-            for line, row in rows:
+        # One of them is bad: which one?
+        stamps = [c for c in (self._date, self._nanosec, self._stamp) if c and c.place != ROW]
+        for line, row in zip(numbers, rows, strict=True):
+            for column in (*stamps, *self._values):
                 try:
-                    convert([row])
+                    if column not in stamps:
+                        number_in(row[column.place], sign)
+                    elif column is self._nanosec:
+                        exact_ns([row[column.place]], 'ns')
+                    elif column is self._stamp:
+                        self._stamps_of({c.place: [row[c.place]] for c in stamps}, 1)
                 except _BAD as error:  # noqa: PERF203 -- it ends the loop
+                    wanted, remedy = 'a number', 'Repair or remove the line.'
+                    if column is self._stamp:
+                        wanted = f'a time ({self._form})'
+                        remedy = (
+                            'If every line has such a time, say what it is: --time iso, ms, or a '
+                            'form such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove '
+                            'the line.'
+                        )
                     raise RecordingError(
                         f'Line {line} of {self._name}, column {column.name}: expected {wanted}, '
                         f'got {row[column.place][:60]!r}. {remedy}'
                     ) from error
-            raise RecordingError(
-                f'{self._name} has a column {column.name} in which not every cell is {wanted}. '
-                f'{remedy}'
-            )
+        raise RecordingError(
+            f'{self._name} has times in {self._stamp.name} that are in no common form. Say what '
+            'they are, such as --time iso.'
+        )
 
-        columns: dict[int, Any] = {}
-        if nanosec := self._nanosec:
-            columns[nanosec.place] = converted(
-                nanosec, lambda part: exact_ns(cells_of(part, nanosec), 'ns')
-            )
-        others = [self._stamp] if self._stamp.place != ROW else []
-        others += [self._date] if self._date else []
+    def _rows_of(self, columns: Mapping[int, Any], lines: IntArray) -> Rows:
+        """Convert columns by their places: numbers, or the texts of cells."""
+        stamps_ns = self._stamps_of(columns, len(lines))
+        absent, sign = np.full(len(lines), nan), self._header.delimiter
+        values = {}
+        for column in self._values:
+            cells = columns.get(column.place, absent)
+            if not isinstance(cells, np.ndarray):
+                cells = np.array([number_in(cell, sign) for cell in cells], float)
+            values[column.channel] = column.to_channel(cells)
+        self._count += len(lines)
+        return Rows(stamps_ns, values, lines)
 
-        def read_stamps(part: list[list[str]]) -> IntArray:
-            columns.update((column.place, cells_of(part, column)) for column in others)
-            return self._stamps_of(columns, len(part))
+    def _columns_by_pandas(self, text: str, count: int) -> dict[int, Any] | None:
+        """Read the columns that are used; None where a line is not as the others are."""
+        import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-        stamps_ns = converted(self._stamp, read_stamps)
-
-        def read_numbers(column: Column) -> FloatArray:
-            def convert(part: list[list[str]]) -> FloatArray:
-                return np.array([number_in(cell, sign) for cell in cells_of(part, column)], float)
-
-            return np.asarray(converted(column, convert))
-
-        values = [*map(read_numbers, self._values)]
-        return stamps_ns, values, np.array([line for line, _ in rows], np.int64)
+        sign, width = self._header.delimiter, self._header.width
+        data = np.frombuffer(text.encode(errors='replace'), np.uint8)
+        ends = np.flatnonzero((data == ord(sign)) | (data == ord('\n')))
+        if not count or (len(text.split()) if sign == ' ' else len(ends)) != count * width:
+            return None
+        # Numbers of few digits are read exactly in a faster way.
+        longest = np.full(width, LONGEST_LINE)
+        if sign != ' ':
+            longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
+        kinds: dict[int, object] = {column.place: float for column in self._values}
+        is_short = 'e' not in text and 'E' not in text
+        is_short &= all(longest[k] <= DIGITS for k in kinds if k < width)
+        for column in (self._date, self._stamp):
+            if column and column.place != ROW:
+                kinds[column.place] = str
+        is_number = self._form in {*TIME_UNITS_NS, EXCEL} and self._date is None
+        if self._stamp.place != ROW and is_number:
+            if self._form == 'ns':
+                kinds[self._stamp.place] = np.int64
+            elif longest[self._stamp.place] <= DIGITS:
+                kinds[self._stamp.place] = float
+        if self._nanosec:
+            kinds[self._nanosec.place] = float
+        # What is no number must not become an integer.
+        with np.errstate(invalid='raise'):
+            frame = pandas.read_csv(
+                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
+                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
+                na_values=[*MISSING], index_col=False, skipinitialspace=True,
+                float_precision='high' if is_short else 'round_trip',
+                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
+        return {k: frame[k].to_numpy() for k in frame} if len(frame) == count else None
 
     def _stamps_of(self, columns: Mapping[int, Any], count: int) -> IntArray:
         """Convert the columns of stamps; the form is found where nobody said it."""
         factor = self._stamp.factor
-        if self._stamp.place == ROW:
+        if not count or self._stamp.place == ROW:
             unit_ns = TIME_UNITS_NS[self._form or 's']
             numbers = self._count + np.arange(count)
             return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
@@ -431,8 +370,8 @@ class _RowReader:
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
         if self._nanosec:
-            stamps_ns = stamps_ns + np.rint(columns[self._nanosec.place]).astype(np.int64)
-        if self._form.startswith(('%H', '%I')) and len(stamps_ns):
+            stamps_ns = stamps_ns + exact_ns(columns[self._nanosec.place], 'ns')
+        if self._form.startswith(('%H', '%I')):
             stamps_ns = stamps_ns % _DAY_NS
             has_passed = np.diff(stamps_ns, prepend=self._last_ns) < -_DAY_NS // 2
             self._last_ns = int(stamps_ns[-1])
@@ -462,18 +401,15 @@ def _by_library(path: Path) -> Iterator[str]:
 
     library = _LIBRARIES[path.suffix.lower()]
     try:
-        if library == 'pyarrow':
-            from pyarrow.parquet import ParquetFile  # noqa: PLC0415 -- rarely there
-
-            for number, batch in enumerate(ParquetFile(path).iter_batches(_BATCH_ROWS)):
-                yield batch.to_pandas().to_csv(header=not number, index=False)
-            return
-        from openpyxl import load_workbook  # noqa: PLC0415 -- the same
-
-        with closing(load_workbook(path, read_only=True, data_only=True)) as book:
-            rows = max(book.worksheets, key=lambda sheet: sheet.max_row or 0).values
-            while some := list(islice(rows, _BATCH_ROWS)):
-                yield pandas.DataFrame(some, dtype=object).to_csv(header=False, index=False)
+        is_book = library == 'openpyxl'
+        if is_book:
+            sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
+            frame = max(sheets.values(), key=len)
+        else:
+            frame = pandas.read_parquet(path, library)
+        for k in range(0, len(frame), _BATCH_ROWS):
+            header = not k and not is_book
+            yield frame[k : k + _BATCH_ROWS].to_csv(header=header, index=False)
     except ImportError as error:
         raise RecordingError(
             f"{path.name} needs {library}, which is not installed. Run 'pip install {library}', "

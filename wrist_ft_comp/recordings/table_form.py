@@ -5,7 +5,7 @@ Our own recordings are written row by row: what the node records survives a cras
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, field
@@ -33,13 +33,9 @@ MISSING = frozenset({
     '', '-', '--', '---', 'nan', '-nan', 'na', 'n/a', '#n/a', 'null', 'none', '?', '<na>', 'nat',
 })  # fmt: skip
 NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?', re.IGNORECASE)
-#: A number with a label before it, or a unit behind: "force:1.5", "22.1 °C".
-_LABELLED = re.compile(
-    r'(?P<label>[^\W\d][\w ]*[:=] *)?[-+]?[\d.,]+([eE][-+]?\d+)?(?P<unit> ?[^\W\d][^\d]*| ?°\w)?'
-)
 _TIME = re.compile(
-    r'(?P<date>\d{1,4}(?P<sign>[-./])(?P<middle>\w{1,3})(?P=sign)\d{1,4})?(?P<gap>, |[T /_-])?'
-    r'(?P<time>\d{1,2}:\d\d(?P<seconds>:\d\d)?(?P<point>[.,:]\d+)?)?(?P<half> ?[AP]M)?'
+    r'(?P<date>\d{1,4}(?P<sign>[-./])\w{1,3}(?P=sign)\d{1,4})?(?P<gap>, |[T /_-])?'
+    r'(?P<time>\d{1,2}:\d\d(:\d\d)?([.,:]\d+)?)?(?P<half> ?[AP]M)?'
     r'(?P<zone> ?(Z|UTC|[-+]\d\d:?\d\d))?',
     re.IGNORECASE,
 )
@@ -49,6 +45,13 @@ _STATISTICS = {'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', '
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
 _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
+#: Forms of dates, of which those that begin with the day count more, and ends of times of day.
+_DATES = (
+    '%d.%m.%Y', '%d/%m/%Y', '%d-%m-%Y', '%d.%m.%y', '%d/%m/%y', '%d-%m-%y', '%d-%b-%Y', '%d/%b/%Y',
+    '%d.%b.%Y', '%d-%b-%y', '%m/%d/%Y', '%m-%d-%Y', '%m/%d/%y', '%m-%d-%y', '%Y-%m-%d',
+    '%Y/%m/%d', '%Y.%m.%d', '%y-%m-%d', '%y/%m/%d', '%y.%m.%d',
+)  # fmt: skip
+_SECONDS = ':%S', ':%S.%f', ':%S:%f', ''
 #: Stamps that are looked at for their form.
 _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
@@ -77,8 +80,6 @@ class Header:
     units: tuple[str, ...]
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]]
-    #: By column: what stands before and behind the number in all of its cells.
-    affixes: dict[int, tuple[str, str]] = field(default_factory=dict)
     #: What lines above say of 'force' and 'torque': their unit, and counts per unit.
     said_units: dict[str, str] = field(default_factory=dict)
     said_counts: dict[str, float] = field(default_factory=dict)
@@ -101,13 +102,12 @@ def find_header(lines: Sequence[str]) -> Header:
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
     last = [row for row in last if len(row) == width]
     columns = list(zip(*last, strict=True))
-    affixes = {k: found for k, cells in enumerate(columns) if any(found := _affixes(cells))}
 
     # The first row is as wide and has a value wherever most of the last lines have one.
     must = [k for k, cells in enumerate(columns) if 2 * sum(map(_is_value, cells)) >= len(cells)]
     for first in at:
         row = cut_line(lines[first], delimiter)
-        has_number = any(NUMBER.fullmatch(cell) or any(_affixes([cell])) for cell in row)
+        has_number = any(map(NUMBER.fullmatch, row))
         if len(row) == width and has_number and all(_is_value(row[place]) for place in must):
             break
     else:
@@ -137,16 +137,10 @@ def find_header(lines: Sequence[str]) -> Header:
     if not units:
         beside = [column[0] if len({*column}) == 1 else '' for column in columns[1:]]
         units = [cell if _has_unit([cell]) else '' for cell in beside]
-    size = max(width, len(names), len(units) if affixes else 0)
-    names = [*names, *[''] * (size - len(names))] if names else [str(k + 1) for k in range(size)]
-    if affixes:
-        units = [*units, *[''] * (size - len(units))]
-        for k, (label, unit) in affixes.items():
-            units[k] = unit.strip() or units[k]
-            names[k] = names[k] if above or not label else label.strip(':= ')
+    names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
     text = '\n'.join(lines[:first])
     return Header(
-        delimiter, width, first, tuple(names), tuple(units), frozenset(map(tuple, above)), affixes,
+        delimiter, width, first, tuple(names), tuple(units), frozenset(map(tuple, above)),
         {word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
         {word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)})  # fmt: skip
 
@@ -160,10 +154,8 @@ def cut_line(line: str, delimiter: str) -> list[str]:
     return []
 
 
-def number_in(cell: str, delimiter: str = ',', affixes: tuple[str, str] = ('', '')) -> float:
+def number_in(cell: str, delimiter: str = ',') -> float:
     """Read a number; a missing one is NaN. ValueError where it is none."""
-    if affixes[0] or affixes[1]:
-        cell = cell.removeprefix(affixes[0]).removesuffix(affixes[1])
     if cell.lower() in MISSING:
         return nan
     if not NUMBER.fullmatch(cell):
@@ -171,24 +163,9 @@ def number_in(cell: str, delimiter: str = ',', affixes: tuple[str, str] = ('', '
     return float(cell if delimiter == ',' else cell.replace(',', '.'))
 
 
-def _affixes(cells: Iterable[str]) -> tuple[str, str]:
-    """Find the label and the unit that all cells of a column have around their numbers."""
-    found = {
-        (match['label'] or '', match['unit'] or '')
-        if (match := _LABELLED.fullmatch(cell))
-        else None
-        for cell in cells
-        if cell.lower() not in MISSING
-    }
-    only = found.pop() if len(found) == 1 else None
-    return ('', '') if only is None or (only[1] and not _has_unit([only[1]])) else only
-
-
 def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
     if not cell.strip('-=:') or cell.lower() in MISSING or NUMBER.fullmatch(cell):
-        return True
-    if any(_affixes([cell])):
         return True
     match = _TIME.fullmatch(cell)
     return bool(match and (match['date'] or match['time']))
@@ -262,31 +239,15 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     match = _TIME.fullmatch(filled[0])
     if not match or not (match['date'] or match['time']):
         return ''
-    date, sign, gap = match['date'] or '', match['sign'] or '', match['gap'] or ''
-    days = ['']
-    if date:
-        first, middle, last = date.split(sign)
-        year = '%Y' if len(last) == 4 else '%y'
-        days = [f'%d{sign}%m{sign}{year}', f'%m{sign}%d{sign}{year}']
-        if sign != '.' and (month_first or match['half']):
-            days.reverse()
-        if year == '%y':
-            days.append(f'%y{sign}%m{sign}%d')
-        if len(first) == 4:
-            days = [f'%Y{sign}%m{sign}%d']
-        elif not middle.isdigit():
-            days = [f'%d{sign}%b{sign}{year}']
-    ends = ['']
-    if match['time']:
-        clock = '%I:%M' if match['half'] else '%H:%M'
-        clock += ':%S' if match['seconds'] else ''
-        points = [':%f'] if (match['point'] or '.')[0] == ':' else ['', '.%f']
-        half = match['half'] or ''
-        behind = half.replace(half.strip(), '%p') if half else ''
-        behind += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
-        ends = [clock + point + behind for point in points]
-    forms = [day + gap + end for day, end in product(days, ends)]
-    if days[0] == '%Y-%m-%d' and gap in {'', ' ', 'T'} and not match['half']:
+    date, gap, half = match['date'] or '', match['gap'] or '', match['half'] or ''
+    hours = '%I' if half else '%H'
+    clocks = [f'{hours}:%M{rest}' for rest in _SECONDS] if match['time'] else ['']
+    behind = re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
+    behind += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
+    month_first = month_first or bool(half)
+    days = sorted(_DATES, key=lambda day: day.startswith('%m') != month_first) if date else ['']
+    forms = [f'{day}{gap}{clock}{behind}' for day, clock in product(days, clocks)]
+    if date[4:5] == '-' and gap in {'', ' ', 'T'} and not half:
         forms = ['iso']
     disorder: dict[str, int] = {}
     for form in forms:

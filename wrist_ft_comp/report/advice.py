@@ -133,7 +133,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone
         for path in case.paths[:1] if is_searched else ():
-            held = describe_recording(path, Topics(temperatures=tuple(case.thermometers)))
+            held, _ = describe_recording(path, Topics(temperatures=tuple(case.thermometers)))
             unused = [
                 candidate.entry for candidate in held.candidates
                 if candidate.role == TEMPERATURE and candidate.moves

@@ -19,7 +19,6 @@ from itertools import chain, count
 import os
 from pathlib import Path
 import threading
-import time
 from typing import Literal
 from weakref import finalize
 
@@ -93,8 +92,6 @@ class FileWriter:
     def __init__(self) -> None:
         #: By name of a file, why its last write failed; empty when it did not.
         self.problems: dict[str, str] = {}
-        #: How many files were written, and how long the last one took, s.
-        self.written, self.took_s = 0, 0.0
         self._waiting: dict[str, tuple[Callable[[], None], list[Callable[[str], None]]]] = {}
         #: What is to be called with the outcomes of writes.
         self._outcomes: list[tuple[Callable[[str], None], str]] = []
@@ -146,15 +143,14 @@ class FileWriter:
                     return
                 name = next(iter(self._waiting))
                 write, callers = self._waiting.pop(name)
-            began_s, problem = time.monotonic(), ''
+            problem = ''
             try:
                 write()
             except Exception as error:  # the next file is written all the same
                 fault = f'{name} was not written, by a fault of this program: {error!r}'
                 problem = str(error) if isinstance(error, WristFtCompError) else fault
             with self._changed:
-                self.problems[name], self.took_s = problem, time.monotonic() - began_s
-                self.written += not problem
+                self.problems[name] = problem
                 self._outcomes += [(then, problem) for then in callers]
 
 
@@ -232,44 +228,35 @@ class ModelStore:
         """
         base, entries = self.directory.resolve(), []
         for entry in history[-MAX_HISTORY:]:
-            path = None if entry.path is None else entry.path.resolve()
-            if path is not None and path.is_relative_to(base):
+            path = entry.path and entry.path.resolve()
+            if path and path.is_relative_to(base):
                 path = path.relative_to(base)
-            entries.append({**to_plain(entry), 'path': None if path is None else str(path)})
+            entries.append({**to_plain(entry), 'path': path and str(path)})
         _LIST.save(self.directory / 'active.json', {'history': entries, 'given': given})
-
-    def check_writable(self) -> str:
-        """Say why nothing can be kept here, without leaving a trace; empty when something can."""
-        try:
-            above = (self.directory, *self.directory.absolute().parents)
-            folder = next(folder for folder in above if folder.exists())
-            probe = folder / f'.{os.urandom(4).hex()}.wrist_ft_comp.tmp'
-            os.close(os.open(probe, os.O_CREAT | os.O_EXCL | os.O_RDWR))
-            probe.unlink()
-        except OSError as error:
-            return (
-                f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
-                'choose another data_directory; until then no recording, calibration or thermal '
-                'state is kept.'
-            )
-        return ''
 
     def release(self) -> None:
         """Leave the folder to others."""
         if self._lock is not None:
             self._lock()
 
-    def take(self) -> int:
+    def take(self) -> str:
         """
         Keep other nodes out until the release or the end of the process, or SettingsError.
 
-        A disk that cannot be written or locked is no hindrance; check_writable reports it. What
-        killed processes left half-written is removed; says how many files.
+        A disk that cannot be written or locked is no hindrance; says why nothing can be kept, or
+        ''. What killed processes left half-written is removed.
         """
-        with suppress(OSError):
+        try:
             self.directory.mkdir(parents=True, exist_ok=True)
             lock = os.open(self.directory / 'lock', os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
-            self._lock = finalize(self, os.close, lock)
+        except OSError as error:
+            return (
+                f'{self.directory} cannot be written: {error.strerror}. Mend its rights, or '
+                'choose another data_directory; until then no recording, calibration or thermal '
+                'state is kept.'
+            )
+        self._lock = finalize(self, os.close, lock)
+        with suppress(OSError):  # some disks know no locks
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
@@ -280,8 +267,9 @@ class ModelStore:
                 ) from error
             os.truncate(lock, 0)
             os.write(lock, f'process {os.getpid()} on {os.uname().nodename}\n'.encode())
-        folders = (self.directory, self.directory / 'models', self.directory / 'days')
-        return sum(remove_leftovers(folder) for folder in folders)
+        for folder in (self.directory, self.directory / 'models', self.directory / 'days'):
+            remove_leftovers(folder)
+        return ''
 
 
 def node_directory(shared: str, node_name: str = '') -> Path:
@@ -294,21 +282,18 @@ def node_directory(shared: str, node_name: str = '') -> Path:
     if not shared:
         home = _expanded(os.environ.get('ROS_HOME') or '~/.ros')
         return home / 'wrist_ft_comp' / node_name.strip('/').replace('/', '__')
-    try:
-        return Path(shared).expanduser().absolute()
-    except RuntimeError as error:
+    directory = _expanded(shared)
+    if str(directory).startswith('~'):
         raise SettingsError(
             f'data_directory is {shared}, but nobody here has a home of that name. Give an '
             'absolute path.'
-        ) from error
+        )
+    return directory.absolute()
 
 
 def _expanded(given: str) -> Path:
     """Resolve ``~`` where there is a home to resolve it to."""
-    try:
-        return Path(given).expanduser()
-    except RuntimeError:
-        return Path(given)
+    return Path(os.path.expanduser(given))  # noqa: PTH111 -- that of Path raises without a home
 
 
 def _unused(folder: Path, stem: str, suffix: str) -> Path:

@@ -77,15 +77,12 @@ def replace_file(target: Path, content: str | bytes) -> None:
         raise
 
 
-def remove_leftovers(folder: Path) -> int:
-    """Remove temporary neighbours that killed processes left behind; says how many."""
-    removed = 0
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary neighbours that killed processes left behind."""
     for path in folder.glob(f'.*{_SUFFIX}'):
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > _ABANDONED_S:
                 path.unlink()
-                removed += 1
-    return removed
 
 
 @contextmanager

@@ -5,7 +5,7 @@ A name is never given to another payload: a program may have set it as ``payload
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 import re
 from typing import Literal
@@ -33,9 +33,9 @@ KIND = Kind(
 Learnt = dict[str, tuple[Payload, ForceFrame]]
 
 
-@dataclass(frozen=True, eq=False)
-class _Entry:
-    """What a file says of a payload; absent figures are not known."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Entry(ForceFrame):
+    """What a file says of a payload and its frame; absent figures are not known."""
 
     mass_kg: float
     center_of_mass_m: FloatArray
@@ -43,17 +43,10 @@ class _Entry:
     center_error_m: FloatArray | None
     #: Of the time in which it was on.
     share: float
-    #: As in ForceFrame.
-    rotation: FloatArray
-    bias: FloatArray
-    scale: FloatArray
-    source: Literal['imu', 'tf', '']
-    force_frame: str
-    wrench_frame: str
+    source: Literal['imu', 'tf', ''] = ''
 
     def __post_init__(self) -> None:
-        shapes = {'center_of_mass_m': (3,), 'rotation': (3, 3), 'bias': (3,), 'scale': (3,)}
-        for name, shape in shapes.items():
+        for name, shape in {'rotation': (3, 3), 'bias': (3,), 'scale': (3,)}.items():
             values = getattr(self, name)
             least = _SMALLEST_SCALE if name == 'scale' else -_LARGEST
             if values.shape != shape or values.min() < least or values.max() > _LARGEST:
@@ -70,7 +63,7 @@ class _Entry:
 
     def frame(self) -> ForceFrame:
         return ForceFrame(
-            self.rotation, self.bias, self.scale, self.source, self.force_frame, self.wrench_frame
+            **{entry.name: getattr(self, entry.name) for entry in fields(ForceFrame)}
         )
 
 

@@ -6,7 +6,7 @@ the cells without a sample.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import NamedTuple
@@ -197,11 +197,6 @@ class CellSums(NamedTuple):
         np.divide(sums, counts, out=means, where=counts > 0)
         return means
 
-    def newest_at(self, cell: int) -> float:
-        """Mean of the newest cell until some cell; those before may be years away."""
-        newest = int(self.cells[self.cells <= cell].max())
-        return float(self.means(newest, newest)[0])
-
 
 def grid_samples(
     blocks: Iterable[Samples],
@@ -264,12 +259,11 @@ def grid_samples(
             f'{name} holds no wrench. Expected at least one of {", ".join(AXES)}; got '
             f'{", ".join(sorted(found))}.'
         )
-    warnings += _drop_dead_axes(found, name)
     channels = [temperature_channel(j) for j in thermometers]
     first = max(int(found[channel].cells[0]) for channel in channels)
     last = max(int(sums.cells[-1]) for sums in found.values())
     remedy = '' if temperatures else UNIT_OF_STAMPS
-    warnings += _judge_times(found, channels, name, period_s, (first, last), remedy)
+    warnings += _judge_channels(found, channels, name, period_s, (first, last), remedy)
 
     def table(*channels: str) -> FloatArray:
         """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
@@ -280,7 +274,11 @@ def grid_samples(
         return np.stack(columns, axis=1)
 
     temperature_c = table(*channels)
-    before_c = np.array([found[channel].newest_at(first) for channel in channels])
+    # Those that were silent in the first cell keep what they read last, perhaps years before.
+    newest = [int(cells[cells <= first].max()) for cells, *_ in (found[c] for c in channels)]
+    before_c = np.array(
+        [found[c].means(cell, cell)[0] for c, cell in zip(channels, newest, strict=True)]
+    )
     force = speed = None
     if not found.keys().isdisjoint(FORCE_CHANNELS):
         force = table(*FORCE_CHANNELS)
@@ -303,26 +301,21 @@ def grid_samples(
         specific_force=force, rotation_speed=speed)  # fmt: skip
 
 
-def _drop_dead_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
-    """Drop axes that read exactly 0 while others live, as those that a sensor has not."""
-    axes = [axis for axis in AXES if axis in found]
-    dead = [axis for axis in axes if not found[axis].sums.any()]
-    if not dead or dead == axes:
-        return
-    for axis in dead:
-        del found[axis]
-    yield (
-        f'{", ".join(dead)} of {name}: exactly 0 in every sample; counted as absent. Where such '
-        'an axis exists, it is broken.'
-    )
-
-
-def _judge_times(  # noqa: PLR0913, PLR0917 -- what a sentence needs
-    found: Mapping[str, CellSums], thermometers: Sequence[str], name: str, period_s: float,
+def _judge_channels(  # noqa: PLR0913, PLR0917 -- what a sentence needs
+    found: dict[str, CellSums], thermometers: Sequence[str], name: str, period_s: float,
     ends: tuple[int, int], remedy: str,
 ) -> Iterator[str]:  # fmt: skip
-    """Refuse stamps that are no times of one recording; doubt a long one, and a late start."""
+    """Refuse stamps that are no times of one recording; drop dead axes, doubt a late start."""
     axes, (first, last) = [axis for axis in AXES if axis in found], ends
+    dead = [axis for axis in axes if not found[axis].sums.any()]
+    if dead and dead != axes:
+        yield (
+            f'{", ".join(dead)} of {name}: exactly 0 in every sample; counted as absent. Where '
+            'such an axis exists, it is broken.'
+        )
+        axes = [axis for axis in axes if axis not in dead]
+        for axis in dead:
+            del found[axis]
     for thermometer in thermometers:
         for axis in axes:
             one, other = found[thermometer].cells, found[axis].cells

@@ -4,7 +4,6 @@ Corrects a stream of wrenches: drift, limits and tare. No wrench changes the nex
 ``Limits`` bounds the correction, whatever a model says: how large it is, and how fast it moves.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +16,7 @@ from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.stream_grid import REPORTS, ThermalCell
+from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: Limits for torques are limits for forces times this lever arm, m.
@@ -130,9 +129,8 @@ class Compensator:
         self._begun, self._begun_ns = self.compensation, 0
         #: How long the present ramp lasts, ns, and where one of a seldom report is to end.
         self._ramp_ns, self._end_ns = period_ns, 0
-        #: Of each thermometer: the drift at its last report, and how far the last ones moved it,
-        #: N and N m, (6,).
-        self._reports: dict[int, tuple[FloatArray, deque[FloatArray]]] = {}
+        #: How far the last report of each thermometer moved the drift, N and N m, (6,).
+        self._moves: dict[int, FloatArray] = {}
         #: Whether a tare or a change of the model came before the drift begins: the tare takes up
         #: the drift then, so that the output stays.
         self._tare_waits = False
@@ -191,7 +189,15 @@ class Compensator:
             self._settle(target, None)
         self._tare_waits = False
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
-        self._ramp_ns = self._time_of_ramp(cells, target)
+        # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
+        grid = self.tracker.grid
+        spacings_ns = [grid.spacing(j) * grid.period_ns for j in range(self.thermometers)]
+        for j, spacing_ns in enumerate(spacings_ns):
+            if any(cell.measured[j] for cell in cells):
+                self._moves[j] = np.abs(target.zero - self._begun.zero)
+                if spacing_ns > grid.period_ns:
+                    self._end_ns = stamp_ns + spacing_ns
+        self._ramp_ns = max(grid.period_ns, min(self._end_ns - stamp_ns, max(spacings_ns)))
         ramp_s = self._ramp_ns / NANOSECONDS
         self.compensation = self.limits.rate_limit(target, self._begun, ramp_s)
         self._refresh_correction()
@@ -297,13 +303,13 @@ class Compensator:
         List the thermometers that report more seldom than each thermal cell, counted from 0.
 
         Gives how far their reports are apart, s, and how far the drift that is subtracted may be
-        behind, N and N m, (6,): as far as one of the last reports moved it.
+        behind, N and N m, (6,): as far as its last report moved it.
         """
         grid = self.tracker.grid
         return {
-            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, np.max(moves, axis=0))
-            for j, (_, moves) in self._reports.items()
-            if grid.spacing(j) > 1 and moves
+            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, move)
+            for j, move in self._moves.items()
+            if grid.spacing(j) > 1
         }
 
     def seldom_doubts(self) -> list[str]:
@@ -319,20 +325,6 @@ class Compensator:
                     'let it report each second'
                 )
         return sentences
-
-    def _time_of_ramp(self, cells: Sequence[ThermalCell], target: Drift) -> int:
-        """Compute how long the ramp lasts: a cell, or until one that reports seldom does again."""
-        grid, longest = self.tracker.grid, 0
-        for j in range(self.thermometers):
-            spacing_ns = grid.spacing(j) * grid.period_ns
-            longest = max(longest, spacing_ns)
-            if any(cell.measured[j] for cell in cells):
-                before, moves = self._reports.get(j, (target.zero, deque(maxlen=REPORTS)))
-                moves.append(np.abs(target.zero - before))
-                self._reports[j] = target.zero, moves
-                if spacing_ns > grid.period_ns:
-                    self._end_ns = self._begun_ns + spacing_ns
-        return max(grid.period_ns, min(self._end_ns - self._begun_ns, longest))
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
@@ -352,7 +344,7 @@ class Compensator:
         """Jump to a drift; the tares take up the jump of the reading."""
         self.compensation = self._begun = target
         self.limits.too_fast, self._end_ns = (), 0
-        self._reports.clear()
+        self._moves.clear()
         if reading is not None:
             raw, *corrected = reading
             self.tare, self.external_tare = (

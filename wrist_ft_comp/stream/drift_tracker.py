@@ -11,7 +11,6 @@ from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
     longest_gap_cells,
-    SPAN_S,
     ThermalMemory,
     why_forgotten,
 )
@@ -121,7 +120,14 @@ class DriftTracker:
             if not spikes.admit(at_ns, value_c):
                 continue
             if spikes.wrong_starts > wrong_starts:
-                self._start_anew(source, at_ns)
+                self._forget()
+                self.grid.begin_at(at_ns // self.grid.period_ns)
+                if self.following:
+                    self.forgot = True
+                    self.origin = (
+                        f'the first readings of thermometer {source + 1}, such as '
+                        f'{spikes.strange_c:.1f} °C, were wrong; {_STARTS_ANEW}'
+                    )
             for cell in self.grid.add(source, at_ns, value_c):
                 self._take(cell)
                 completed.append(cell)
@@ -146,17 +152,6 @@ class DriftTracker:
                     'passed: their clock was set, and the drift goes on'
                 )
         self.grid.move_to(cell)
-
-    def _start_anew(self, thermometer: int, stamp_ns: int) -> None:
-        """Start where the first readings of a thermometer are known to be wrong."""
-        self._forget()
-        self.grid.begin_at(stamp_ns // self.grid.period_ns)
-        if self.following:
-            wrong_c, self.forgot = self.spikes[thermometer].strange_c, True
-            self.origin = (
-                f'the first readings of thermometer {thermometer + 1}, such as {wrong_c:.1f} °C, '
-                f'were wrong; {_STARTS_ANEW}'
-            )
 
     def _take(self, cell: ThermalCell) -> None:
         """Take a cell, and those of the gap before it."""
@@ -235,12 +230,10 @@ class DriftTracker:
             return
         self._run(model, self.history_c)
         self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
-        if model.prediction is not None and self.reading_c is not None:
-            blocks = blocks_of(self.history_c, self.grid.period_ns)
-            past_c = np.stack([block.temperature_c for block in blocks])
-            self.thermometers = thermometer_faults.start(
-                model.prediction, self.reading_c, before, past_c, SPAN_S
-            )
+        if before is not None and (prediction := model.prediction) is not None:
+            self.thermometers = before
+            if len(prediction.time_constants_s) != len(before.relaxed_c):
+                self.thermometers = thermometer_faults.start(prediction, before.reading_c, before)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Give what a restarted stream needs to continue; None before there is a state."""

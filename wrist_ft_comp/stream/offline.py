@@ -38,16 +38,13 @@ def simulate_drift(
     RecordingError when thermometers or thermal period differ, ModelFileError when the unit does.
     """
     if recording.thermometers != model.thermometers:
-        numbers = range(recording.thermometers, model.thermometers)
-        absent = tuple(map(temperature_channel, numbers))
+        absent = temperature_channel(recording.thermometers)
         empty = [warning for warning in recording.warnings if warning.startswith(absent)]
-        remedy = 'Name the topics, or keep the columns, that it was calibrated with.'
-        if empty:
-            remedy = 'Nothing is compensated before all report: record a day on which all do.'
         raise RecordingError(
             f'{recording.name} has {recording.thermometers} '
             f'thermometer{"s" * (recording.thermometers > 1)}, the model expects '
-            f'{model.thermometers}. {" ".join([*empty, remedy])}'
+            f'{model.thermometers}.{"".join(f" {warning}" for warning in empty)} Name the '
+            'topics, or keep the columns, that it was calibrated with.'
         )
     if recording.period_ns != model.period_ns:
         raise RecordingError(

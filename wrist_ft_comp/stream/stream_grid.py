@@ -26,16 +26,11 @@ from wrist_ft_comp.stream.thermal_memory import outage_cells
 
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
 #: a report that is missing, makes none seldom.
-REPORTS = 3
-#: A row waits for late wrenches for this many cells, and what comes without wrenches for a row.
-_PATIENCE_CELLS = 50
-#: Most cells with wrenches that wait for temperatures.
-_HELD_CELLS = 600
-
-#: Channels that are averaged, besides temperatures; SPEED as its square.
-RAW, REFERENCE, FORCE, SPEED = range(4)
-#: Numbers of these channels.
-_WIDTHS = (len(AXES), len(AXES), 3, 1)
+_REPORTS = 3
+#: Channels of a row; SPEED is averaged as its square.
+RAW, REFERENCE, FORCE, SPEED, TEMPERATURE = range(5)
+#: A row waits for each of them for this many cells: a thermometer may be read every five minutes.
+_PATIENCE_CELLS = (50, 50, 50, 50, 600)
 
 #: Stamp of a cell's middle, ns, and values in the order of row_channels.
 Row = tuple[int, list[float]]
@@ -68,7 +63,7 @@ class ThermalGrid:
         self._thermometers = thermometers
         self._patience = outage_cells(period_ns, patience_s)
         #: How many cells the last samples of each were apart.
-        self._spacings = [deque[int](maxlen=REPORTS) for _ in range(thermometers)]
+        self._spacings = [deque[int](maxlen=_REPORTS) for _ in range(thermometers)]
         #: The mean of the last cell of each, °C, and that cell.
         self._held_c: list[float] = [nan] * thermometers
         self._held_from = [0] * thermometers
@@ -132,7 +127,7 @@ class ThermalGrid:
     def spacing(self, thermometer: int) -> int:
         """Tell how many cells the last reports of a thermometer are apart; 1 at first."""
         spacings = self._spacings[thermometer]
-        return min(spacings) if len(spacings) == REPORTS else 1
+        return min(spacings) if len(spacings) == _REPORTS else 1
 
     def _complete(self, newest: int) -> list[ThermalCell]:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
@@ -188,25 +183,19 @@ class CellAverager:
     """
     Averages wrenches and completed thermal cells, h = period_ns, into rows.
 
-    Only raw wrenches and temperatures make rows. A reference and specific force are added to the
-    rows of their stamps; where their clock is another one, the rows come without them.
+    Raw wrenches and temperatures make rows; what else has the stamps of one is added to it. A row
+    is taken when all that was heard once has gone on to later cells, or is overdue.
     """
 
     def __init__(self, period_ns: int, thermometers: int, *, with_force: bool = False) -> None:
-        self._period_ns, self._thermometers = period_ns, thermometers
-        self._with_force = with_force
-        #: By cell: of RAW, REFERENCE, FORCE and SPEED, the count and the sums.
+        self._period_ns, self._with_force = period_ns, with_force
+        self._widths = (len(AXES), len(REFERENCE_CHANNELS), len(FORCE_CHANNELS), 1, thermometers)
+        #: By cell: of each channel, the count and the sums; temperatures come as means.
         self._cells: dict[int, list[list[float]]] = {}
-        #: Cells of the last RAW, REFERENCE, FORCE and SPEED; -1 before the first.
-        self._latest = [-1] * len(_WIDTHS)
+        #: By channel, its newest cell, to which more may come; of temperatures, the one after it.
+        self._latest: dict[int, int] = {}
         #: Cells before it have their row; their samples come too late, unless time ran back.
         self._begin = -inf
-        #: Temperatures, °C, of cells that have no row yet.
-        self._temperatures: dict[int, list[float]] = {}
-        #: The end of the last cell with temperatures.
-        self._end = -inf
-        #: Whether wrenches got rows of their own since the last temperature.
-        self._silent = False
 
     def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
         """Take a raw wrench, N and N m, axis order AXES."""
@@ -220,13 +209,17 @@ class CellAverager:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         self._add(FORCE, stamp_ns, force)
         if speed is not None:
-            self._add(SPEED, stamp_ns, (speed * speed,))
+            self._sum(SPEED, stamp_ns // self._period_ns, (speed * speed,))
 
     def _add(self, channel: int, stamp_ns: int, values: Sequence[float]) -> None:
         cell = stamp_ns // self._period_ns
         self._latest[channel] = cell
+        self._latest.setdefault(TEMPERATURE, cell)  # they are waited for from the beginning
+        self._sum(channel, cell, values)
+
+    def _sum(self, channel: int, cell: int, values: Sequence[float]) -> None:
         if cell not in self._cells:
-            self._cells[cell] = [[0.0] * (1 + width) for width in _WIDTHS]
+            self._cells[cell] = [[0.0] * (1 + width) for width in self._widths]
         sums = self._cells[cell][channel]
         sums[0] += 1.0
         for i, value in enumerate(values, start=1):
@@ -235,54 +228,50 @@ class CellAverager:
     def add_cells(self, completed: Sequence[ThermalCell]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
         for cell in completed:
-            if cell.number < self._end:  # time ran back: what waits is of the time before
+            end = cell.number + 1
+            if end < self._latest.get(TEMPERATURE, end):  # time ran back: what waits is of before
                 self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
-                self._temperatures.clear()
-                self._latest = [min(latest, cell.number) for latest in self._latest]
-            self._end, self._silent = cell.number + 1, False
-            if not -inf < self._begin <= self._end:  # at first, and when time ran back
+                for channel, latest in self._latest.items():
+                    self._latest[channel] = min(latest, cell.number)
                 self._begin = cell.number
-            self._cells = {at: sums for at, sums in self._cells.items() if at >= self._begin}
-            self._temperatures[cell.number] = [
+            self._latest[TEMPERATURE] = end
+            self._cells = {
+                at: sums for at, sums in self._cells.items() if at >= self._begin or sums[-1][0]
+            }
+            self._sum(TEMPERATURE, cell.number, ())
+            self._cells[cell.number][TEMPERATURE][1:] = [
                 float(value_c) if measured else nan
                 for value_c, measured in zip(cell.temperature_c, cell.measured, strict=True)
             ]
 
     def rows(self, *, final: bool = False) -> list[Row]:
-        """Take rows that are complete or overdue, but not empty; all, when nothing more comes."""
-        # What has no raw wrench beside it and is far from the newest cells is of another clock.
-        now = max(self._latest[RAW], self._end)
+        """Take rows that are complete or overdue; all, when nothing more comes."""
+        if not self._latest:
+            return []
+        # What makes no row and is far from the newest cells is of another clock.
+        heard = self._latest[TEMPERATURE]
+        now = max(self._latest.get(RAW, heard), heard)
+        waiting = {cell for cell, sums in self._cells.items() if sums[RAW][0] or sums[-1][0]}
         self._cells = {
             cell: sums
             for cell, sums in self._cells.items()
-            if sums[RAW][0] or abs(cell - now) <= _PATIENCE_CELLS
+            if cell in waiting or abs(cell - now) <= _PATIENCE_CELLS[RAW]
         }
-        wrenches = {cell for cell, sums in self._cells.items() if sums[RAW][0]}
-        cells = wrenches | self._temperatures.keys()
-        waiting = sorted(cell for cell in cells if cell >= self._begin)
-        # A reference is waited for when there is one at all, and so is specific force.
-        others = [latest for latest in self._latest[REFERENCE:SPEED] if latest >= 0]
-        newest = min([self._latest[RAW], *others])
+        overdue = [now + 1 - patience for patience in _PATIENCE_CELLS]
+        end = min(max(at, overdue[channel]) for channel, at in self._latest.items())
+        if final:
+            end = heard if heard > overdue[TEMPERATURE] else now + 1
         rows = []
-        for place, cell in enumerate(waiting):
-            if cell >= self._end:
-                held = len(waiting) - place
-                is_due = held > (0 if final and self._silent else _HELD_CELLS)
-            else:
-                is_due = final or cell < max(newest, self._end - 1 - _PATIENCE_CELLS)
-            if not is_due:
-                break
-            self._begin, self._silent = cell + 1, cell >= self._end
-            rows.append((cell * self._period_ns + self._period_ns // 2, self._values(cell)))
-        return [row for row in rows if not all(map(isnan, row[1]))]
-
-    def _values(self, cell: int) -> list[float]:
-        """Take a cell's means and temperatures, °C; NaN where there are none."""
-        means = [[nan] * width for width in _WIDTHS]
-        for channel, (count, *sums) in enumerate(self._cells.pop(cell, ())):
-            if count:
-                means[channel] = [value / count for value in sums]
-        raw, reference, force, (square,) = means
-        temperatures_c = self._temperatures.pop(cell, [nan] * self._thermometers)
-        motion = [*force, sqrt(square)] if self._with_force else []
-        return [*raw, *reference, *temperatures_c, *motion]
+        for cell in sorted(waiting):
+            # The last temperature before a silence comes after it, and makes a row of its own.
+            if cell >= end or (cell < self._begin and not self._cells[cell][TEMPERATURE][0]):
+                continue
+            self._begin = max(self._begin, cell + 1)
+            raw, reference, force, (square,), temperatures_c = (
+                [value / count if count else nan for value in sums]
+                for count, *sums in self._cells.pop(cell)
+            )
+            motion = [*force, sqrt(square)] if self._with_force else []
+            stamp_ns = cell * self._period_ns + self._period_ns // 2
+            rows.append((stamp_ns, [*raw, *reference, *temperatures_c, *motion]))
+        return rows

@@ -211,18 +211,9 @@ def start(
     prediction: ThermometerPrediction,
     reading_c: FloatArray,
     before: ThermometerState | None = None,
-    past_c: FloatArray | None = None,
-    time_s: float = 0.0,
 ) -> ThermometerState:
-    """
-    Begin as the thermometers read, (J,): soaked, or after a past of means over some time, (n, J).
-
-    Those that were replaced in a state before stay so.
-    """
-    past_c = reading_c[np.newaxis] if past_c is None else past_c
-    relaxed_c = np.tile(past_c[0], (len(prediction.time_constants_s), 1))
-    for mean_c in past_c:
-        relaxed_c = prediction.relax(relaxed_c, mean_c, time_s)
+    """Begin soaked as the thermometers read, °C, (J,); those that were replaced stay so."""
+    relaxed_c = np.tile(reading_c, (len(prediction.time_constants_s), 1))
     predicted_c, reasons = prediction.predict(relaxed_c), ('',) * len(reading_c)
     if before is not None:
         reasons = before.reasons
@@ -232,7 +223,7 @@ def start(
         reading_c=reading_c, together_c=np.tile(reading_c, (len(reading_c), 1)),
         relaxed_c=relaxed_c, predicted_c=predicted_c, smooth_c=predicted_c, lowest_c=predicted_c,
         highest_c=predicted_c, silent_s=none, still_s=none, agreed_s=none,
-        age_s=len(past_c) * time_s, reasons=reasons)  # fmt: skip
+        age_s=0.0, reasons=reasons)  # fmt: skip
 
 
 def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes

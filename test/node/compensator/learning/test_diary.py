@@ -11,7 +11,6 @@ from wrist_ft_comp.learning import day_files
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.stream.stream_grid import row_channels
 
 DAY, SECOND = 1440, 10**9
 CHANNELS = ('force_x', 'temperature_c')
@@ -88,17 +87,6 @@ def test_the_days_never_take_more_than_their_room(write, tmp_path):
     with pytest.raises(RecordingError, match=r'as much as learning.max_mb allows \(50 MB\)'):
         write(range(1, 20), max_bytes=5e7)
     assert len(list((tmp_path / 'days').iterdir())) == 1
-
-
-def test_a_day_of_two_thermometers_takes_less_than_10_mb(tmp_path):
-    rng, channels = np.random.default_rng(4), row_channels(2, with_force=True)
-    files = DayFiles(tmp_path, channels, 1e9)
-    scale = [30.0] * 3 + [3.0] * 3 + [np.nan] * 6 + [10.0] * 2 + [6.0] * 3 + [0.3]
-    for second, row in enumerate(rng.normal(0.0, scale, (864, len(channels)))):
-        row[12:14] += 30.0
-        files.append((1_700_000_000 + second) * SECOND + SECOND // 2, row.tolist())
-    files.close()
-    assert 5e6 < 100 * (tmp_path / 'days/day_00001.csv').stat().st_size < 10e6
 
 
 def test_a_node_writes_what_it_hears_and_a_silence_by_the_clock_ends_the_day(learner, monkeypatch):
