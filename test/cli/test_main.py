@@ -69,9 +69,9 @@ def test_wrong_usage_is_exit_code_2_and_names_what_was_expected(argv, words, run
 
 def test_values_below_zero_and_beginnings_of_options_are_understood():
     parser = build_parser()
-    argv = ['calibrate', 'a', '-.5', '-o', '-1', '--json', '--thermal-p=2']
+    argv = ['calibrate', 'a', '-.5', '-o', '-1', '--json', '--thermal-p=0.1']
     arguments = parser.parse_args(argv)
-    assert arguments.thermal_period == 2.0
+    assert arguments.thermal_period == 0.1, 'a limit is allowed'
     assert arguments.output == Path('-1')
     assert arguments.recordings == [Path('a'), Path('-.5')]
 
