@@ -131,7 +131,7 @@ def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen,
             SimpleNamespace(role='temperature', entry=entry, moves=moves)
             for entry, moves in entries.items()
         ]
-        return SimpleNamespace(candidates=candidates)
+        return SimpleNamespace(candidates=candidates), None
 
     monkeypatch.setattr(module, 'describe_recording', describe)
     case = Case(
