@@ -117,7 +117,7 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
     single = make.csv(tmp_path / 'single.csv', columns)
     for path, words in (
         (single, 'Name the topics, or keep the columns, that it was calibrated with.'),
-        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out. Nothing is'),
+        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out.'),
     ):
         for command, more in (('evaluate', []), ('compensate', out)):
             sentence = run(command, pair_model, path, *more).sentence
