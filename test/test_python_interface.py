@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 
 import wrist_ft_comp
@@ -158,36 +159,6 @@ class Sensor:
         return self._stamp_ns, [0.0, 0.0, self._force_z, 0.0, 0.0, 0.0], 30.0
 
 
-class Series:
-    """A column as pandas has it: what numpy makes an array of, with an index that nobody asks."""
-
-    def __init__(self, values):
-        self._values = np.asarray(values)
-
-    def __array__(self, dtype=None, copy=None):
-        return np.array(self._values, dtype=dtype)
-
-
-class Frame:
-    """A table as pandas has it: it is as long as a column, and iterates over its names."""
-
-    def __init__(self, columns):
-        self.columns = {name: Series(values) for name, values in columns.items()}
-
-    def keys(self):
-        return iter(self.columns)
-
-    def __getitem__(self, name):
-        return self.columns[name]
-
-    def __len__(self):
-        return len(np.asarray(next(iter(self.columns.values()))))
-
-    def assign(self, **columns):
-        assert {len(values) for values in columns.values()} == {len(self)}
-        return Frame({**self.columns, **columns})
-
-
 @pytest.fixture
 def day(warm_up, lagged):
     """Columns of a warm-up at one row in ten seconds: force z drifts by a lag, torque x not."""
@@ -209,15 +180,7 @@ def day(warm_up, lagged):
 def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for seed, name in enumerate(('monday', 'tuesday', 'wednesday')):
-        columns = day(seed)
-        rows = np.stack(list(columns.values()), axis=1)
-        np.savetxt(f'{name}.csv', rows, '%.9f', ',', header=','.join(columns), comments='')
-
-    def read_csv(path):
-        table = np.genfromtxt(path, names=True, delimiter=',')
-        return Frame({name: table[name] for name in table.dtype.names})
-
-    monkeypatch.setitem(sys.modules, 'pandas', SimpleNamespace(read_csv=read_csv))
+        pandas.DataFrame(day(seed)).to_csv(f'{name}.csv', index=False)
     thursday, used = day(3), []
     names: dict[str, Any] = {
         'wrench_stamps_ns': (thursday['stamp_s'] * 1e9).astype(int),

@@ -117,7 +117,7 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
     single = make.csv(tmp_path / 'single.csv', columns)
     for path, words in (
         (single, 'Name the topics, or keep the columns, that it was calibrated with.'),
-        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out. Nothing is'),
+        (dead, 'temperature_2_c of dead.csv holds no sample; it is left out.'),
     ):
         for command, more in (('evaluate', []), ('compensate', out)):
             sentence = run(command, pair_model, path, *more).sentence
@@ -134,37 +134,30 @@ def slow_model(make, tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ('channels', 'silent_s', 'words'),
+    ('channels', 'begin_s', 'end_s', 'who'),
     [
-        (['temperature_c'], (1500, 2400), 'a straight line was drawn over it'),
-        (['temperature_c'], (2400, 3600), 'its last reading was held'),
-        (['force_z', 'torque_x'], (1500, 2400), 'nothing is known of the drift of that time'),
+        (['temperature_c'], 1500, 2400, 'Thermometer 1 of day.csv is silent'),
+        (['temperature_c'], 2400, 3600, 'Thermometer 1 of day.csv is silent'),
+        (['force_z', 'torque_x'], 1500, 2400, 'day.csv is missing'),
     ],
 )
-def test_long_silence_is_named_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
-    channels, silent_s, words, run, make, slow_model, tmp_path
+def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
+    channels, begin_s, end_s, who, run, make, slow_model, tmp_path
 ):
-    columns, (begin_s, end_s) = make.drifting(3600, seed=3), silent_s
+    columns = make.drifting(3600, seed=3)
     for channel in channels:
         columns[channel][begin_s:end_s] = [None] * (end_s - begin_s)
-    path, out = make.csv(tmp_path / 'day.csv', columns), tmp_path / 'out.csv'
-    who = 'Thermometer 1 of day.csv is silent' if 'temperature_c' in channels else 'is missing'
+    path = make.csv(tmp_path / 'day.csv', columns)
     for argv in (
         ['show', path],
         ['calibrate', path, '-o', tmp_path / 'm.yaml', '--method', 'pls'],
         ['evaluate', slow_model, path],
-        ['compensate', slow_model, path, '-o', out],
+        ['compensate', slow_model, path, '-o', tmp_path / 'out.csv'],
     ):
         outcome = run(*argv)
         assert outcome.code == 0
         (said,) = (line for line in (outcome.out + outcome.err).splitlines() if who in line)
-        if argv[0] == 'calibrate' and 'temperature_c' in channels:
-            assert said.endswith('wrenches of that time are not learnt from.')
-        else:
-            assert (
-                f'for {end_s - begin_s} s, from {timedelta(seconds=begin_s)} on; {words}' in said
-            )
-    assert words in json.loads(run('show', path, '--json').out)['warnings'][0]
+        assert f'for {end_s - begin_s} s, from {timedelta(seconds=begin_s)} on; ' in said
 
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):

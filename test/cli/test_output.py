@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 from rich.console import Console
 
-from wrist_ft_comp.cli.output import print_words, rich_table, Table
+from wrist_ft_comp.cli.output import filled, print_words, rich_table, Table
 
 word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=60)
 
@@ -47,6 +47,7 @@ def test_colours_are_those_that_the_environment_asks_for(variable, coloured, mon
 
 
 def test_what_can_be_copied_is_never_broken(capsys):
+    assert filled(f'{"word " * 14}x --ros-args').endswith('\n--ros-args')
     command = 'wrist_ft_comp calibrate ' + 'x' * 100
     print_words([command, Table(['topic', 'N'], [['/' + 'y' * 90, '1']])])
     out = capsys.readouterr().out

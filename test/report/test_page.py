@@ -154,17 +154,6 @@ def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 8 plateaus was held out' in text('plateaus')
 
 
-def test_pictures_of_a_calibration_show_its_held_out_errors(view):
-    for axis in view('good').axes:
-        assert np.abs(axis.series.after).max() == axis.errors.max_after
-        per_part = [
-            np.mean(axis.series.after[axis.series.part == part] ** 2)
-            for part in np.unique(axis.series.part)
-        ]
-        # Scores weigh the quarters of a block alike, which hardly differ in length.
-        assert np.sqrt(np.mean(per_part)) == pytest.approx(axis.errors.rms_after, rel=1e-2)
-
-
 def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
     names = [day.name for day in view('evaluation').recordings]
     for axis in view('evaluation').axes:
