@@ -104,8 +104,7 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert sources == ['day_00001.csv', 'day_00002.csv']
     assert provenance['settings']['reference'] == 'payload'
     report = stored.path.with_suffix('.html').read_text()
-    assert 'What happened before it was learnt' in report
-    assert '2 days, ' in report
+    assert all(name in report for name in sources)
     diary = load_diary(sensor)
     assert [day.name for day in diary.days] == sources
     assert [day.better for day in diary.days] == ['', stored.path.name]

@@ -24,16 +24,13 @@ from wrist_ft_comp.recordings.read_options import (
     COMPENSATED,
     EXCEL,
     KINDS,
-    known_unit,
     listed,
     ORIGIN,
     Placed,
     ROW_NUMBER,
-    STAMP,
     STAMP_COLUMNS,
     STAMP_DATE,
     STAMP_NANOSEC,
-    TIME_UNITS_NS,
 )
 from wrist_ft_comp.recordings.table_form import (
     epoch_unit,
@@ -43,6 +40,7 @@ from wrist_ft_comp.recordings.table_form import (
     number_in,
     unit_of_times,
 )
+from wrist_ft_comp.recordings.units import known_unit, STAMP, TIME_UNITS_NS
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 
 _EXPECTED = {

@@ -40,11 +40,10 @@ from wrist_ft_comp.recordings.read_options import (
     ReadOptions,
     samples_of,
     sensor_in,
-    STAMP,
     STAMP_NANOSEC,
-    TIME_UNITS_NS,
 )
 from wrist_ft_comp.recordings.table import Rows, Table
+from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import NO_TIME

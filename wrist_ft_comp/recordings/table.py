@@ -25,15 +25,7 @@ import zlib
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import (
-    EXCEL,
-    Placed,
-    ROW,
-    STAMP,
-    STAMP_DATE,
-    STAMP_NANOSEC,
-    TIME_UNITS_NS,
-)
+from wrist_ft_comp.recordings.read_options import EXCEL, Placed, ROW, STAMP_DATE, STAMP_NANOSEC
 from wrist_ft_comp.recordings.table_form import (
     COMMENTS,
     cut_line,
@@ -45,6 +37,7 @@ from wrist_ft_comp.recordings.table_form import (
     MISSING,
     number_in,
 )
+from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 
 #: Characters of the longest line that a table may have.

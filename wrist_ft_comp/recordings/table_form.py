@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import EXCEL, plain_unit, TIME_UNITS_NS, UNIT_WORDS
+from wrist_ft_comp.recordings.read_options import EXCEL
+from wrist_ft_comp.recordings.units import plain_unit, TIME_UNITS_NS, UNIT_WORDS
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import writing
 

@@ -1,0 +1,86 @@
+"""Units in which a table may hold times, forces, torques and temperatures, and their names."""
+
+from collections.abc import Mapping
+import re
+from unicodedata import normalize
+
+from wrist_ft_comp.channels import axis_unit
+from wrist_ft_comp.series import NANOSECONDS
+
+#: What stands for a channel where a column holds stamps.
+STAMP = 'stamp'
+#: Columns of stamps, and how many nanoseconds their unit has.
+STAMPS = {
+    'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS,
+    'stamp_min': 60 * NANOSECONDS, 'stamp_h': 3600 * NANOSECONDS,
+}  # fmt: skip
+#: Units of times, the first of which is taken where none is named.
+TIME_UNITS_NS = {
+    's': NANOSECONDS, **{name.removeprefix('stamp_'): ns for name, ns in STAMPS.items()},
+    'd': 86_400 * NANOSECONDS,
+}  # fmt: skip
+#: Weight of a kilogram as units define it, N.
+_KILOPOND_N = 9.80665
+#: By quantity: what one of a unit is in the channel's. The first is taken where none is named.
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    's': TIME_UNITS_NS,
+    '°C': dict.fromkeys('CKF', 1.0),
+    'N': {
+        'N': 1.0, 'kN': 1e3, 'daN': 10.0, 'mN': 1e-3, 'cN': 1e-2, 'lbf': 4.4482216152605,
+        'ozf': 0.27801385095378, 'kgf': _KILOPOND_N, 'gf': _KILOPOND_N / 1e3,
+        'g': _KILOPOND_N / 1e3,
+    },
+    'N m': {
+        'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3, 'Nmm': 1e-3, 'Ncm': 1e-2, 'lbfin': 0.1129848290276,
+        'lbfft': 1.3558179483314, 'kgfm': _KILOPOND_N, 'kgfcm': _KILOPOND_N / 1e2,
+    },
+    'm/s²': {'m/s2': 1.0, 'g': _KILOPOND_N},
+    'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943},
+}  # fmt: skip
+#: All names of units.
+UNIT_WORDS = {unit for units in _UNITS.values() for unit in units}
+#: Other names of units, in small letters, without the signs that plain_unit leaves out.
+_OTHER_UNITS = {
+    **{unit.lower(): unit for unit in ('N', 'kN', 'Nm', 'kNm', 'Nmm', 'Ncm', 'C', 'K', 'F')},
+    'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf', 'kg': 'kgf',
+    'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm', 'lbin': 'lbfin',
+    'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft', 'ftlbf': 'lbfft',
+    'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
+    'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
+    'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
+    'hr': 'h', 'hrs': 'h', 'stunden': 'h', 'minutes': 'min', 'mins': 'min', 'days': 'd',
+}  # fmt: skip
+#: A word in brackets in a column's name.
+_IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
+
+
+def units_of(channel: str) -> Mapping[str, float]:
+    """List the units that a channel, or a stamp, may be in."""
+    if channel == STAMP:
+        return _UNITS['s']
+    if channel.startswith('temperature'):
+        return _UNITS['°C']
+    return _UNITS[axis_unit(channel.removeprefix('reference_'))]
+
+
+def plain_unit(text: str) -> str:
+    """Write a unit as the tables have it: Nm for N*m, lbfin for lb-in, C for °C."""
+    plain = re.sub(r'[\s*·.^°_()\[\]-]', '', normalize('NFKC', text))
+    return plain if plain in UNIT_WORDS else _OTHER_UNITS.get(plain.lower(), plain)
+
+
+def known_unit(channel: str, name: str, unit: str = '') -> str:
+    """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
+    # In brackets, behind a slash or a comma, or behind an underscore or a blank at the end.
+    behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
+    words = map(plain_unit, (*said_units(name, unit), *behind))
+    return next((word for word in words if word in units_of(channel)), '')
+
+
+def said_units(name: str, unit: str = '') -> list[str]:
+    """List what clearly is meant as a unit of a column: in its name, or beside it."""
+    return [
+        *_IN_BRACKETS.findall(name),
+        *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
+        *filter(None, [unit]),
+    ]
