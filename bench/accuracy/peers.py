@@ -3,19 +3,20 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import pairwise, product
+from itertools import pairwise
 
 from judging import block_means, BLOCK_S, tared
 import numpy as np
 from scipy.signal import lfilter
-from sklearn.cross_decomposition import PLSRegression
 
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
 
-BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
-STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
-SHARPNESS = 8
+#: Time constants of the bank, s.
+BANK_S = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+#: Strengths of a ridge that are tried, and that of least squares, of the normal matrix's diagonal.
+STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.5, 0.5).tolist())
+LEAST_STRENGTH = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +66,6 @@ def bank(
         columns.append(lfilter([1 - pole], [1, -pole], powers, axis=0, zi=pole * powers[:1])[0])
     degrees = np.repeat(np.arange(1, degree + 1), theta.shape[1])
     return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
-
-
-def lags(day: Day) -> tuple[FloatArray, IntArray]:
-    """Temperatures of the last 40 minutes, in steps of two."""
-    steps = np.arange(20) * round(120 / day.period_s)
-    rows = np.maximum(np.arange(len(day.temperature_c))[:, None] - steps, 0)
-    columns = np.concatenate([column[rows] for column in day.temperature_c.T], axis=1)
-    return columns, np.ones(columns.shape[1], dtype=int)
 
 
 @lru_cache(maxsize=64)
@@ -156,65 +149,31 @@ def nothing(_: Sequence[Day], judged: Day) -> FloatArray:
     return np.zeros_like(judged.drift)
 
 
-def plain(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
-    """Fit by least squares."""
-    return averaged([(features, 1e-12)], days, judged)
-
-
-def chosen_ridge(candidates: Sequence[Features], days: Sequence[Day], judged: Day) -> FloatArray:
-    """Choose features and strength by leaving recordings out."""
-    return averaged(list(product(candidates, STRENGTHS)), days, judged, best_only=True)
-
-
-def averaged(
-    candidates: Sequence[tuple[Features, float]],
-    days: Sequence[Day],
-    judged: Day,
-    *,
-    best_only: bool = False,
+def ridge(
+    candidates: Sequence[Features], strengths: Sequence[float], days: Sequence[Day], judged: Day
 ) -> FloatArray:
-    """Average ridge fits with weights (held-out error)^-8, or take the best of them."""
+    """Fit by ridge; leaving recordings out chooses features and strength where there are some."""
     result = np.zeros_like(judged.drift)
-    sources = list(dict.fromkeys(features for features, _ in candidates))
     pieces_of_days = parts(days)
     for axis in axes_of(days):
-        pieces = {
-            features: [fold(features, part, axis) for part in pieces_of_days]
-            for features in sources
-        }
-        whole = {features: [fold(features, day, axis) for day in days] for features in sources}
-        errors = np.array([held_out(pieces[features], s) for features, s in candidates])
-        weights = (errors / errors.min()) ** -SHARPNESS
-        if best_only:
-            weights = np.eye(len(errors))[int(np.argmin(errors))]
-        for weight, (features, strength) in zip(weights / weights.sum(), candidates, strict=True):
-            if weight > 0:
-                columns, _ = design(features, judged, axis)
-                result[:, axis] += weight * columns @ solved(whole[features], strength)
+        best, least = (candidates[0], strengths[0]), np.inf
+        for features in candidates if len(strengths) > 1 else ():
+            pieces = [fold(features, part, axis) for part in pieces_of_days]
+            for strength in strengths:
+                if (error := held_out(pieces, strength)) < least:
+                    best, least = (features, strength), error
+        features, strength = best
+        columns, _ = design(features, judged, axis)
+        whole = [fold(features, day, axis) for day in days]
+        result[:, axis] = columns @ solved(whole, strength)
     return result
 
-
-def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
-    """Fit scikit-learn's PLS with six components."""
-    result = np.zeros_like(judged.drift)
-    for axis in axes_of(days):
-        folds = [fold(lags, day, axis) for day in days]
-        x = np.concatenate([piece.columns - piece.columns.mean(axis=0) for piece in folds])
-        y = np.concatenate([piece.drift - piece.drift.mean() for piece in folds])
-        estimator = PLSRegression(n_components=6).fit(x, y)
-        result[:, axis] = np.ravel(estimator.predict(design(lags, judged, axis)[0]))
-    return result
-
-
-POLYNOMIALS = tuple(partial(polynomial, degree) for degree in (1, 2, 3))
-BANKS = [partial(bank, degree, taus_s) for taus_s in BANKS_S for degree in (1, 2, 3)]
-MEMBERS = [*product(BANKS, (1e-2, 1e-4, 1e-6)), *product(POLYNOMIALS, (1e-9,))]
 
 PEERS: dict[str, Peer] = {
     'nothing': nothing,
-    'line': partial(plain, POLYNOMIALS[0]),
-    'cubic': partial(plain, POLYNOMIALS[2]),
-    'PLS on lags': lagged_pls,
-    'ridge bank': partial(chosen_ridge, BANKS[:2]),
-    'mean of 30': partial(averaged, MEMBERS),
+    **{
+        name: partial(ridge, [partial(polynomial, degree)], (LEAST_STRENGTH,))
+        for name, degree in (('line', 1), ('cubic', 3))
+    },
+    'ridge bank': partial(ridge, [partial(bank, degree, BANK_S) for degree in (1, 2)], STRENGTHS),
 }

@@ -8,8 +8,7 @@ over means of ten seconds: root mean square left of each axis, by what is there 
 the mean of the year, mean over axes. Four robots live through the same year: one is never
 calibrated, one by a warm-up with an empty flange on the first day, one by another such warm-up
 every quarter, added to those before, and one learns by itself (``auto``: a better model is live on
-the next day). On every day, the last is compared with the best of the models that were live in the
-week before.
+the next day).
 
 A year takes 5 to 11 min on two processors: days to come are drawn and looked at ahead.
 docs/accuracy.md has the figures.
@@ -26,10 +25,11 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 from judging import bench_parser, first_seed, tared_rms
 import numpy as np
-from years_drawn import CELL_S, day_name, Events, Year, YearDay
+from years_drawn import CELL_S, day_name, Year, YearDay
 
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
@@ -42,73 +42,18 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import simulate_drift
 
-NEVER, ONCE, SEASONS, LEARNING, BEFORE = range(5)
-TITLES = ('never', 'once by hand', 'every season by hand', 'learning', 'the week before')
+#: The ways of learning, in this order; the first of them never does.
+WAYS = ('never', 'once by hand', 'every season by hand', 'learning')
 #: An incident has to be named within this many days.
 NAMED_DAYS = 2
-#: A day is worse than the best model of the week before by more than this, as a share of the
-#: uncompensated drift: such days are counted.
-WORSE = 0.2
 #: Axes that drift less than this by their largest noise do not count.
 _STILL = 1e-9
 #: Days that a robot keeps.
 _KEPT = 30
-#: Days of a week.
-_WEEK = 7
 #: Days before an incident that are looked at, too.
 BEFORE_DAYS = 2
 #: What the live model leaves of the drift on the days around an incident.
 LEAVES = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Lived:
-    """
-    A year.
-
-    Attributes
-    ----------
-    days : ndarray, shape (D,)
-        Numbers of the working days.
-    left : ndarray, shape (D, 5)
-        Drift left of every day, by way of learning; of the last, that of the best of the models
-        that were learnt by itself and live in the week before.
-    entries : list of DayEntry
-        The diary.
-    adopted : list of int
-        Days after which a model was adopted.
-
-    """
-
-    seed: int
-    events: Events
-    days: FloatArray
-    left: FloatArray
-    entries: list[DayEntry]
-    adopted: list[int]
-
-    def alarms(self) -> tuple[dict[str, int], int]:
-        """Say after how many days what happened was named (-1 never), and count false alarms."""
-        named, true = {}, set()
-        days = self.days.astype(int).tolist()
-        for kind, number in self.events.named().items():
-            end = self.events.replaced if kind == 'thermometer' else number
-            window = [n for n, day in enumerate(days) if number <= day][: NAMED_DAYS + 1]
-            window = sorted({*window, *(n for n, day in enumerate(days) if number <= day < end)})
-            at = [n for n in window if self.entries[n].kind == kind]
-            true |= set(at)
-            named[kind] = at[0] - window[0] if at and at[0] - window[0] < NAMED_DAYS else -1
-        alarms = {n for n, entry in enumerate(self.entries) if entry.kind}
-        return named, len(alarms - true)
-
-    def worse(self) -> FloatArray:
-        """By how much more was left than the week's best leaves, of a usual day's drift, (D,)."""
-        near = np.zeros(len(self.days), dtype=bool)
-        for kind, number in {'moved': self.events.moved, **self.events.named()}.items():
-            end = self.events.replaced if kind == 'thermometer' else number
-            first, last = np.searchsorted(self.days, (number, end))
-            near[first : last + NAMED_DAYS + 1] = True
-        return np.where(near, 0.0, self.left[:, LEARNING] - self.left[:, BEFORE])
 
 
 @dataclass
@@ -116,16 +61,11 @@ class Robot:
     """One that learns by itself, and what a job would have to read for it."""
 
     champion: Champion = field(default_factory=Champion)
-    #: Numbers of days, and the models that were live on them.
-    lived: list[tuple[int, DriftModel | None]] = field(default_factory=list)
+    #: Its diary.
     entries: list[DayEntry] = field(default_factory=list)
     kept: dict[str, Day | None] = field(default_factory=dict)
+    #: Days after which a model was adopted.
     adopted: list[int] = field(default_factory=list)
-
-    def week(self, number: int) -> list[DriftModel | None]:
-        """List the models that were live on days of the week before a day, and on that day."""
-        self.lived.append((number, self.champion.model))
-        return list(dict.fromkeys(model for day, model in self.lived if day >= number - _WEEK))
 
     def end(self, number: int, looked: Day | None) -> None:
         """Learn from a day that has ended, and was looked at."""
@@ -146,6 +86,29 @@ class Robot:
         if choice.better is not None:
             self.champion = Champion(f'after {name}', choice.better.model, name)
             self.adopted.append(number)
+
+
+class Lived(NamedTuple):
+    """A year, its robot, and the mean drift left of every working day, (D, 4), by WAYS."""
+
+    seed: int
+    year: Year
+    robot: Robot
+    left: FloatArray
+
+    def alarms(self) -> tuple[dict[str, int], int]:
+        """Say after how many days what happened was named (-1 never), and count false alarms."""
+        named, true = {}, set()
+        events, days = self.year.events, self.year.worked
+        for kind, number in events.named().items():
+            end = events.replaced if kind == 'thermometer' else number
+            window = [n for n, day in enumerate(days) if number <= day][: NAMED_DAYS + 1]
+            window = sorted({*window, *(n for n, day in enumerate(days) if number <= day < end)})
+            at = [n for n in window if self.robot.entries[n].kind == kind]
+            true |= set(at)
+            named[kind] = at[0] - window[0] if at and at[0] - window[0] < NAMED_DAYS else -1
+        alarms = {n for n, entry in enumerate(self.robot.entries) if entry.kind}
+        return named, len(alarms - true)
 
 
 def left_of(model: DriftModel | None, day: YearDay) -> FloatArray:
@@ -175,8 +138,7 @@ def live(seed: int, length: int, pool: Executor) -> Lived:
     year, robot = Year(seed, length), Robot()
     quarters = [next(n for n in year.worked if n >= length * q // 4) for q in range(4)]
     warm_ups: list[Recording] = []
-    once, seasons = None, None
-    rows, weeks = [], []
+    once, seasons, rows = None, None, []
     ahead = pool.map(partial(ended, year), year.worked)
     for number, (day, looked) in zip(year.worked, ahead, strict=True):
         if number in quarters:
@@ -185,51 +147,40 @@ def live(seed: int, length: int, pool: Executor) -> Lived:
             once = seasons if number == quarters[0] else once
         models = (None, once, seasons, robot.champion.model)
         rows.append([left_of(model, day) for model in models])
-        weeks.append([left_of(model, day) for model in robot.week(number)])
         robot.end(number, looked)
     figures = np.array(rows)
-    usual = figures[:, NEVER].mean(axis=0)
+    usual = figures[:, 0].mean(axis=0)
     drifts = usual > _STILL
-    left = np.mean((figures / usual)[:, :, drifts], axis=2)
-    best = [min(np.mean((model / usual)[drifts]) for model in week) for week in weeks]
-    left = np.column_stack((left, best))
-    days = np.array(year.worked, dtype=float)
-    return Lived(seed, year.events, days, left, robot.entries, robot.adopted)
+    return Lived(seed, year, robot, np.mean((figures / usual)[:, :, drifts], axis=2))
 
 
-def means_of(left: FloatArray) -> str:
-    """Write the means of days, shape (D, 5), by way of learning."""
-    means = left.mean(axis=0)
-    return ', '.join(f'{TITLES[way]} {means[way]:.3f}' for way in (ONCE, SEASONS, LEARNING))
+def print_left(title: str, left: FloatArray) -> None:
+    """Print the means of rows, shape (D, 4), by way of learning."""
+    means = zip(WAYS[1:], left.mean(axis=0)[1:], strict=True)
+    print(f'\n{title}: drift left ' + ', '.join(f'{way} {mean:.3f}' for way, mean in means))
 
 
-def print_year(year: Lived) -> None:
+def print_year(lived: Lived) -> None:
     """Print a year in some lines."""
-    named, false = year.alarms()
-    print(f'\nyear {year.seed}: drift left {means_of(year.left)}')
+    named, false = lived.alarms()
+    print_left(f'year {lived.seed}', lived.left)
     print('  named after days: ' + ', '.join(f'{kind} {n}' for kind, n in named.items()))
-    for entry in year.entries:
+    for entry in lived.robot.entries:
         if entry.kind:
             print(f'    {entry.name}: {entry.incident}')
-    learnt = sum(entry.challenged for entry in year.entries)
-    print(
-        f'  {false} false alarms; {learnt} models learnt, live after days {year.adopted}; at '
-        f'worst {year.worse().max():.2f} of a usual day more than the best of the week before',
-        flush=True,
-    )
+    learnt = sum(entry.challenged for entry in lived.robot.entries)
+    adopted = lived.robot.adopted
+    print(f'  {false} false alarms; {learnt} models learnt, live after days {adopted}', flush=True)
 
 
 def print_all(years: Sequence[Lived]) -> None:
     """Sum all years up."""
     alarms = [year.alarms() for year in years]
     missed = sum(n < 0 for named, _ in alarms for n in named.values())
-    worse = np.concatenate([year.worse() for year in years])
-    means = means_of(np.stack([year.left.mean(axis=0) for year in years]))
-    print(f'\n{len(years)} years: drift left {means}')
+    print_left(f'{len(years)} years', np.stack([year.left.mean(axis=0) for year in years]))
     print(
-        f'  {missed} incidents were not named in two days; {sum(false for _, false in alarms)} '
-        f'false alarms; {(worse > WORSE).sum()} of {len(worse)} days are worse by more than '
-        f'{WORSE:g} of a usual day, the worst by {worse.max():.2f}'
+        f'  {missed} incidents were not named in {NAMED_DAYS} days; '
+        f'{sum(false for _, false in alarms)} false alarms'
     )
 
 
