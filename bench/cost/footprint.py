@@ -13,9 +13,12 @@ from contextlib import ExitStack
 import os
 from pathlib import Path
 from statistics import median
+import sys
 import tempfile
 
-from stream import compensator, keep, Line, make_model, with_model
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
+from stand import keep
+from stream import compensator, Line, make_model, on_loopback
 
 LIMIT = 1.5
 PAGE_MB = os.sysconf('SC_PAGE_SIZE') / 1e6
@@ -49,8 +52,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description='Memory and start of the node.')
     parser.add_argument('--repeats', type=int, default=5)
     repeats = parser.parse_args().repeats
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ.setdefault('ROS_DOMAIN_ID', '92')
+    on_loopback(92)
     runs: dict[str, list[dict[str, float]]] = {'relay': [], 'bare': [], 'model': []}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -58,8 +60,8 @@ def main() -> None:
         os.environ |= {'PYTHONDONTWRITEBYTECODE': '', 'PYTHONPYCACHEPREFIX': f'{name}/bytecode'}
         for _ in range(repeats + 1):
             runs['relay'].append(measure('relay', ['-c', RELAY]))
-            runs['bare'].append(measure('bare', compensator(folder / 'bare', 'bare')))
-            runs['model'].append(measure('model', with_model(folder, 'model')))
+            runs['bare'].append(measure('bare', compensator(folder, 'bare', model=False)))
+            runs['model'].append(measure('model', compensator(folder, 'model')))
     print(f'{"":12}  until a wrench, s  idle, MB   beside the relay')
     figures: dict[str, dict[str, float]] = {}
     for who, measured in runs.items():

@@ -10,16 +10,16 @@ import argparse
 import os
 from pathlib import Path
 import struct
+import sys
 import tempfile
 import time
 from typing import Any
 
-from rclpy.context import Context
-from rclpy.parameter import Parameter
-from stream import keep, make_model
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
+from stand import keep, node_here
+from stream import make_model
 from stream_roles import wrench_bytes
 
-from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.series import NANOSECONDS
 
 TEMPERATURE_HZ = 10
@@ -71,18 +71,10 @@ def main() -> None:
     parser.add_argument('hours', nargs='?', type=float, default=24.0)
     parser.add_argument('rate', nargs='?', type=int, default=100)
     arguments = parser.parse_args()
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     with tempfile.TemporaryDirectory() as name:
-        given = {'model_file': str(make_model(Path(name))), 'data_directory': name}
-        untyped: Any = Parameter
-        context: Any = Context()
-        context.init([])
-        node = CompensatorNode(
-            context=context, parameter_overrides=[untyped(k, value=v) for k, v in given.items()]
-        )
-        figures = endure(node, arguments.hours, arguments.rate)
-        node.destroy_node()
-        context.try_shutdown()
+        folder = Path(name)
+        with node_here(folder, make_model(folder)) as node:
+            figures = endure(node, arguments.hours, arguments.rate)
     print(f'growth after the first minute: {figures["growth_mib"]:.2f} MiB')
     keep('memory.json', figures)
 

@@ -171,16 +171,14 @@ class Receiver:
             self._external[name].clear()
 
     def _on_diagnostics(self, array: Any) -> None:
-        """Keep the compensators' own counts of wrenches in and out."""
+        """Keep what the compensators count of wrenches, and the largest rate of temperatures."""
         for status in array.status:
             name, _, concern = status.name.partition('/wrist_ft_comp: ')
             counted = self._counted.get(name, {})
             for item in status.values if concern in {'input', 'output', 'temperature'} else ():
-                if item.key in {'received', 'published'}:
-                    counted[item.key] = int(item.value)
-                elif concern == 'temperature' and item.key == 'rate_hz':
-                    most = max(float(item.value), counted.get('temperatures_hz', 0.0))
-                    counted['temperatures_hz'] = most
+                if item.key in {'received', 'published', 'rate_hz'}:
+                    key = item.key if item.key != 'rate_hz' else f'{concern} rate_hz'
+                    counted[key] = max(float(item.value), counted.get(key, 0.0))
 
 
 def _hear(keep: Callable[[tuple[bytes, int]], None], data: bytes) -> None:

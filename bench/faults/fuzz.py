@@ -10,7 +10,6 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-import json
 import math
 from pathlib import Path
 import signal
@@ -222,5 +221,5 @@ def fuzz(arguments: argparse.Namespace, folder: Path) -> bool:
             for what, width in (('inputs', 8), ('taken', 8), ('refused', 9), ('FAULTS', 8))
         )
         print(f'{name:16}{counts}{tally["slowest_ms"]:13}', flush=True)
-    keep('fuzz.json', json.dumps(results, indent=1))
+    keep('fuzz.json', results)
     return not any('FAULTS' in tally for tally in results.values())
