@@ -142,11 +142,7 @@ def measure(
     rng: np.random.Generator, gauges: Gauges, felt_c: FloatArray, true: FloatArray, tares: float
 ) -> tuple[FloatArray, IntArray]:
     """Read a true wrench (N, 6) with drift, noise, an offset and tares; and their cells."""
-    axes, theta = len(AXES), felt_c - FACTORY_C
-    hours = np.arange(len(felt_c))[:, None] / 3600
-    crept = gauges.creep * rng.uniform(-1, 1, axes) * np.log1p(hours)
-    zero = theta @ gauges.linear + theta**2 @ gauges.square + crept
-    raw = true * (1 + theta @ gauges.gain) + zero + rng.normal(0, LOADS)
+    raw = true + gauges.drift(rng, felt_c, true) + rng.normal(0, LOADS)
     raw += rng.normal(0, gauges.noise, raw.shape)
     tared = np.sort(rng.integers(60, len(raw) - 60, rng.poisson(tares)))
     tared = tared[np.diff(tared, prepend=-APART_S) >= APART_S]

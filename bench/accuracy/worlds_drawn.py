@@ -118,6 +118,13 @@ class Gauges:
     creep: FloatArray
     noise: FloatArray
 
+    def drift(self, rng: np.random.Generator, felt_c: FloatArray, true: FloatArray) -> FloatArray:
+        """Drift of a day in cells of 1 s, from its nodes (N, n) and its true wrench, (N, 6)."""
+        theta, hours = felt_c - FACTORY_C, np.arange(len(felt_c))[:, None] / 3600
+        crept = self.creep * rng.uniform(-1, 1, len(AXES)) * np.log1p(hours)
+        zero: FloatArray = theta @ self.linear + theta**2 @ self.square + crept
+        return zero + theta @ self.gain * true
+
 
 @dataclass(frozen=True, eq=False)
 class Thermometers:
@@ -194,10 +201,7 @@ def record(
     cells, axes = len(day), len(AXES)
     held = rng.normal(0, LOADS, (cells // 5 + 1, axes)) + rng.normal(0, LOADS / 2, axes)
     true = load * np.repeat(held, 5, axis=0)[:cells]
-    theta = day - FACTORY_C
-    hours = np.arange(cells)[:, None] / 3600
-    crept = gauges.creep * rng.uniform(-1, 1, axes) * np.log1p(hours)
-    drift = theta @ gauges.linear + theta**2 @ gauges.square + crept + theta @ gauges.gain * true
+    drift = gauges.drift(rng, day, true)
     offset = rng.normal(0, LOADS)
     raw = true + drift + offset + rng.normal(0, gauges.noise, (cells, axes))
     return recording_of(temperature_c, raw, true), drift
