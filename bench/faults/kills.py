@@ -50,7 +50,7 @@ from wrist_ft_comp.stream.stream_grid import row_channels
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2
 #: What the lives are killed upon, by turns, as a pattern of files; empty for a random time.
-AIMS = ('', 'models/*', '', '*active.json*')
+AIMS = ('models/*', '', '*active.json*', '')
 LEARNING_AIMS = (
     '', 'models/*', 'days/diary.json', '', 'active.json', 'learning.json', 'days/*.csv',
 )  # fmt: skip

@@ -358,8 +358,9 @@ def wired(bench, tmp_path, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch):
-    """Wait less for the wrenches of a tare."""
+    """Wait less for the wrenches of a tare, and for callers at the end."""
     monkeypatch.setattr('wrist_ft_comp.node.tare._PATIENCE_S', TARE_PATIENCE_S)
+    monkeypatch.setattr('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0)
 
 
 def _make_rig(kind, bench, tmp_path, **options):
