@@ -1,6 +1,6 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 import itertools
 import queue
@@ -271,43 +271,6 @@ class WiredRig(Rig):
     def _report(self):
         """Wait for the next statuses."""
         return list(self._arrays.get(timeout=TIMEOUT_S).status)
-
-
-class Peer:
-    """Talks to a process's node, over DDS that may lose messages: it sends until it is heard."""
-
-    def __init__(self, bench, namespace, name):
-        self._bench, self._own = bench, f'{namespace}/{name}'
-        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
-        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
-        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
-        self._second = 0
-
-    def cell(self):
-        """Send a thermal cell, with a wrench of one newton that passes."""
-        self._second += 1
-        warm = Temperature(temperature=25.0)
-        warm.header.stamp.sec = START // SECOND + self._second
-        self._heat.publish(warm)
-        sent = wrench_message(START + self._second * SECOND, 'tool0', [1.0] * 6)
-        for _ in range(100):
-            self._raw.publish(sent)
-            with suppress(queue.Empty):
-                while self._outputs.get(timeout=0.2).header.stamp != sent.header.stamp:
-                    pass
-                return
-        raise queue.Empty
-
-    def ask(self, service, data=None):
-        """Call a service; its answer comes in the queue."""
-        kind, request = _request(data)
-        return self._bench.ask(kind, f'{self._own}/{service}', request)
-
-
-@pytest.fixture
-def peer(bench):
-    """Talk to the node of a name in a namespace."""
-    return partial(Peer, bench)
 
 
 def _request(data):

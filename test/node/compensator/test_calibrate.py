@@ -1,4 +1,4 @@
-"""A warm-up is recorded, learnt and removed while wrenches go on, whatever the calibration does."""
+"""A warm-up is recorded, learnt and removed while wrenches go on, also where that fails."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""With a disk that takes a quarter of a second, no callback waits, and no answer comes before its file."""
+"""With a slow disk no callback waits, and no answer comes before its file."""
 
 import json
 import os
