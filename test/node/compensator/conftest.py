@@ -13,6 +13,7 @@ from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
+from moments import SECOND, START, TIMEOUT_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -31,9 +32,6 @@ from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stream.compensator import StreamSettings
 
-TIMEOUT_S = 60.0
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
 #: Between two looks at what a test waits for, s.

@@ -4,14 +4,13 @@ import os
 import signal
 import sys
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.stored.model_file import load_model
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
 COMMAND = 'wrist_ft_comp.node.jobs.COMMAND'
 

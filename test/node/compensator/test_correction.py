@@ -4,11 +4,10 @@
 The stand-in follows the controller's source (ros2_controllers 4.42.1), which was read and not run.
 """
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 #: The gain of force z is 1 + 0.02 % per K.
 MODEL = {'force_z': (2.0, 2e-4, 60.0), 'torque_x': (0.05, 0.0, 60.0)}
 CONTACT = np.array([3.0, -4.0, 25.0, 0.2, 0.1, -0.3])

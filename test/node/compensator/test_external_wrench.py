@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from geometry_msgs.msg import WrenchStamped
+from moments import OK, SECOND, START, WARN
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
@@ -21,9 +22,6 @@ from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-OK, WARN = b'\0', b'\1'
 TOOL = Payload(1.5, np.array([0.01, -0.02, 0.06]))
 PART = Payload(2.5, np.array([0.02, 0.01, 0.1]))
 #: The IMU stands on its head beside the sensor.

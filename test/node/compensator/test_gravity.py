@@ -1,6 +1,7 @@
 """Specific force by TF, over DDS, and what is said where it cannot be heard."""
 
 from geometry_msgs.msg import AccelStamped, PoseArray
+from moments import SECOND, START
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -8,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 pytestmark = pytest.mark.usefixtures('tf_messages')
 
 

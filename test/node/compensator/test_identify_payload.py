@@ -3,6 +3,7 @@
 import json
 import math
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
@@ -15,8 +16,6 @@ from wrist_ft_comp.simulation.work import (
     WorkSettings,
 )
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 RATE_HZ = 20
 IMU = {'gravity.source': 'imu'}
 

@@ -5,6 +5,7 @@ import os
 import re
 
 from geometry_msgs.msg import WrenchStamped
+from moments import OK, SECOND, START, WARN
 import numpy as np
 import pytest
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
@@ -15,10 +16,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 HOUR = 3600 * SECOND
-OK, WARN = b'\0', b'\1'
 N = math.nan
 RAW = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 AXES = {'force_z': (0.5, 0.0, 300.0)}

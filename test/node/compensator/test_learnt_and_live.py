@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 
 from geometry_msgs.msg import WrenchStamped
+from moments import SECOND, START
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -13,8 +14,6 @@ from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.payload.weight import Payload
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 TOOL = Payload(1.3, np.array([0.01, -0.02, 0.09]))
 #: Drift per kelvin from 20 °C on, as make_working_day makes it.
 DRIFT = np.array([0.3, -0.2, 0.5, 0.01, 0.02, -0.01])

@@ -2,14 +2,11 @@ from dataclasses import asdict
 import json
 import os
 
+from moments import ERROR, OK, START
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.stored.model_store import HistoryEntry
-
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-OK, WARN, ERROR = b'\0', b'\1', b'\2'
 
 
 def live(node):

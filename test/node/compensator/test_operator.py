@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 from hypothesis import given
 from hypothesis import strategies as st
+from moments import SECOND, START
 import pytest
 from rich.console import Console
 
@@ -16,15 +17,7 @@ from wrist_ft_comp.cli.output import renderables
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 LEVELS = [b'\0', b'\1', b'\2', b'\3']
-
-
-@pytest.fixture(autouse=True)
-def hurry(monkeypatch):
-    """Wait less for nodes that are not there."""
-    monkeypatch.setattr(operator, 'DISCOVERY_S', 5.0)
 
 
 @pytest.fixture
@@ -57,8 +50,9 @@ def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operat
     assert json.loads(out)['error']['kind'] == 'node'
 
 
-def test_a_missing_node_is_named_with_those_that_run(wired, operate):
+def test_a_missing_node_is_named_with_those_that_run(wired, operate, monkeypatch):
     node = wired()
+    monkeypatch.setattr(operator, 'DISCOVERY_S', 1.0)
     code, _, refusal = operate('tare', 'nobody')
     assert code == 1
     assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
@@ -66,9 +60,8 @@ def test_a_missing_node_is_named_with_those_that_run(wired, operate):
 
 def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services(wired, operate):
     node = wired(remap={'__node': 'left_ft'})
-    for name in (node.namespace, f'{node.namespace}/left_ft'):
-        assert operate('reset_tare', name)[1] == 'the tare is zero again\n'
-    code, _, refusal = operate('callibrate', node.namespace)
+    assert operate('reset_tare', node.namespace)[1] == 'the tare is zero again\n'
+    code, _, refusal = operate('callibrate', f'{node.namespace}/left_ft')
     assert code == 1
     assert 'left_ft has no service callibrate' in refusal
     assert 'adopt, calibrate, identify_payload, record, reset_tare, rollback, tare.' in refusal
@@ -76,15 +69,12 @@ def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services
 
 def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
     asking = operator.Operator(bench.context)
-    try:
-        monkeypatch.setattr(
-            asking, 'running', lambda: ['/left/wrist_ft_comp', '/right/wrist_ft_comp']
-        )
-        with pytest.raises(NodeError, match='--name'):
-            asking.find()
-        assert asking.find('right') == '/right/wrist_ft_comp'
-    finally:
-        asking.close()
+    names = [f'/{side}/wrist_ft_comp' for side in ('left', 'right')]
+    monkeypatch.setattr(asking, 'running', lambda: names)
+    with pytest.raises(NodeError, match='--name'):
+        asking.find()
+    assert asking.find('right') == names[1]
+    asking.close()
 
 
 def test_the_status_is_one_page_of_text_or_json(wired, operate):

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from moments import SECOND, START
 import pytest
 from rclpy.parameter import parameter_value_to_python
 import yaml
@@ -9,8 +10,6 @@ import yaml
 from wrist_ft_comp.node.compensator_node import CompensatorNode, PARAMETERS, PARTS
 
 CONFIG = Path(__file__).parents[3] / 'config/compensator.yaml'
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 
 
 def test_every_parameter_is_described(rig):

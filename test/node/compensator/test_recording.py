@@ -3,13 +3,11 @@
 import math
 from types import SimpleNamespace
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
 from wrist_ft_comp.recordings.read import read_recording
-
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 
 
 def start_recording(rig):

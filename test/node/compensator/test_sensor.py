@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 import shutil
 
+from moments import SECOND, START
 import pytest
 import yaml
 
@@ -13,8 +14,6 @@ from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 TOPICS = ['/a/temperature', '/b/state:motors[0]*0.1:K']
 
 

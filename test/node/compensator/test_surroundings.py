@@ -2,6 +2,7 @@
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+from moments import SECOND, TIMEOUT_S
 from rclpy.qos import QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
@@ -11,9 +12,7 @@ from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros import topics as qos
 from wrist_ft_comp.ros.topics import wrench_message
 
-SECOND = 1_000_000_000
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-TIMEOUT_S = 60.0
 
 
 def test_topics_and_the_node_can_be_remapped(bench, tmp_path):

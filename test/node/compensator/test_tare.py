@@ -1,13 +1,12 @@
 import time
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 OFFSET = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
 #: A sensor that lives: a bit of it changes.
 WRENCHES = np.tile(OFFSET, (51, 1))

@@ -141,8 +141,8 @@ class Player:
                 self._wait(enough)
             printed = self._terminal.run(words)
             if words[1] == 'evaluate':
-                before, after = re.search(r'force_z: .*?\((\S+) → (\S+) N RMS', printed).groups()
-                fell.append(float(before) / float(after))
+                row = next(line.split() for line in printed.splitlines() if 'force_z' in line)
+                fell.append(float(row[3]) / float(row[4]))
         return fell[0]
 
     def _start(self, words):

@@ -4,12 +4,11 @@ from functools import partial
 import json
 import sys
 
+from moments import SECOND, START
 import pytest
 
 from wrist_ft_comp.learning import day_files
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
 #: Times of days, which are shorter here by this factor: a day has 144 thermal cells of 1 s.
 TIMES, SHORTER = ('DAY_NS', 'SILENCE_NS', 'SHORTEST_NS'), 600

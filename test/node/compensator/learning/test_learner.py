@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+from moments import OK, WARN
 import numpy as np
 import pytest
 
@@ -11,7 +12,6 @@ from wrist_ft_comp.node.learner import Learner
 
 #: After all that was heard.
 LATE = 1_800_000_000 * 10**9
-OK, WARN = b'\x00', b'\x01'
 
 
 @pytest.fixture
@@ -191,13 +191,13 @@ def test_a_job_that_fails_is_a_warning_until_the_next_day(learner):
     assert node.rig.diagnosis('learning', 'no better model is offered').level == OK
 
 
-@pytest.mark.parametrize('changed', ['', 'rubbish'])
-def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models, changed):
+@pytest.mark.parametrize('is_changed', [False, True])
+def test_an_offered_model_that_is_missing_or_changed_is_refused(learner, models, is_changed):
     node = learner(model_file=str(models[0].path))
     node.find(models[1])
     node.a_day()
     path = node.node.learning.offered
-    path.write_bytes(path.read_bytes() + b'# mine\n') if changed else path.unlink()
+    path.write_bytes(path.read_bytes() + b'# mine\n') if is_changed else path.unlink()
     sentence = node.rig.refusal('adopt')
     assert str(path) in sentence
     assert sentence.endswith('The running model stays.')
