@@ -125,15 +125,14 @@ class Receiver:
         #: Wrenches without the payload that were heard, by namespace.
         self._external: dict[str, list[bytes]] = {name: [] for name in namespaces}
         profile: Any = QoSProfile
+        deep = profile(depth=5000)
         for name, came in self._came.items():
-            hear = partial(_hear, came.append)
-            self._node.create_subscription(
-                WrenchStamped, f'/{name}/wrench', hear, profile(depth=5000), raw=True
-            )
-            self._node.create_subscription(
-                WrenchStamped, f'/{name}/wrench_external', self._external[name].append,
-                profile(depth=5000), raw=True,
-            )  # fmt: skip
+            for topic, hear in (
+                ('wrench', partial(_hear, came.append)),
+                ('wrench_external', self._external[name].append),
+            ):
+                name_of_topic = f'/{name}/{topic}'
+                self._node.create_subscription(WrenchStamped, name_of_topic, hear, deep, raw=True)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._orders: list[str] = []
 
@@ -141,17 +140,14 @@ class Receiver:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
         executor = make_executor(context)
         executor.add_node(self._node)
-        threading.Thread(target=self._listen, daemon=True).start()
+        orders = (line.strip() for line in sys.stdin)
+        threading.Thread(target=lambda: self._orders.extend(orders), daemon=True).start()
         while 'end' not in self._orders:
             executor.spin_once(timeout_sec=0.02)
             while self._orders and self._orders[0] != 'end':
                 self._obey(*self._orders.pop(0).split())
         executor.shutdown()
         self._node.destroy_node()
-
-    def _listen(self) -> None:
-        """Take orders, beside the executor."""
-        self._orders.extend(line.strip() for line in sys.stdin)
 
     def _obey(self, order: str, namespace: str = '') -> None:
         """Carry out one order."""
