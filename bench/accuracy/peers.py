@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 from judging import block_means, BLOCK_S, tared
 import numpy as np
@@ -68,43 +69,15 @@ def bank(
     return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
 
 
-@lru_cache(maxsize=64)
-def described(features: Features, day: Day) -> tuple[FloatArray, IntArray]:
-    """Describe a day once for its six axes."""
-    return features(day)
-
-
-def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, IntArray]:
-    """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
-    columns, degrees = described(features, day)
+def design(features: Features, day: Day, axis: int) -> FloatArray:
+    """Columns for zero drift and, where there are loads, for gain drift."""
+    columns, degrees = features(day)
     load = day.load[:, axis]
     if not np.nanstd(load) > 0:
-        return columns, degrees
+        return columns
     first = columns[:, degrees == 1]
     times = load[:, None] * np.concatenate((np.ones((len(load), 1)), first), axis=1)
-    return np.concatenate((columns, times), axis=1), np.concatenate(
-        (degrees, np.zeros(times.shape[1], dtype=int))
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """Normal equations of one part of the days, centred, and the part itself."""
-
-    normal: FloatArray
-    right: FloatArray
-    columns: FloatArray
-    drift: FloatArray
-    period_s: float
-
-
-def fold(features: Features, day: Day, axis: int) -> Fold:
-    """Centre a day and form its normal equations."""
-    columns, _ = design(features, day, axis)
-    measured = np.isfinite(day.drift[:, axis])
-    columns, drift = columns[measured], day.drift[measured, axis]
-    x, y = columns - columns.mean(axis=0), drift - drift.mean()
-    return Fold(x.T @ x, x.T @ y, columns, drift, day.period_s)
+    return np.concatenate((columns, times), axis=1)
 
 
 def parts(days: Sequence[Day]) -> list[Day]:
@@ -119,24 +92,40 @@ def parts(days: Sequence[Day]) -> list[Day]:
     ]
 
 
-def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
-    """Solve ridge, its strength relative to the diagonal of the normal matrix."""
-    normal = np.sum([piece.normal for piece in folds], axis=0)
-    right = np.sum([piece.right for piece in folds], axis=0)
+class Piece(NamedTuple):
+    """Columns (M, p) and drift (M,) of an axis in one part of the days, where it was measured."""
+
+    columns: FloatArray
+    drift: FloatArray
+    period_s: float
+
+
+def pieces_of(features: Features, days: Sequence[Day], axis: int) -> list[Piece]:
+    """Describe an axis of days."""
+    measured = [np.isfinite(day.drift[:, axis]) for day in days]
+    return [
+        Piece(design(features, day, axis)[rows], day.drift[rows, axis], day.period_s)
+        for day, rows in zip(days, measured, strict=True)
+    ]
+
+
+def solved(pieces: Sequence[Piece], strength: float) -> FloatArray:
+    """Solve ridge with an offset per piece, its strength relative to the normal matrix."""
+    x = np.concatenate([piece.columns - piece.columns.mean(axis=0) for piece in pieces])
+    y = np.concatenate([piece.drift - piece.drift.mean() for piece in pieces])
+    normal = x.T @ x
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(size, size) + strength * np.eye(len(size))
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    return np.asarray(np.linalg.solve(scaled, x.T @ y / size) / size)
 
 
-def held_out(folds: Sequence[Fold], strength: float) -> float:
-    """Tared error of parts that were left out, relative to what no model leaves."""
-    after, before = [], []
-    for out in folds:
-        gains = solved([other for other in folds if other is not out], strength)
-        error = tared((out.drift - out.columns @ gains)[:, None], out.period_s)
-        after.append(error)
-        before.append(tared(out.drift[:, None], out.period_s))
-    return float(np.std(np.concatenate(after)) / np.std(np.concatenate(before)))
+def held_out(pieces: Sequence[Piece], strength: float) -> float:
+    """Tared error of parts that were left out."""
+    errors = []
+    for out in pieces:
+        gains = solved([other for other in pieces if other is not out], strength)
+        errors.append(tared((out.drift - out.columns @ gains)[:, None], out.period_s))
+    return float(np.std(np.concatenate(errors)))
 
 
 def axes_of(days: Sequence[Day]) -> list[int]:
@@ -154,18 +143,15 @@ def ridge(
 ) -> FloatArray:
     """Fit by ridge; leaving recordings out chooses features and strength where there are some."""
     result = np.zeros_like(judged.drift)
-    pieces_of_days = parts(days)
     for axis in axes_of(days):
         best, least = (candidates[0], strengths[0]), np.inf
         for features in candidates if len(strengths) > 1 else ():
-            pieces = [fold(features, part, axis) for part in pieces_of_days]
+            pieces = pieces_of(features, parts(days), axis)
             for strength in strengths:
                 if (error := held_out(pieces, strength)) < least:
                     best, least = (features, strength), error
-        features, strength = best
-        columns, _ = design(features, judged, axis)
-        whole = [fold(features, day, axis) for day in days]
-        result[:, axis] = columns @ solved(whole, strength)
+        gains = solved(pieces_of(best[0], days, axis), best[1])
+        result[:, axis] = design(best[0], judged, axis) @ gains
     return result
 
 

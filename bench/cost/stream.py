@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 import json
 import math
-import os
 from pathlib import Path
 import signal
 from statistics import median
@@ -71,12 +70,6 @@ HEADER = (
 )
 #: Figures of a run, named in SUMMARIES.
 Run = dict[str, float]
-
-
-def on_loopback(domain: int) -> None:
-    """Keep to this machine, in a domain that nobody else has unless one was chosen."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ.setdefault('ROS_DOMAIN_ID', str(domain))
 
 
 def make_model(folder: Path) -> Path:
@@ -331,7 +324,7 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=5)
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
-    on_loopback(93)
+    stand.own_domain(93, shared_memory=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         compute_us = pure_compute(make_model(folder))
