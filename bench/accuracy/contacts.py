@@ -59,11 +59,6 @@ def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording
     return recording_of(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
 
 
-def median_worst(errors_n: Sequence[float]) -> str:
-    """Write the median and the worst of all seeds."""
-    return f'{np.median(errors_n):.2f} ({np.max(errors_n):.2f})'
-
-
 def contacts() -> FloatArray:
     """Draw the contact force, N, shape (N,)."""
     force: FloatArray = np.zeros(HOLD_S[1])
@@ -137,10 +132,12 @@ def contact_errors(estimate: FloatArray, day: Recording) -> list[float]:
     return [*rms, float(np.max(np.abs(held)))]
 
 
-def print_contacts(seeds: range) -> None:
+def main() -> None:
     """Print the errors of practices during contacts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('seeds', nargs='?', type=int, default=6)
     found: dict[str, list[list[float]]] = {name: [] for name in PRACTICES}
-    for seed in seeds:
+    for seed in range(parser.parse_args().seeds):
         training = [wrist(seed, run) for run in range(4)]
         test = wrist(seed, JUDGED_RUN, contacts())
         for name, practice in PRACTICES.items():
@@ -149,17 +146,8 @@ def print_contacts(seeds: range) -> None:
     titles = ('60 s contacts, RMS', 'free, RMS', '1 h contact, worst')
     print(f'{"":28}' + ''.join(f'{title:>20}' for title in titles))
     for name, rows in found.items():
-        print(
-            f'{name:28}'
-            + ''.join(f'{median_worst(of_kind):>20}' for of_kind in zip(*rows, strict=True))
-        )
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('seeds', nargs='?', type=int, default=6)
-    print_contacts(range(parser.parse_args().seeds))
+        cells = (f'{np.median(kind):.2f} ({np.max(kind):.2f})' for kind in np.transpose(rows))
+        print(f'{name:28}' + ''.join(f'{cell:>20}' for cell in cells))
 
 
 if __name__ == '__main__':

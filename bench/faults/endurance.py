@@ -99,7 +99,7 @@ class Endurance:
         self._stand.start_node()
         self._stand.wait(lambda: NODE in self._stand.node.get_node_names(), 'the node')
         self._stand.wait(lambda: self._raw.get_subscription_count() > 0, 'its subscription')
-        self._stand.wait(lambda: self._stand.ready('tare'), 'its services')
+        self._stand.wait(lambda: self._stand.call('reset_tare'), 'its services')
         for tick in range(500):
             if tick % 10 == 0:
                 self._warm()

@@ -160,21 +160,14 @@ class Stand:
         self.process.send_signal(number)
         return self.process.wait(TIMEOUT_S)
 
-    def _client(self, name: str, kind: Any) -> Any:
-        """Give the client of one of the node's services."""
+    def call(self, name: str, kind: Any = Trigger, request: Any = None) -> bool:
+        """Ask for a service, if the node offers it now, and wait for nothing; whether it does."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f'/{NODE}/{name}')
-        return self._clients[name]
-
-    def call(self, name: str, kind: Any = Trigger, request: Any = None) -> None:
-        """Ask for a service, if the node offers it now, and wait for nothing."""
-        client = self._client(name, kind)
-        if client.service_is_ready():
-            client.call_async(request or kind.Request())
-
-    def ready(self, name: str) -> bool:
-        """Tell whether the node offers a Trigger service now."""
-        return bool(self._client(name, Trigger).service_is_ready())
+        is_ready = bool(self._clients[name].service_is_ready())
+        if is_ready:
+            self._clients[name].call_async(request or kind.Request())
+        return is_ready
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until something holds."""

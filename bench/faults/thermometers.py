@@ -126,19 +126,19 @@ def judge_world(seed: int, world: World) -> list[Outcome]:
 
 def print_faults(outcomes: Sequence[Outcome]) -> None:
     """Print a line for every fault, of the days on which it was due to be found."""
-    print(f'{"":12}{"days":>5}{"left":>8}{"believed":>10}{"without":>9}{"ratio":>7}'
-          f'{"in 10 min":>11}{"late, min":>11}{"wrong":>7}')  # fmt: skip
+    titles = ('days', 'left', 'believed', 'without', 'ratio', 'in 10 min', 'late, min', 'wrong')
+    print(f'{"":12}' + ''.join(f'{title:>11}' for title in titles))
     for fault in FAULTS:
-        of_fault = [outcome for outcome in outcomes if outcome.fault == fault]
-        days = [day for day in of_fault if not np.isnan(day.late_min)]
-        names = 'left', 'believed', 'without', 'late_min', 'wrong'
-        left, believed, alone, late, wrong = (
-            np.array([getattr(day, name) for day in days]) for name in names
+        days = [day for day in outcomes if day.fault == fault and not np.isnan(day.late_min)]
+        left, believed, alone = (
+            float(np.nanmean([getattr(day, name) for day in days]))
+            for name in ('left', 'believed', 'without')
         )
-        means = [float(np.nanmean(part)) for part in (left, believed, alone)]
-        print(f'{fault:12}{len(days):5}{means[0]:8.3f}{means[1]:10.3f}{means[2]:9.3f}'
-              f'{means[0] / means[2]:7.2f}{np.sum(late <= 10):11}{np.median(late):11.1f}'
-              f'{wrong.sum():7}')  # fmt: skip
+        late, wrong = np.array([day.late_min for day in days]), sum(day.wrong for day in days)
+        print(
+            f'{fault:12}{len(days):11}{left:11.3f}{believed:11.3f}{alone:11.3f}'
+            f'{left / alone:11.2f}{np.sum(late <= 10):11}{np.median(late):11.1f}{wrong:11}'
+        )
 
 
 def main() -> None:
