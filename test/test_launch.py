@@ -71,14 +71,12 @@ def test_two_wrists_are_two_nodes_in_namespaces_of_their_own(load):
     assert left['remappings'] != right['remappings']
 
 
-def test_every_argument_has_a_default_and_says_what_it_is(launch):
-    declared, _ = launch
-    assert all(argument.named['description'] for argument in declared)
-    assert all(isinstance(argument.named['default_value'], str) for argument in declared)
-
-
 def test_without_arguments_the_executable_starts_as_it_is(launch):
-    node = launch[1]()
+    declared, make = launch
+    for argument in declared:
+        assert argument.named['description']
+        assert isinstance(argument.named['default_value'], str)
+    node = make()
     assert (node['package'], node['executable']) == ('wrist_ft_comp', 'compensator')
     assert f'{node["executable"]} = ' in (ROOT / 'setup.py').read_text('utf-8')
     assert node['parameters'] == node['remappings'] == []
