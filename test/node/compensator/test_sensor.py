@@ -81,11 +81,9 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
     assert f'{copy} is a copy of {path}' in answer.message
     assert node.node.live.stored.sensor == sensor
     assert node.diagnosis('model', lambda status: status.level == OK)
+    parameters |= {'calibration.recordings': [str(path)]}
     other = rig(
-        thermometers=2,
-        topics=TOPICS[::-1],
-        parameters={**parameters, 'calibration.recordings': [str(path)]},
-        namespace='/other',
+        thermometers=2, topics=TOPICS[::-1], parameters=parameters, namespace='/other',
         directory=tmp_path / 'other',
-    )
+    )  # fmt: skip
     assert 'in another order' in other.refusal('calibrate')
