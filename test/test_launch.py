@@ -2,6 +2,7 @@
 
 from pathlib import Path
 import re
+import sys
 from types import ModuleType
 
 import pytest
@@ -23,21 +24,19 @@ class Declared:
         return context[self.values[0]]
 
 
-def stand_in(monkeypatch, name, *classes):
-    module = ModuleType(name)
-    for class_name in classes:
-        setattr(module, class_name, type(class_name, (Declared,), {}))
-    monkeypatch.setitem(__import__('sys').modules, name, module)
-
-
 @pytest.fixture
 def load(monkeypatch):
     """Run a launch file, and give what it declares."""
-    stand_in(monkeypatch, 'launch', 'LaunchDescription')
-    stand_in(monkeypatch, 'launch.actions', 'DeclareLaunchArgument', 'OpaqueFunction')
-    stand_in(monkeypatch, 'launch.substitutions', 'LaunchConfiguration')
-    stand_in(monkeypatch, 'launch_ros', '')
-    stand_in(monkeypatch, 'launch_ros.actions', 'Node')
+    for name, classes in {
+        'launch': ['LaunchDescription'],
+        'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction'],
+        'launch.substitutions': ['LaunchConfiguration'],
+        'launch_ros': [],
+        'launch_ros.actions': ['Node'],
+    }.items():
+        module = ModuleType(name)
+        vars(module).update({of: type(of, (Declared,), {}) for of in classes})
+        monkeypatch.setitem(sys.modules, name, module)
 
     def run(name):
         scope = {}
@@ -84,19 +83,15 @@ def test_without_arguments_the_executable_starts_as_it_is(launch):
 
 
 def test_launch_arguments_reach_the_node_by_its_own_names(launch):
-    topics = {
-        name: f'/robot/{name}' for name in ('wrench_raw', 'wrench', 'wrench_external', 'imu')
-    }
+    names = 'wrench_raw', 'wrench', 'wrench_external', 'imu'
+    topics = {name: f'/robot/{name}' for name in names}
     entries = ['/robot/temperature', '/driver/state:data[3]:K']
     node = launch[1](
         **topics, temperature_topics=str(entries), params_file='f.yaml', data_directory='/d',
         namespace='left', respawn='false', log_level='debug',
     )  # fmt: skip
-    assert node['parameters'] == [
-        'f.yaml',
-        {'temperature_topics': entries},
-        {'data_directory': '/d'},
-    ]
+    given = {'temperature_topics': entries}, {'data_directory': '/d'}
+    assert node['parameters'] == ['f.yaml', *given]
     assert dict(node['remappings']) == topics
     assert len(parse_sources(entries, str)) == 2
     for name in (*topics, 'temperature_topics', 'data_directory'):

@@ -83,6 +83,7 @@ def test_the_public_names_stay():
     others = {*SETTINGS, 'Calibration', 'Recording', 'WristFtCompError'}
     assert set(wrist_ft_comp.__all__) == {*SIGNATURES, *others}
     assert set(wrist_ft_comp.__all__) <= set(dir(wrist_ft_comp))
+    assert not hasattr(wrist_ft_comp, 'calibrat')
 
 
 def test_signatures_of_functions_and_methods_stay():

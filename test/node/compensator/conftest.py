@@ -90,21 +90,17 @@ class Rig:
             service._send = lambda response, answers: answers.put(response)
 
     def topic(self, name):
-        """Topic of the node, by its relative name."""
         return f'{self.namespace}/{name}'
 
     def send_reference(self, stamp, values):
-        """Send one reference wrench to what is subscribed to them."""
         topic = self.topic('wrench_reference')
         (reference,) = (s for s in self.node.subscriptions if s.topic_name == topic)
         reference.callback(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp, values, frame='tool0'):
-        """Send one raw wrench."""
         self.put_bytes(serialize_message(wrench_message(stamp, frame, values)))
 
     def put_bytes(self, data):
-        """Send bytes where a raw wrench belongs."""
         self.node._on_wrench(data)
 
     def put_temperature(self, stamp, *values):
@@ -115,7 +111,6 @@ class Rig:
             self.put_temperature_bytes(j, serialize_message(message))
 
     def put_temperature_bytes(self, thermometer, data):
-        """Send bytes where a temperature belongs."""
         for topic in self.node.inputs.by_topic:
             if thermometer in topic.sources:
                 topic.read(data)
@@ -133,7 +128,6 @@ class Rig:
             self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 
     def take(self, count=1):
-        """Take outputs in their order."""
         taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
         return [
             deserialize_message(output, WrenchStamped) if isinstance(output, bytes) else output
@@ -154,7 +148,6 @@ class Rig:
         return np.array([self.ask_output(int(stamp), values) for stamp, values in sent])
 
     def ask(self, service, data=None):
-        """Call a service of the node; its answer comes in the queue."""
         answers: queue.Queue[Any] = queue.Queue()
         name = f'{self.namespace}/wrist_ft_comp/{service}'
         (served,) = (service for service in self.node.services if service.service_name == name)
@@ -168,13 +161,11 @@ class Rig:
         return answers
 
     def call(self, service, data=None):
-        """Call a service of the node and return its answer."""
         answers = self.ask(service, data)
         self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
         return answers.get()
 
     def refusal(self, service, data=None):
-        """Call a service that has to refuse; return its sentence."""
         answer = self.call(service, data)
         assert not answer.success, answer.message
         return answer.message
@@ -186,7 +177,6 @@ class Rig:
         return verdict.reason
 
     def set(self, name, value):
-        """Set a parameter; return the verdict."""
         return self.node.set_parameters([Parameter(name, value=value)])[0]
 
     def wait_until(self, condition, what):
@@ -218,7 +208,6 @@ class Rig:
         return statuses[-1]
 
     def _report(self):
-        """Give the statuses of now."""
         self._statuses.clear()
         self.node.broadcast('poll')
         self.node._diagnose()
@@ -242,20 +231,16 @@ class WiredRig(Rig):
         ]
 
     def put_bytes(self, data):
-        """Publish bytes where a raw wrench belongs."""
         self._raw.publish(data)
 
     def put_temperature_bytes(self, thermometer, data):
-        """Publish bytes where a temperature belongs."""
         self._temperatures[thermometer].publish(data)
 
     def ask(self, service, data=None):
-        """Call a service of the node; its answer comes in the queue."""
         kind, request = _request(data)
         return self.bench.ask(kind, f'{self.namespace}/wrist_ft_comp/{service}', request)
 
     def set(self, name, value):
-        """Set a parameter over the graph; return the verdict."""
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
@@ -263,11 +248,9 @@ class WiredRig(Rig):
         return self.bench.call(SetParameters, service, request).results[0]
 
     def wait_until(self, condition, what):
-        """Wait for what the node does by itself."""
         self.bench.wait_until(condition, what)
 
     def _report(self):
-        """Wait for the next statuses."""
         return list(self._arrays.get(timeout=TIMEOUT_S).status)
 
 
@@ -325,7 +308,6 @@ def short_patience(monkeypatch):
 
 
 def _make_rig(kind, bench, tmp_path, **options):
-    """Make a rig with a namespace of its own."""
     namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
     return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
 

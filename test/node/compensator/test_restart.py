@@ -136,6 +136,14 @@ def test_a_tare_that_is_made_before_the_first_temperature_stays_at_zero(restart,
         assert restarted.output(second, LOAD) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_tare_without_a_drift_keeps_the_output_over_a_restart(restart, stored):
+    restarted = restart(SavedState(time.time_ns(), stored.sha256, TARE, None))
+    assert restarted.output(0, TARE) == 0.0
+    restarted.warm(range(5), lambda _: 30.0)
+    assert restarted.compensator.compensation.zero[2] == pytest.approx(20.0)
+    assert restarted.output(6, TARE) == pytest.approx(0.0)
+
+
 def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     path = tmp_path / 'state.json'
     path.write_bytes(b'{')

@@ -68,7 +68,6 @@ class Terminal:
         return printed
 
     def _expanded(self, word):
-        """Expand a star as a shell does."""
         if '*' not in word:
             return [word]
         paths = sorted(str(path) for path in self.folder.glob(word))
@@ -101,7 +100,6 @@ class Terminal:
 
 @pytest.fixture
 def commands():
-    """Give what reads a document's commands."""
     return read_commands
 
 
