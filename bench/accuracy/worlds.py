@@ -80,25 +80,15 @@ class Answer:
 
 
 class Result(NamedTuple):
-    """
-    What a method left in the worlds of a family.
+    """What a method left in the worlds of a family, axis by axis, (worlds, 6); NaN for nothing."""
 
-    Attributes
-    ----------
-    left : ndarray, shape (worlds, 6)
-        Of the drift of each axis; NaN where there was none.
-    kept : ndarray, shape (worlds, 6)
-        What was left by what had been claimed; NaN without a claim.
-    peak : ndarray, shape (worlds, 6)
-        The largest error of the day by the limit that had been stated; NaN without one.
-    seconds : ndarray, shape (worlds,)
-        Time it took.
-
-    """
-
+    #: Of the drift.
     left: FloatArray
+    #: What was left by what had been claimed.
     kept: FloatArray
+    #: The largest error of the day by the limit that had been stated.
     peak: FloatArray
+    #: Time it took, (worlds,).
     seconds: FloatArray
 
 

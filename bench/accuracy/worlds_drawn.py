@@ -100,21 +100,13 @@ FAMILIES |= {
 
 @dataclass(frozen=True, eq=False)
 class Gauges:
-    """
-    How six axes see n nodes.
+    """How six axes see n nodes."""
 
-    Attributes
-    ----------
-    linear, square, gain : ndarray, shape (n, 6)
-        Zero drift per K and per K², gain drift per K.
-    creep, noise : ndarray, shape (6,)
-        Largest zero drift of a day without any temperature, and noise of a cell.
-
-    """
-
+    #: Zero drift per K and per K², and gain drift per K, (n, 6).
     linear: FloatArray
     square: FloatArray
     gain: FloatArray
+    #: Largest zero drift of a day without any temperature, and noise of a cell, (6,).
     creep: FloatArray
     noise: FloatArray
 
@@ -218,22 +210,9 @@ def shift_of(rng: np.random.Generator, learnt: FloatArray, judged: FloatArray) -
 
 def family(name: str, seed: int, more: int = 0) -> World:
     """
-    Draw a world of a family.
+    Draw a world of one of FAMILIES; the same seed gives the same world.
 
-    Parameters
-    ----------
-    name : str
-        One of FAMILIES.
-    seed : int
-        Any; the same one gives the same world.
-    more : int
-        Days beyond those of the family; another number gives another day to be judged on.
-
-    Returns
-    -------
-    World
-        Days to learn from, a day to be judged on, and its drift without noise.
-
+    ``more`` are days beyond those of the family; another number gives another day to be judged on.
     """
     kind = FAMILIES[name]
     rng = np.random.default_rng([seed, list(FAMILIES).index(name)])
