@@ -1,16 +1,11 @@
 """
 Learnt from days at work instead of an empty flange: drift left on an empty next day, and payloads.
 
-``python bench/accuracy/at_work.py`` draws the worlds from the last commit that touched how drift
-is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every world
-(``working_days``) is a random thermal network with two thermometers and a six-axis sensor; learnt
-are four days of 2.5 h at work, judged is an empty fifth one, tared in its first minute, over means
-of ten seconds: root mean square left, over raw. The yardstick learns from the same four days with
-an empty flange and without a tare. Both use ``auto``. For every scenario: drift left, its median
-by the yardstick's, masses and centres of mass against what was drawn, and steps that were found
-for the driver's tares.
-
-docs/accuracy.md has the figures of worlds that nobody had looked at.
+``python bench/accuracy/at_work.py`` draws the worlds (``working_days``) from the last commit that
+touched how drift is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Learnt
+are four days of 2.5 h at work with two thermometers, judged is an empty fifth one, tared in its
+first minute, over means of ten seconds: root mean square left, over raw. The yardstick learns from
+the same four days with an empty flange and without a tare. Both use ``auto``.
 """
 
 from concurrent.futures import ProcessPoolExecutor

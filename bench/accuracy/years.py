@@ -1,27 +1,19 @@
 """
 Simulated years of a node that learns by itself, against a model that somebody learns by hand.
 
-``python bench/accuracy/years.py`` draws years from the last commit that touched
-how drift is learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every working
-day of 2.5 h is recorded in cells of 2 s, and judged on its true drift, tared in its first minute,
-over means of ten seconds: root mean square left of each axis, by what is there without a model in
+``python bench/accuracy/years.py`` draws years from the last commit that touched how drift is
+learnt, as ``worlds.py`` does; ``--dev`` draws the ones to develop on. Every working day of 2.5 h
+is recorded in cells of 2 s, and judged as in ``at_work.py``, by what is there without a model in
 the mean of the year, mean over axes. Four robots live through the same year: one is never
 calibrated, one by a warm-up with an empty flange on the first day, one by another such warm-up
-every quarter, added to those before, and one learns by itself (``auto``: a better model is live on
-the next day).
+every quarter, added to those before, and one learns by itself (a better model is live on the next
+day). Once a year the robot is moved (other sources of heat and another room), its tool is changed,
+it crashes (the zero jumps), a thermometer stops and is replaced days later, and on one day it is
+in contact nearly all the time. A year takes 5 to 11 min on two processors. docs/accuracy.md has
+the figures.
 
-Bodies, gauges and work are those of ``working_days``; robots rest at weekends. Once a year the
-robot is moved (other sources of heat and another room), its tool is changed, it crashes (the zero
-jumps), a thermometer stops and is replaced days later, and on one day it is in contact nearly all
-the time.
-
-A year takes 5 to 11 min on two processors: days to come are drawn and looked at ahead.
-docs/accuracy.md has the figures.
-
-``--incidents`` looks at the days only on which another tool is mounted, the zero jumps, a
-thermometer stops, or something pushes on the sensor nearly all day, and the two days before each,
-as a node does whose live model leaves a share of the drift; which of them is named within two
-days, and what falsely. A year takes 20 s then.
+``--incidents`` looks only at the days on which something has to be named, and the two days before
+each, as a node does whose live model leaves a share of the drift. A year takes 20 s then.
 """
 
 from collections import Counter

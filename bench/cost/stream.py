@@ -2,16 +2,12 @@
 What the stream costs: processor time and latency of a wrench, against relays a user would write.
 
 ``python bench/cost/stream.py [--seconds S] [--repeats N] [RATE …]``. Real processes over DDS on
-loopback: a sensor, a receiver, and between them by turns a plain typed relay on the default
-executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
-the time and are used one after the other in short runs, so that a noisy machine is as noisy to
-each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
-with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
-1 kHz, and while it learns from days; last, the computation alone.
-
-Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
-diagnostics tell what it received and published, and the receiver counts the different stamps that
-it hears. A table goes to standard output, figures to ``out/stream.json``.
+loopback: a sensor, a receiver, and between them a plain typed relay on the default executor, a
+relay of bytes on the events executor, and the compensator with a model, by turns in short runs, so
+that a noisy machine is as noisy to each. Then the compensator during a calibration, with a
+thermometer that is a field of another kilohertz message, with a payload and an IMU of 1 kHz, and
+while it learns from days. Figures are medians of the runs, losses are sums; a wrench is lost where
+the sensor's, the compensator's and the receiver's counts differ. All go to ``out/stream.json``.
 """
 
 import argparse
