@@ -97,36 +97,33 @@ def test_a_node_that_falls_silent_is_no_longer_waited_for(wired, operate, monkey
     assert (code, 'has said nothing' in refusal) == (1, True)
 
 
-words = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
-statuses = st.dictionaries(
-    st.sampled_from(['input', 'temperature', 'model', 'output', 'calibration', 'payload']),
-    st.tuples(st.sampled_from(LEVELS), words),
-)
+WORDS = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
+NAMES = st.sampled_from(['input', 'temperature', 'model', 'output', 'calibration', 'payload'])
+VALUES = {
+    'thermometer_1_age_s': 'never', 'thermometer_2_age_s': '0.1', 'thermometer_2_c': '21.00',
+    'thermometer_2_calibrated_c': '20.1 to 35.0', 'recording_s': '754',
+}  # fmt: skip
+VALUES |= {
+    f'{axis}_{name}': '-0.09579 N m'
+    for axis in command.AXES
+    for name in ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
+}
 
 
-@given(statuses)
+@given(st.dictionaries(NAMES, st.tuples(st.sampled_from(LEVELS), WORDS)))
 def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
-    values = {
-        'thermometer_1_age_s': 'never',
-        'thermometer_2_age_s': '0.1',
-        'thermometer_2_c': '21.00',
-        'thermometer_2_calibrated_c': '20.1 to 35.0',
-        'recording_s': '754',
-    }
-    names = 'raw', 'compensated', 'drift', 'drift_deviation', 'tare'
-    values |= {f'{axis}_{name}': '-0.09579 N m' for axis in command.AXES for name in names}
-    heard = {name: Status(name, *pair, values) for name, pair in said.items()}
+    heard = {name: Status(name, *pair, VALUES) for name, pair in said.items()}
     watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
     page = list(command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
     console = Console(file=StringIO(), width=200)
     console.print(*renderables(page), sep='\n')
-    lines = console.file.getvalue().splitlines()
+    text = console.file.getvalue()
+    lines = text.splitlines()
     long = max(map(len, ' '.join(text for _, text in said.values()).split()), default=0)
     assert max(map(len, lines)) <= max(80, 21 + long)
     levels = [said[name][0] for line in lines for name in said if line[8:].startswith(f'{name} ')]
     assert len(levels) == len(said)
     assert levels == sorted(levels, reverse=True)
-    text = '\n'.join(lines)
     assert ('20.1 to 35.0' in text) == ({'temperature', 'model'} <= said.keys())
     assert ('has run for 13 min' in text) == ('calibration' in said)
     assert text.count('-0.09579') == 30 * ('output' in said)
