@@ -4,9 +4,6 @@ from geometry_msgs.msg import WrenchStamped
 from moments import SECOND, START, TIMEOUT_S
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
-
-from wrist_ft_comp.ros.topics import wrench_message
 
 LOAD = np.array([1.5, -2.0, 30.0, 0.25, -0.5, 1.0])
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
@@ -23,23 +20,27 @@ def hear_bytes(rig):
 
 
 @executors
-def test_the_header_goes_out_byte_for_byte(wired, make_model, executor):
+def test_the_header_goes_out_byte_for_byte_in_both_byte_orders(
+    wired, make_model, messages, executor
+):
     node = wired(executor=executor, model=make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)}))
     node.warm_up(30.0)
     heard = hear_bytes(node)
     frames = ['', 'a', 'ab', 'tool0', 'wrist_3', 'wrist_ft_sensor/größe', 'f' * 301]
     sent = [
-        serialize_message(wrench_message(START + 10 * SECOND + k, frame, LOAD))
+        messages.wrench(START + 10 * SECOND + k, LOAD, frame, little=little)
+        for little in (True, False)
         for k, frame in enumerate(frames)
     ]
     for data in sent:
         node.put_bytes(data)
     stamps_ns = [message.header.stamp.nanosec for message in node.take(len(sent))]
-    assert stamps_ns == list(range(len(frames)))
+    assert stamps_ns == 2 * list(range(len(frames)))
     node.wait_until(lambda: len(heard) == len(sent), 'all outputs as bytes')
     assert [data[:-48] for data in heard] == [data[:-48] for data in sent]
     for data in heard:
-        values = struct.unpack_from('<6d', data, len(data) - 48)
+        order = '<' if data[1] else '>'
+        values = struct.unpack_from(f'{order}6d', data, len(data) - 48)
         np.testing.assert_allclose(values, LOAD - [10.0, 0, 0, 0, 0, 0])
 
 
