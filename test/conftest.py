@@ -298,13 +298,11 @@ class Messages:
         six = [float(value) for value in values]
         vectors = (self._make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
         body = self._make('geometry_msgs/msg/Wrench', *vectors)
-        message = self._make(self.wrench_type, self._header(stamp_ns, frame), body)
-        return bytes(self.store.serialize_cdr(message, self.wrench_type, little_endian=little))
+        return self.pack(self.wrench_type, (stamp_ns, frame), body, little=little)
 
     def temperature(self, stamp_ns, value, frame='ft_sensor', little=True):
-        kind = self.temperature_type
-        message = self._make(kind, self._header(stamp_ns, frame), float(value), 0.25)
-        return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
+        header = stamp_ns, frame
+        return self.pack(self.temperature_type, header, float(value), 0.25, little=little)
 
     def learn(self, kind, text):
         """Know a type by its definition."""
@@ -314,10 +312,11 @@ class Messages:
         return kind
 
     def make(self, kind, *fields):
-        """Make a message of any known type; a time in ns becomes a header."""
+        """Make a message of any known type; a time in ns, perhaps with a frame, is a header."""
         names = [field for field, _ in self.store.fielddefs[kind][1]]
         if names[0] == 'header':
-            fields = self._header(fields[0], 'here'), *fields[1:]
+            at = fields[0] if isinstance(fields[0], tuple) else (fields[0], 'here')
+            fields = self._header(*at), *fields[1:]
         return self._make(kind, *fields)
 
     def pack(self, kind, *fields, little=True):
@@ -327,12 +326,11 @@ class Messages:
 
     def imu(self, stamp_ns, force, rotation, little=True):
         """Serialize an Imu of a driver that knows no orientation and no covariance."""
-        three = (
+        rotation, force = (
             self._make('geometry_msgs/msg/Vector3', *map(float, v)) for v in (rotation, force)
         )
         unknown, none = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
         turn = self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
-        rotation, force = three
         fields = stamp_ns, turn, none, rotation, none, force, unknown
         return self.pack('sensor_msgs/msg/Imu', *fields, little=little)
 
@@ -343,9 +341,8 @@ class Messages:
             moved = self._make('geometry_msgs/msg/Vector3', 0.1, 0.2, 0.3)
             turned = self._make('geometry_msgs/msg/Quaternion', *map(float, quaternion))
             transform = self._make('geometry_msgs/msg/Transform', moved, turned)
-            header = self._header(stamp_ns, parent)
-            kind = 'geometry_msgs/msg/TransformStamped'
-            transforms.append(self._make(kind, header, child, transform))
+            kind, header = 'geometry_msgs/msg/TransformStamped', (stamp_ns, parent)
+            transforms.append(self.make(kind, header, child, transform))
         return self.pack('tf2_msgs/msg/TFMessage', transforms, little=little)
 
     def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):

@@ -46,10 +46,6 @@ def script(tmp_path, monkeypatch):
     return module
 
 
-def axes_of(root, robot):
-    return load_model(root / robot / 'model.yaml').document['axes']
-
-
 def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots, script, capsys):
     assert len(SCRIPT.splitlines()) <= 40
     with ProcessPoolExecutor(2, mp_context=get_context('spawn')) as pool:
@@ -65,9 +61,8 @@ def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots
 
 def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys):
     distributed = pytest.importorskip('distributed')
-    by_pool = shutil.copytree(robots, tmp_path / 'by_pool')
-    for folder in sorted(by_pool.iterdir()):
-        script.judge(folder)
+    by_hand = shutil.copytree(robots / 'SN-0', tmp_path / 'SN-0')
+    script.judge(by_hand)
     options = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
     with (
         distributed.LocalCluster(host='127.0.0.1', **options) as cluster,
@@ -75,5 +70,5 @@ def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys)
     ):
         script.fleet(client.get_executor(), robots)
     assert capsys.readouterr().out.startswith('SN-2')
-    for robot in ('SN-0', 'SN-1'):
-        assert axes_of(robots, robot) == axes_of(by_pool, robot)
+    learnt = [load_model(folder / 'model.yaml') for folder in (robots / 'SN-0', by_hand)]
+    assert learnt[0].document['axes'] == learnt[1].document['axes']

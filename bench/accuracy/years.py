@@ -363,11 +363,10 @@ def print_incidents(seeds: range, pool: Executor) -> None:
 def main() -> None:
     """Live through all years."""
     parser = bench_parser(__doc__, 'years', 2)
-    parser.add_argument('--first', type=int, help='seed of the first year')
     parser.add_argument('--length', type=int, default=365, help='days of a year, at least 130')
     parser.add_argument('--incidents', action='store_true', help='look at incidents only')
     options = parser.parse_args()
-    first = options.first or first_seed(options, 'learning')
+    first = first_seed(options, 'learning')
     seeds, years = range(first, first + options.years), []
     with ProcessPoolExecutor() as pool:
         if options.incidents:

@@ -221,13 +221,9 @@ def write_days(
 
 def busy_learning(stand: Stand) -> Callable[[int], None]:
     """Work, adopt and roll back; stamps run a thermal cell in every tick."""
+    kinds = {'imu': Imu, 'wrench_raw': WrenchStamped, 'temperature': Temperature}
     imu, wrenches, temperatures = (
-        stand.talker.create_publisher(kind, topic, 100)
-        for kind, topic in (
-            (Imu, 'imu'),
-            (WrenchStamped, 'wrench_raw'),
-            (Temperature, 'temperature'),
-        )
+        stand.talker.create_publisher(kind, topic, 100) for topic, kind in kinds.items()
     )
     at_rest = [0.0] * 37
     at_rest[25:28] = 0.0, 0.0, GRAVITY
