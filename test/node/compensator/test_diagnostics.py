@@ -67,15 +67,6 @@ def test_why_no_wrenches_arrive_is_said(fake_hub, kind, incompatible, words):
     assert f'no raw wrenches arrive: {words}' in status.message
 
 
-def test_a_thermometer_that_never_reported_is_named(rig):
-    node = rig(thermometers=2)
-    node.put_temperature(START, 25.0)
-    words = f'thermometer 2 has not reported: {node.topic("temperature_2")} has no publisher'
-    status = node.diagnosis('temperature', words)
-    assert status.level == WARN
-    assert status.values['thermometer_2_age_s'] == 'never'
-
-
 def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     model = make_model('m.yaml', range_c=(20.0, 30.0))
     node = rig(model=model, parameters={'temperature_timeout': 3600})
