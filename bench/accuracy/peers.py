@@ -50,11 +50,6 @@ def day_of(recording: Recording) -> Day:
     return Day(temperature_c, drift, load, cells * recording.period_s)
 
 
-def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
-    """Powers of the first thermometer's temperature."""
-    return bank(degree, (0.0,), day, thermometers=1)
-
-
 def bank(
     degree: int, taus_s: Sequence[float], day: Day, thermometers: int | None = None
 ) -> tuple[FloatArray, IntArray]:
@@ -133,11 +128,6 @@ def axes_of(days: Sequence[Day]) -> list[int]:
     return [axis for axis in range(6) if np.isfinite(days[0].drift[:, axis]).any()]
 
 
-def nothing(_: Sequence[Day], judged: Day) -> FloatArray:
-    """Re-zero at the start, which everybody does."""
-    return np.zeros_like(judged.drift)
-
-
 def ridge(
     candidates: Sequence[Features], strengths: Sequence[float], days: Sequence[Day], judged: Day
 ) -> FloatArray:
@@ -156,9 +146,8 @@ def ridge(
 
 
 PEERS: dict[str, Peer] = {
-    'nothing': nothing,
     **{
-        name: partial(ridge, [partial(polynomial, degree)], (LEAST_STRENGTH,))
+        name: partial(ridge, [partial(bank, degree, (0.0,), thermometers=1)], (LEAST_STRENGTH,))
         for name, degree in (('line', 1), ('cubic', 3))
     },
     'ridge bank': partial(ridge, [partial(bank, degree, BANK_S) for degree in (1, 2)], STRENGTHS),

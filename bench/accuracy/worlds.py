@@ -45,8 +45,9 @@ from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import simulate_drift
 
-AUTO, MORE, BEFORE, TRUTH = 'auto', 'auto, more', 'auto before', 'the truth'
-METHODS = (*PEERS, AUTO, TRUTH)
+NOTHING, AUTO, TRUTH = 'nothing', 'auto', 'the truth'
+MORE, BEFORE = 'auto, more', 'auto before'
+METHODS = (NOTHING, *PEERS, AUTO, TRUTH)
 #: Statistics that are printed with an interval.
 PRINTED = ('median', 'mean', '95 %')
 #: Names the tree of the version that is judged as ``auto before`` to other processes.
@@ -174,6 +175,7 @@ def by_peer(peer: Peer, world: World) -> Answer:
 
 #: Answers a world, by the name of the method.
 ANSWERS: dict[str, Callable[[World], Answer]] = {
+    NOTHING: by_nothing,
     **{name: partial(by_peer, peer) for name, peer in PEERS.items()},
     AUTO: by_auto,
     MORE: lambda world: by_auto(replace(world, learn=world.learn + world.more)),
