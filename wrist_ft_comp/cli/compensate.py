@@ -118,12 +118,11 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     if arguments.picture:
-        from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
+        from wrist_ft_comp.report.pictures import png, recording_figure  # noqa: PLC0415 -- matplotlib
 
         drift = simulate_drift(model, recording)
-        PICTURE.write(
-            arguments.picture, recording_png(recording, correct(recording.wrench, drift, tare))
-        )
+        after = correct(recording.wrench, drift, tare)
+        PICTURE.write(arguments.picture, png(recording_figure(recording, after)))
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,

@@ -139,9 +139,9 @@ def run(arguments: argparse.Namespace) -> int:
         }
         lines = [*_recording_lines(described, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
+            from wrist_ft_comp.report.pictures import png, recording_figure  # noqa: PLC0415 -- matplotlib
 
-            PICTURE.write(arguments.picture, recording_png(recording))
+            PICTURE.write(arguments.picture, png(recording_figure(recording)))
         elif arguments.picture:
             raise RecordingError(f'There is nothing to draw. {refusal}')
     print_result(Result(lines, document), as_json=arguments.json)
@@ -166,9 +166,9 @@ def _days(
         words += ['', *days_text(folder, diary, memory)]
         words += [f'warning: {warning}' for warning in warnings]
     if picture:
-        from wrist_ft_comp.report.pictures import days_png  # noqa: PLC0415 -- matplotlib
+        from wrist_ft_comp.report.pictures import days_figure, png  # noqa: PLC0415 -- matplotlib
 
-        PICTURE.write(picture, days_png(survey(folders[0])))
+        PICTURE.write(picture, png(days_figure(survey(folders[0]))))
     return document, words[1:]
 
 
