@@ -118,11 +118,11 @@ def run(arguments: argparse.Namespace) -> int:
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
     if arguments.picture:
-        from wrist_ft_comp.report.pictures import png, recording_figure  # noqa: PLC0415 -- matplotlib
+        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
         drift = simulate_drift(model, recording)
         after = correct(recording.wrench, drift, tare)
-        PICTURE.write(arguments.picture, png(recording_figure(recording, after)))
+        PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(recording, after)))
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,

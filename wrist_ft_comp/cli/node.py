@@ -7,14 +7,18 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from rich.console import Group
+from rich.live import Live
+from rich.table import Table
+
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.output import (
+    coloured,
     filled,
     print_json,
     print_words,
-    renderables,
-    Table,
+    table,
     waiting,
     WIDTH,
 )
@@ -115,12 +119,9 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.N
     elif arguments.once or not sys.stdout.isatty():
         print_words(page(name, watch))
     else:
-        from rich.console import Group  # noqa: PLC0415 -- in a terminal only
-        from rich.live import Live  # noqa: PLC0415
-
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                live.update(Group(*renderables(page(name, watch))), refresh=True)
+                live.update(Group(*coloured(page(name, watch))), refresh=True)
                 watch.reports = 0
                 operator.wait_for(lambda: watch.reports, 1.0)
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
@@ -146,7 +147,7 @@ def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
         rows.append([axis, axis_unit(axis), *numbers])
     if f'{AXES[0]}_drift' in output:
         yield ''
-        yield Table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
+        yield table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
     rows, j = [], 1
     while f'thermometer_{j}_age_s' in heard:
         learnt = values.get('model', {}).get(f'thermometer_{j}_calibrated_c', '–')
@@ -156,7 +157,7 @@ def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
         j += 1
     if rows:
         yield ''
-        yield Table(['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'], rows)
+        yield table(['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'], rows)
     if seconds := values.get('calibration', {}).get('recording_s'):
         minutes = float(seconds) / 60
         yield f'A recording has run for {minutes:.0f} min. End it: wrist_ft_comp node stop'

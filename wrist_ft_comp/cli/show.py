@@ -8,10 +8,11 @@ from pathlib import Path
 import shlex
 
 import numpy as np
+from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, Table
+from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
@@ -139,9 +140,9 @@ def run(arguments: argparse.Namespace) -> int:
         }
         lines = [*_recording_lines(described, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report.pictures import png, recording_figure  # noqa: PLC0415 -- matplotlib
+            from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
-            PICTURE.write(arguments.picture, png(recording_figure(recording)))
+            PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(recording)))
         elif arguments.picture:
             raise RecordingError(f'There is nothing to draw. {refusal}')
     print_result(Result(lines, document), as_json=arguments.json)
@@ -166,9 +167,9 @@ def _days(
         words += ['', *days_text(folder, diary, memory)]
         words += [f'warning: {warning}' for warning in warnings]
     if picture:
-        from wrist_ft_comp.report.pictures import days_figure, png  # noqa: PLC0415 -- matplotlib
+        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
-        PICTURE.write(picture, png(days_figure(survey(folders[0]))))
+        PICTURE.write(picture, pictures.png(pictures.days_figure(survey(folders[0]))))
     return document, words[1:]
 
 
@@ -199,7 +200,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         for axis, entry in axes.items()
     ]  # fmt: skip
     yield ''
-    yield Table(header, rows)
+    yield table(header, rows)
     yield ''
     yield from (f'{axis}: {entry["chosen"]}' for axis, entry in axes.items())
     yield from (f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes'])
@@ -218,7 +219,7 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
         for channel in summary.channels
     ]  # fmt: skip
     yield f'{summary.name}: {summary.kind}, {span}'
-    yield Table(header, rows)
+    yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.
@@ -254,7 +255,7 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
         for c in candidates
     ]  # fmt: skip
     header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
-    yield Table(
+    yield table(
         [*header, 'topic'],
         [[*row, c.entry] for row, c in zip(rows, candidates, strict=True)],
     )
@@ -397,7 +398,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
         f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
         *map(filled, summary(diary)),
     ]
-    return [*head, Table(header, rows), '', *map(filled, filter(None, lines))]
+    return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
 
 
 def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
