@@ -93,7 +93,7 @@ def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     'case',
     [
         (['show', '/nowhere', '--json'], 1, 'recording'),
-        (['show', '{model}', '--picture', 'p.png', '--js'], 1, 'settings'),
+        (['show', '{model}', '--picture', 'p.png', '--js'], 1, 'recording'),
         (['evaluate', '{model}', '{csv}', '--report', '/dev/null', '--json'], 1, 'output'),
         (['calibrate', '{csv}', '-o', 'm', '--thermal-p', '600', '--json'],
          1, 'calibration_refused'),

@@ -210,7 +210,7 @@ def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):
 def test_the_page_names_its_sources(text, view):
     whole = Outline(text('good')).whole
     assert 'a' * 64 in whole
-    assert view('good').provenance['SHA-256'] in whole
+    assert view('good').stored.sha256 in whole
 
 
 def test_a_robot_at_work_has_its_payloads_and_what_was_used_on_the_page(text, view):

@@ -124,7 +124,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         warnings += range_warnings(stored, recording)  # of a recording that fits the model
         recording = replace(recording, warnings=warnings)
         judged.append(EvaluatedRecording(recording, reference, errors))
-    content = evaluation_content(stored, judged, tare_s, paths)
+    content = evaluation_content(stored, judged, tare_s)
     document = {
         'model': str(stored.path),
         'sha256': stored.sha256,

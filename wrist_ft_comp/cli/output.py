@@ -121,8 +121,8 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """Lay texts out: words to the left, numbers to the right, aligned at their points."""
     drawn = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style='bold')
     columns = [list(cells) for cells in zip(titles, *rows, strict=True)]
+    names = any('/' in cell for row in rows for cell in row)  # which people copy
     for cells in columns:
-        names = any('/' in cell for cell in cells[1:])  # which people copy
         words = any(re.match(r'[^-–\d]', cell) for cell in cells[1:])
         numbers = all(map(_NUMBER.fullmatch, cells[1:]))
         if numbers:  # as wide as one another, so that points are below points

@@ -14,7 +14,7 @@ from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, table
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
+from wrist_ft_comp.errors import RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import (
@@ -99,17 +99,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path, folders = arguments.file, node_folders(arguments.file)
     if arguments.picture:
-        if path.is_file() and (MODEL.is_own(path) or REPORT.is_own(path) or path.name == PAYLOADS):
-            raise SettingsError(
-                f'--picture draws a recording, or the days of a node that learns; {path} is none.'
-            )
         PICTURE.check_target(arguments.picture, [path])
+        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+    figure, refusal = None, f'{path} is no recording, and no folder of a node that learns.'
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
     elif folders:
-        document, lines = _days(folders, arguments.picture)
+        found = {folder: _node_days(folder) for folder in folders}
+        document = {str(folder): described for folder, (described, _) in found.items()}
+        lines = [line for _, words in found.values() for line in ('', *words)][1:]
+        if arguments.picture:
+            figure = pictures.days_figure(survey(folders[0]))
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -123,54 +125,41 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
-            found = []
-            if recording:
-                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
-                found += [*recording.warnings, *silent]
-            doubts = dict.fromkeys((*described.warnings, *found))
-            said = tuple(doubt for doubt in doubts if doubt not in refusal)
-            described = replace(described, warnings=said)
+            summary, recording = describe_recording(path, topics, part_of(progress, 0, 2))
+            refusal, recording = _read(summary, recording, path, part_of(progress, 1, 2))
+        doubts = [*summary.warnings]
+        if recording:
+            doubts += recording.warnings
+            doubts += silent_stretches([recording], CalibrationSettings().max_gap_s)
+        said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
+        summary = replace(summary, warnings=said)
         document = {
-            **vars(described),
-            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in described.candidates],
-            'commands': [] if refusal and not described.is_open else _commands(described, path),
+            **vars(summary),
+            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
+            'commands': [] if refusal and not summary.is_open else _commands(summary, path),
             'refusal': refusal,
         }
-        lines = [*_recording_lines(described, path, refusal)]
+        lines = [*_recording_lines(summary, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-
-            PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(recording)))
-        elif arguments.picture:
+            figure = pictures.recording_figure(recording)
+    if arguments.picture:
+        if figure is None:
             raise RecordingError(f'There is nothing to draw. {refusal}')
+        PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(Result(lines, document), as_json=arguments.json)
     return 0
 
 
-def _days(
-    folders: Sequence[Path], picture: Path | None
-) -> tuple[dict[str, object], list[str | Table]]:
-    """Describe the days of nodes; a picture is of the first node's."""
-    document: dict[str, object] = {}
-    words: list[str | Table] = []
-    for folder in folders:
-        diary, memory = survey(folder), Memory()
-        warnings = [diary_problem(folder)]
-        try:
-            memory = load_memory(folder) or memory
-        except StateFileError as error:
-            warnings.append(str(error))
-        warnings = [*filter(None, warnings)]
-        document[str(folder)] = {**days_json(diary, memory), 'warnings': warnings}
-        words += ['', *days_text(folder, diary, memory)]
-        words += [f'warning: {warning}' for warning in warnings]
-    if picture:
-        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-
-        PICTURE.write(picture, pictures.png(pictures.days_figure(survey(folders[0]))))
-    return document, words[1:]
+def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
+    """Describe the days of a node, as plain values and in words."""
+    diary, memory, warnings = survey(folder), Memory(), [diary_problem(folder)]
+    try:
+        memory = load_memory(folder) or memory
+    except StateFileError as error:
+        warnings.append(str(error))
+    warnings = [*filter(None, warnings)]
+    words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
+    return {**days_json(diary, memory), 'warnings': warnings}, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -202,8 +191,12 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     yield ''
     yield table(header, rows)
     yield ''
-    yield from (f'{axis}: {entry["chosen"]}' for axis, entry in axes.items())
-    yield from (f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes'])
+    said: dict[str, list[str]] = {}  # what is said of several axes is said once
+    for axis, entry in axes.items():
+        for words in (entry['chosen'], *entry['notes']):
+            said.setdefault(words, []).append(axis)
+    for words, named in said.items():
+        yield filled(words, f'{", ".join(named) if len(named) < len(axes) else "all axes"}: ')
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
@@ -249,16 +242,13 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
-    rows = [
-        [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
-         rounded(c.longest_gap_s), _range(c.reads)]
-        for c in candidates
-    ]  # fmt: skip
-    header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
     yield table(
-        [*header, 'topic'],
-        [[*row, c.entry] for row, c in zip(rows, candidates, strict=True)],
-    )
+        ['as', 'per second', 'span, s', 'longest gap, s', 'values', 'topic'],
+        [
+            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
+             rounded(c.longest_gap_s), _range(c.reads), c.entry]
+            for c in candidates
+        ])  # fmt: skip
     yield ''
     for candidate in candidates:
         if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
@@ -330,41 +320,39 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
 
 
 def _commands(summary: RecordingSummary, path: Path) -> list[str]:
-    """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
-    topics = summary.topics or Topics()
-    reference = any(c.role == REFERENCE and c.samples for c in summary.channels)
-    reference &= not summary.is_unloaded
-    force = summary.specific_force
-    at_work = force is not None and force.seen > 0 and not reference
-    words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
-    if not summary.candidates:
-        if topics.columns:
-            words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-        another = f'another_day{"".join(path.suffixes[-2:])}'
-        evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
-        return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]
-    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
+    """Write the commands that learn from a recording and judge; of a bag, that run, too."""
+    topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
+    force, words = summary.specific_force, list[str]()
     run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
     run += ['-p', 'model_file:=model.yaml']
-    if topics.wrench.strip('/') != Topics().wrench.strip('/'):
+    referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    referred &= not summary.is_unloaded
+    at_work = force is not None and force.seen > 0 and not referred
+    if referred or at_work:
+        words += ['--reference', 'recorded' if referred else 'payload']
+    if topics.columns:
+        words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
+    if is_bag and topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
         run += ['-r', f'wrench_raw:={topics.wrench}']
-    if topics.temperatures != Topics().temperatures:
+    if is_bag and topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
-    if reference and topics.reference != Topics().reference:
+    if is_bag and referred and topics.reference != usual.reference:
         words += ['--reference-topic', topics.reference]
-    if at_work and topics.imu:
+    if is_bag and at_work and topics.imu:
         words += ['--imu-topic', topics.imu]
         run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
-    elif at_work:
+    elif is_bag and at_work:
         words += ['--gravity-frame', topics.gravity_frame]
         run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
-    calibrate += ['--report', 'model.html']
-    evaluate += ['--report', 'evaluation.html']
-    return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
+    another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
+    commands = [
+        ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml', '--report', 'model.html'],
+        ['wrist_ft_comp', 'evaluate', 'model.yaml', another, '--report', 'evaluation.html'],
+    ]
+    return [shlex.join([*command, *words]) for command in commands] + [shlex.join(run)] * is_bag
 
 
 def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table]:
@@ -403,25 +391,22 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
 
 def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
     """Turn days, what was left of their drift, and what happened into plain values."""
-    # Where its recording could not be read, a day has neither date nor length.
-    unknown = {'first_ns': None, 'hours': None}
-    days = [
-        {**vars(day), 'known': sorted(day.known), 'force_n': _shares(drift_left(day)),
-         **({} if day.first_ns else unknown)}
-        for day in diary.days
-    ]  # fmt: skip
-    happened = [
-        {**event._asdict(), 'first': days[event.first]['name'], 'last': days[event.last]['name']}
-        for event in events(diary)
-    ]
     force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
-    medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
-    decisions = [(entry.day, entry.why) for entry in diary.history if entry.day]
-    node = {**vars(memory), 'change': last_change(diary.history)}
     sentence, counted = summary(diary)
-    figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
-    said = {'summary': figures, 'events': happened}
-    return {'days': days, 'decisions': decisions, 'paused': diary.paused, 'node': node, **said}
+    return {
+        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
+        'paused': diary.paused,
+        'node': {**vars(memory), 'change': last_change(diary.history)},
+        'summary': {
+            'sentence': sentence, 'counted': counted, 'days': len(force),
+            'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque)),
+        },
+        'events': [
+            {**event._asdict(), 'first': diary.days[event.first].name,
+             'last': diary.days[event.last].name}
+            for event in events(diary)
+        ],
+    }  # fmt: skip
 
 
 def _shares(drift: DriftLeft) -> dict[str, float]:

@@ -14,6 +14,7 @@ from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.report_content import (
     calibration_content,
+    drifts_removed,
     model_sources,
     MOST_ADVICE,
     ReportContent,
@@ -72,8 +73,8 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        generator=GENERATOR, levels=LEVEL_NAMES, model_sources=model_sources,
-        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, zip=zip)  # fmt: skip
+        drifts_removed=drifts_removed, generator=GENERATOR, levels=LEVEL_NAMES, zip=zip,
+        model_sources=model_sources, most_advice=MOST_ADVICE, number=rounded, pictures=pictures)  # fmt: skip
     return environment
 
 

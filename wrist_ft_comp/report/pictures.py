@@ -243,8 +243,8 @@ def days_figure(diary: Diary) -> Figure:
     return figure
 
 
-def recording_figure(recording: Recording, after: FloatArray | None = None) -> Figure:
-    """Draw temperatures and wrench of a recording; ``after``, (N, 6), is compensated."""
+def recording_figure(recording: Recording) -> Figure:
+    """Draw temperatures and wrench of a recording."""
     axes = [AXES.index(axis) for axis in recording.axes_present]
     heights = [_TEMPERATURES, *[_AXIS] * len(axes)]
     figure = Figure(figsize=(_WIDTH, sum(heights)), layout='constrained')
@@ -258,19 +258,13 @@ def recording_figure(recording: Recording, after: FloatArray | None = None) -> F
         _line(panels[0], hours, values, part, color=colour, lw=1.4, label=f'thermometer {j}')
     for panel, column in zip(panels[1:], axes, strict=True):
         panel.set_ylabel(f'{AXES[column]}, {axis_unit(AXES[column])}')
-        for values, label, style in (
-            (recording.wrench, 'raw', _DASHED if after is not None else _SOLID),
-            (after, 'compensated', _SOLID),
-        ):
-            if values is not None:
-                held = np.isfinite(values[:, column])
-                _line(panel, hours[held], values[held, column], part[held], label=label, **style)
+        held = np.isfinite(recording.wrench[:, column])
+        _line(panel, hours[held], recording.wrench[held, column], part[held], **_SOLID)
     panels[-1].set_xlabel('time, h')
     for panel in panels:
         _frame(panel)
     figure.align_ylabels(panels)
-    for panel in panels[:2]:
-        panel.legend(loc='best', frameon=False, ncols=4)
+    panels[0].legend(loc='best', frameon=False, ncols=4)
     return figure
 
 

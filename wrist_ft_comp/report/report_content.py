@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -83,8 +82,6 @@ class AxisView:
     errors: AxisEvaluation
     #: What the errors were made of.
     series: ErrorSeries
-    #: Which drifts are removed.
-    drifts: str
     #: What the model's file says of it (model.schema.json).
     entry: Mapping[str, Any]
     #: Largest error on 95 of 100 other days, as the calibration stated it; NaN if unknown.
@@ -139,33 +136,6 @@ class ReportContent:
             for axis in self.axes
         ]  # fmt: skip
 
-    @property
-    def facts(self) -> dict[str, str]:
-        """Name the sensor, the recordings and the date, by what they are called."""
-        low, high = self.coverage.range_c[self.coverage.leading]
-        hours = sum(recording.duration_s for recording in self.recordings) / 3600
-        facts = {
-            'sensor': '; '.join(', '.join(names) for names in self.stored.sensor.values()),
-            'recordings': f'{", ".join(recording.name for recording in self.recordings)} '
-            f'({hours:.1f} h at {low:.0f} to {high:.0f} °C)',
-            'model': f'{self.stored.path.name}, made '
-            f'{self.stored.document["provenance"].get("created", "at an unknown time")}',
-        }
-        return {name: fact for name, fact in facts.items() if fact}
-
-    @property
-    def provenance(self) -> dict[str, str]:
-        """Where the model came from, for people, by name."""
-        document = self.stored.document
-        ranges = (thermometer['range_c'] for thermometer in document['thermometers'])
-        return {
-            'model file': str(self.stored.path),
-            'SHA-256': self.stored.sha256,
-            'recorded': f'{document["duration_s"] / 3600:.2f} h',
-            'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
-            'thermal period': f'{self.stored.model.period_ns / 1e9:g} s',
-        }
-
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
         return [
@@ -210,7 +180,10 @@ def calibration_content(
             recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
             slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series, fit.day_limit))
+        entry = stored.document['axes'].get(axis, _NO_ENTRY)
+        axes.append(
+            AxisView(axis, fit.unit, judge(evidence), errors, series, entry, fit.day_limit)
+        )
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > NOISE_MARGIN * series.noise
         level = axes[-1].verdict.level
@@ -218,8 +191,6 @@ def calibration_content(
     case = Case(
         recordings, coverage, reference, levels,
         calibration.warnings,
-        [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
@@ -234,12 +205,9 @@ def calibration_content(
 
 
 def evaluation_content(
-    stored: StoredModel,
-    evaluated: Sequence[EvaluatedRecording],
-    tare_s: float,
-    paths: Sequence[Path] = (),
+    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
 ) -> ReportContent:
-    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
+    """Fill a report's content from an evaluation."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
@@ -270,7 +238,10 @@ def evaluation_content(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
             block_name='recording', blocks=blocks)  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series, limit, parts))
+        entry = stored.document['axes'].get(axis, _NO_ENTRY)
+        axes.append(
+            AxisView(axis, evidence.unit, judge(evidence), errors, series, entry, limit, parts)
+        )
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
@@ -285,8 +256,7 @@ def evaluation_content(
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths,
-        stored.sensor.get('temperature_topics', ()), model=stored.path,
+        warnings, model=stored.path,
         beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
@@ -298,22 +268,6 @@ def evaluation_content(
         f'{period_s:g} s. Reference: {", ".join(references)}.',
         conditions=limits if np.isfinite([axis.day_limit for axis in axes]).any() else '',
         axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
-
-
-def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of an axis
-    stored: StoredModel,
-    axis: str,
-    evidence: Evidence,
-    errors: AxisEvaluation,
-    series: ErrorSeries,
-    day_limit: float,
-    parts: Sequence[tuple[str, AxisEvaluation]] = (),
-) -> AxisView:
-    """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    return AxisView(
-        axis, evidence.unit, judge(evidence), errors, series,
-        drifts_removed(stored.model.axes.get(axis)),
-        stored.document['axes'].get(axis, _NO_ENTRY), day_limit, parts)  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:

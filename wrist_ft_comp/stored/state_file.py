@@ -52,22 +52,15 @@ def save_state(path: Path, state: SavedState) -> None:
 
     What could not be read again, a number that is not finite or too large, is left out.
     """
-    memory, thermal = state.thermal, None
-    if memory is not None and _readable(_thermal_arrays(memory)):
-        thermal = {**vars(memory), **memory.compensation._asdict()}
-        del thermal['compensation']
-        thermal['history'] = [block._asdict() for block in memory.history]
-        if memory.thermometers is None:
-            del thermal['thermometers']
-    tares = {
-        name: tare if _readable([tare]) else np.zeros(len(AXES))
-        for name, tare in (('tare', state.tare), ('external_tare', state.external_tare))
-    }
-    document = {
-        'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, **tares,
-        'thermal': thermal, 'zero_doubts': state.zero_doubts, 'drivers': state.drivers,
-    }  # fmt: skip
-    KIND.save(path, to_plain(document), indent=None)
+    document = to_plain(state)
+    if not _readable(_thermal_arrays(state.thermal)):
+        document['thermal'] = None
+    if thermal := document['thermal']:  # what is subtracted lies beside the rest
+        thermal |= thermal.pop('compensation')
+    for name in ('tare', 'external_tare'):
+        if not _readable([getattr(state, name)]):
+            document[name] = [0.0] * len(AXES)
+    KIND.save(path, document, indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
