@@ -64,8 +64,7 @@ examples:
 """
 _PLOT = (
     'A simulated sensor drifts on two days of three hours, {speed:g} times as fast as real ones. '
-    'The node records day 1, learns the drift, and removes it on day 2. It takes {minutes:.0f} '
-    'minutes and some seconds.'
+    'The node records day 1, learns the drift, and removes it on day 2; wait {minutes:.0f} min.'
 )
 _NEXT = """\
 The node's model, its recordings and its log: {folder}
@@ -100,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     REPORT.check_target(report)
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
     seconds = sum(length_s for _, length_s in _DAYS) / arguments.speed
-    print_words([filled(_PLOT.format(speed=arguments.speed, minutes=seconds / 60)), ''])
+    print_words([filled(_PLOT.format(speed=arguments.speed, minutes=1 + seconds / 60)), ''])
     play(arguments, folder)
     store = ModelStore(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]

@@ -95,7 +95,11 @@ def content_words(
     sparks = [axis.series.sparkline() for axis in content.axes]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
     words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
-    words.append(filled(f'before, left: root mean square. {content.conditions}'))
+    words.append(
+        filled(
+            f'before, left: root mean square; over time: lowest to highest. {content.conditions}'
+        )
+    )
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]

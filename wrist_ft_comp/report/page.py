@@ -73,8 +73,9 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        drifts_removed=drifts_removed, generator=GENERATOR, levels=LEVEL_NAMES, zip=zip,
-        model_sources=model_sources, most_advice=MOST_ADVICE, number=rounded, pictures=pictures)  # fmt: skip
+        drifts_removed=drifts_removed, generator=GENERATOR, levels=LEVEL_NAMES, number=rounded,
+        model_sources=model_sources, most_advice=MOST_ADVICE, pictures=pictures,
+        zip=zip)  # fmt: skip
     return environment
 
 
