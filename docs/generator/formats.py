@@ -61,7 +61,9 @@ def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
     yield EXITS % ', '.join(f'`{error.kind()}`' for error in WristFtCompError.__subclasses__())
-    commands = build_parser().commands
+    kind = argparse._SubParsersAction
+    (subparsers,) = (a for a in build_parser()._actions if isinstance(a, kind))
+    commands: dict[str, argparse.ArgumentParser] = dict(subparsers.choices)
     users: dict[tuple[str, str], list[str]] = {}
     for name, parser in commands.items():
         for row in map(option_row, parser._actions[1:]):

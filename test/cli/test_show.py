@@ -157,7 +157,7 @@ def test_the_table_of_days_has_a_row_for_every_day(done, folder):
     first, second = document['days'][:2]
     assert first['left']['abc'] == [0.3] * 6
     assert second['left']['none'][1] is None
-    usual = {'without': 3.0, 'left': 0.3, 'share': 0.1}
+    usual = {'without': 3.0, 'left': 0.3}
     assert document['summary']['force_n'] == pytest.approx(usual)
     assert (document['summary']['days'], document['paused']) == (1, 'zero of force_z jumped')
 

@@ -1,15 +1,14 @@
 """What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, get_args, NoReturn, TypeVar
+from typing import get_args, NoReturn, TypeVar
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
@@ -29,29 +28,9 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
-        #: Parsers of the commands, by name.
-        self.commands: dict[str, Parser] = {}
-        # Let "-o -1" be an option and its value.
-        self._negative_number_matcher = re.compile(r'-\.?\d')
-
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
-        sentence = message if message.endswith('?') else f'{message.rstrip(".")}.'
-        raise UsageError(f'{sentence} See {self.prog} --help.')
-
-    def refuse_unknown(self, words: Sequence[str]) -> None:
-        """Refuse words that no option takes, and name the option that may be meant."""
-        word = words[0].partition('=')[0]
-        options = [option for option in self._option_string_actions if option.startswith('--')]
-        self.error(f'{word} is not understood{did_you_mean(word, options)}')
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Ask for the nearest of some words, to be put behind a refusal; empty where none is near."""
-    near = get_close_matches(word, known, n=1)
-    return f'; did you mean {near[0]}?' if near else ''
+        """Leave the sentence to whoever parses."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
@@ -62,8 +41,8 @@ def number(low: Number, high: float = math.inf, *, above: bool = False) -> Calla
             value = type(low)(text)
             if low <= value <= high and value < math.inf and not (above and value == low):
                 return value
-        words = range_words(low, high, above=above)
-        what = f'a{" whole" * isinstance(low, int)} number {words}'
+        what = 'a whole number' if isinstance(low, int) else 'a number'
+        what += f' {range_words(low, high, above=above)}'
         raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
 
     return parse

@@ -69,8 +69,8 @@ def print_words(words: Iterable[str | Table]) -> None:
     with console.capture() as text:  # what rich writes itself ends the process at a broken pipe
         for part in coloured(words):
             # Names, which people copy, may make a table as wide as they are.
-            width = max(WIDTH, console.measure(part).minimum)
-            console.print(part, width=width, soft_wrap=True)
+            wide = isinstance(part, Table) and any(column.no_wrap for column in part.columns)
+            console.print(part, width=_UNLIMITED if wide else WIDTH, soft_wrap=True)
     print(re.sub(' +$', '', text.get(), flags=re.MULTILINE), end='')
 
 

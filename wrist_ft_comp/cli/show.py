@@ -17,39 +17,21 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import (
-    Diary,
-    diary_problem,
-    last_change,
-    load_memory,
-    Memory,
-    node_folders,
-    survey,
-    TORQUES,
-)
+from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings.describe import (
-    Candidate,
-    describe_recording,
-    RAW_WRENCH,
-    RecordingSummary,
-    REFERENCE,
-    TEMPERATURE,
-)
+from wrist_ft_comp.recordings import describe
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
-    DriftLeft,
     event_line,
     events,
-    judged_drifts,
+    figures,
     PICTURE,
     summary,
-    usual_drift,
 )
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
@@ -97,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path, folders = arguments.file, node_folders(arguments.file)
+    path, folders = arguments.file, diaries.node_folders(arguments.file)
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
@@ -111,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         document = {str(folder): described for folder, (described, _) in found.items()}
         lines = [line for _, words in found.values() for line in ('', *words)][1:]
         if arguments.picture:
-            figure = pictures.days_figure(survey(folders[0]))
+            figure = pictures.days_figure(diaries.survey(folders[0]))
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -125,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            summary, recording = describe_recording(path, topics, part_of(progress, 0, 2))
+            summary, recording = describe.describe_recording(path, topics, part_of(progress, 0, 2))
             refusal, recording = _read(summary, recording, path, part_of(progress, 1, 2))
         doubts = [*summary.warnings]
         if recording:
@@ -152,14 +134,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of a node, as plain values and in words."""
-    diary, memory, warnings = survey(folder), Memory(), [diary_problem(folder)]
+    diary, memory, warnings = (
+        diaries.survey(folder),
+        diaries.Memory(),
+        [diaries.diary_problem(folder)],
+    )
     try:
-        memory = load_memory(folder) or memory
+        memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
         warnings.append(str(error))
     warnings = [*filter(None, warnings)]
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
-    return {**days_json(diary, memory), 'warnings': warnings}, words
+    node = {**vars(memory), 'change': diaries.last_change(diary.history)}
+    return {**figures(diary), 'node': node, 'warnings': warnings}, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -200,7 +187,9 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
-def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str | Table]:
+def _recording_lines(
+    summary: describe.RecordingSummary, path: Path, refusal: str
+) -> Iterator[str | Table]:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
@@ -237,7 +226,7 @@ def _range(reads: tuple[float, float] | None) -> str:
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
-def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
+def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str | Table]:
     """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
@@ -257,15 +246,19 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
 
 
 def _read(
-    summary: RecordingSummary, recording: Recording | None, path: Path, progress: Progress
+    summary: describe.RecordingSummary, recording: Recording | None, path: Path, progress: Progress
 ) -> tuple[str, Recording | None]:
     """Read a recording as others do, or say why nothing can be learnt from it."""
     if summary.is_open:
         return summary.refusal, None
     held = [channel.role for channel in summary.channels if channel.samples]
-    if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
+    if lacks := [
+        part
+        for part in (describe.RAW_WRENCH, describe.TEMPERATURE)
+        if not any(part in h for h in held)
+    ]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
-        words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
+        words = {describe.RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.', None
     if summary.refusal:
@@ -285,7 +278,7 @@ def _read(
     return '', recording
 
 
-def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
     if refusal:
         yield refusal
@@ -319,13 +312,13 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     yield from _commands(summary, path)
 
 
-def _commands(summary: RecordingSummary, path: Path) -> list[str]:
+def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
     force, words = summary.specific_force, list[str]()
     run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
     run += ['-p', 'model_file:=model.yaml']
-    referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    referred = any(c.role == describe.REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = force is not None and force.seen > 0 and not referred
     if referred or at_work:
@@ -355,7 +348,7 @@ def _commands(summary: RecordingSummary, path: Path) -> list[str]:
     return [shlex.join([*command, *words]) for command in commands] + [shlex.join(run)] * is_bag
 
 
-def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table]:
+def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
     """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
     days, happened = diary.days[-MOST_DAYS:], events(diary)
     rows = []
@@ -377,7 +370,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
         f'What happened{newest}:' if happened else '',
         *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
         *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
-        f'last change: {last_change(diary.history) or "none yet"}',
+        f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
@@ -387,31 +380,6 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
         *map(filled, summary(diary)),
     ]
     return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
-
-
-def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
-    """Turn days, what was left of their drift, and what happened into plain values."""
-    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
-    sentence, counted = summary(diary)
-    return {
-        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
-        'paused': diary.paused,
-        'node': {**vars(memory), 'change': last_change(diary.history)},
-        'summary': {
-            'sentence': sentence, 'counted': counted, 'days': len(force),
-            'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque)),
-        },
-        'events': [
-            {**event._asdict(), 'first': diary.days[event.first].name,
-             'last': diary.days[event.last].name}
-            for event in events(diary)
-        ],
-    }  # fmt: skip
-
-
-def _shares(drift: DriftLeft) -> dict[str, float]:
-    """Turn what was left of a drift into plain values."""
-    return {**drift._asdict(), 'share': drift.share}
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:

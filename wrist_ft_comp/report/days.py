@@ -119,6 +119,25 @@ def summary(diary: Diary) -> tuple[str, str]:
     return f'{sentence}; the model left {_left_words(force, "N")}.', counted
 
 
+def figures(diary: Diary) -> dict[str, object]:
+    """Give days, what was left of their drift, and what happened, for scripts."""
+    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
+    sentence, counted = summary(diary)
+    names = [day.name for day in diary.days]
+    return {
+        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
+        'paused': diary.paused,
+        'summary': {
+            'sentence': sentence, 'counted': counted, 'days': len(force),
+            'force_n': usual_drift(force), 'torque_nm': usual_drift(torque),
+        },
+        'events': [
+            event._asdict() | {'first': names[event.first], 'last': names[event.last]}
+            for event in events(diary)
+        ],
+    }  # fmt: skip
+
+
 def _days(count: int) -> str:
     return f'{count} {"day" if count == 1 else "days"}'
 

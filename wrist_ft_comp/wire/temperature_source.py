@@ -39,9 +39,8 @@ _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
 #: What stands behind the topic's colon: names of fields and indices, a factor, a unit.
 _FIELD = re.compile(
-    r'(?P<path>[A-Za-z]\w*(?:\.[A-Za-z]\w*|\.\d+|\[\d+\])*)(?:\*(?P<factor>[^:]*))?(?::(?P<unit>[CKF]?))?',
-    re.ASCII,
-)  # fmt: skip
+    r'(?P<path>[A-Za-z]\w*(?:\.[A-Za-z]\w*|\.\d+|\[\d+\])*)'
+    r'(?:\*(?P<factor>[^:]*))?(?::(?P<unit>[CKF]?))?', re.ASCII)  # fmt: skip
 #: Names of fields that are probably temperatures, but not those of a template or an attempt.
 _TEMPERATURE_NAME = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
 #: Most numbers of a message that a sentence lists.
