@@ -74,8 +74,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
-        f'(default: {", ".join(defaults.temperatures)})',
-    )  # fmt: skip
+        f'(default: {", ".join(defaults.temperatures)})')  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
         help='(default: %(default)s)')  # fmt: skip
@@ -94,8 +93,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     log.add_argument(
         '--time', default='', metavar='FORM',
         help='what its stamps are: s, ms, us, ns, min, h, d, iso, or a form such as '
-        '"%%d.%%m.%%y %%H:%%M"',
-    )  # fmt: skip
+        '"%%d.%%m.%%y %%H:%%M"')  # fmt: skip
     return group
 
 
@@ -104,15 +102,13 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     part = parser.add_argument_group('a part of the recordings')
     part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
-        help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00',
-    )  # fmt: skip
+        help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00')  # fmt: skip
     part.add_argument(
         '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
     part.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
-        help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated',
-    )  # fmt: skip
+        help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated')  # fmt: skip
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:

@@ -24,16 +24,7 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.days import (
-    drift_left,
-    events,
-    MODEL_CHANGES,
-    NO_DAYS,
-    OFFERED,
-    PAINTER,
-    summary,
-    when,
-)
+from wrist_ft_comp.report import days as day_figures
 from wrist_ft_comp.report.report_content import ErrorSeries, starts_h
 from wrist_ft_comp.series import FloatArray, IntArray
 
@@ -193,21 +184,23 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
 
 def days_figure(diary: Diary) -> Figure:
     """Draw newtons and per cent of every day, and what happened by its name, below a sentence."""
-    days, happened = diary.days, events(diary)
+    days, happened = diary.days, day_figures.events(diary)
     names = list(dict.fromkeys(event.name for event in happened))
     heights = _NEWTONS, _PER_CENT, _LANE * (len(names) + 1)
     figure = Figure(figsize=(_WIDTH, sum(heights) + _MARGINS), layout='constrained')
-    title, counted = ('\n'.join(textwrap.wrap(line, _TITLE_LETTERS)) for line in summary(diary))
+    title, counted = (
+        '\n'.join(textwrap.wrap(line, _TITLE_LETTERS)) for line in day_figures.summary(diary)
+    )
     figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
     dated = range(0, len(days), -(-len(days) // _MOST_DATES))
     panels: list[Axes] = figure.subplots(3, height_ratios=heights).tolist()
     newtons, per_cent, lanes = panels
     for panel in panels:
         panel.set_xlim(-0.8, len(days) - 0.2)
-        panel.set_xticks(dated, [when(days[n]) for n in dated])
+        panel.set_xticks(dated, [day_figures.when(days[n]) for n in dated])
         panel.tick_params(labelbottom=panel is lanes)
         _frame(panel, 'y')
-    drift = np.array([drift_left(day) for day in days])
+    drift = np.array([day_figures.drift_left(day) for day in days])
     numbers = np.arange(len(days))
     for values, width, style in (
         (drift[:, 0], 0.9, {'color': WITHOUT, 'alpha': 0.4, 'label': 'drift without a model'}),
@@ -221,7 +214,7 @@ def days_figure(diary: Diary) -> Figure:
     newtons.legend(
         loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
     )
-    shares = 100 * np.array([drift_left(day).share for day in days])
+    shares = 100 * np.array([day_figures.drift_left(day).share for day in days])
     per_cent.plot(numbers, np.minimum(shares, _MOST_PER_CENT), 'o-', ms=3, lw=0.8, color=WITH)
     per_cent.axhline(100, color=WITHOUT, lw=1.0)
     per_cent.set_ylim(0, 1.05 * _MOST_PER_CENT)
@@ -232,13 +225,13 @@ def days_figure(diary: Diary) -> Figure:
     lanes.set_ylim(len(names) - 0.4, -0.6)
     for event in happened:
         lane, begin, end = names.index(event.name), event.first - 0.45, event.last + 0.45
-        if event.name in MODEL_CHANGES:
+        if event.name in day_figures.MODEL_CHANGES:
             lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
-            for panel in (newtons, per_cent) if event.name != OFFERED else ():
+            for panel in (newtons, per_cent) if event.name != day_figures.OFFERED else ():
                 panel.axvline(end, color=FRAME, lw=0.8, ls='--')
         else:
             width = max(end - begin, _LEAST_BAR * len(days))
-            colour = FRAME if event.name == NO_DAYS else INCIDENT
+            colour = FRAME if event.name == day_figures.NO_DAYS else INCIDENT
             lanes.barh(lane, width, 0.5, begin, color=colour)
     return figure
 
@@ -272,5 +265,5 @@ def png(figure: Figure) -> bytes:
     """Turn a picture into PNG that is known again by its software."""
     FigureCanvasAgg(figure)
     buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': PAINTER})
+    figure.savefig(buffer, dpi=120, format='png', metadata={'Software': day_figures.PAINTER})
     return buffer.getvalue()

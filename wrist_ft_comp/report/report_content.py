@@ -17,17 +17,9 @@ from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
+from wrist_ft_comp.report import verdict as verdicts
 from wrist_ft_comp.report.advice import advise, Case, cover, Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
-from wrist_ft_comp.report.verdict import (
-    conditions_of_another_day,
-    Evidence,
-    judge,
-    Level,
-    LEVEL_NAMES,
-    NOISE_MARGIN,
-    Verdict,
-)
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
 #: Most things to do next that are shown at once: the first ones help most.
@@ -78,7 +70,7 @@ class AxisView:
     axis: str
     #: N or N m; so are the figures.
     unit: str
-    verdict: Verdict
+    verdict: verdicts.Verdict
     errors: AxisEvaluation
     #: What the errors were made of.
     series: ErrorSeries
@@ -130,7 +122,7 @@ class ReportContent:
     def rows(self) -> list[tuple[str, ...]]:
         """Give the cells of that table, as texts."""
         return [
-            (axis.axis, axis.unit, LEVEL_NAMES[axis.verdict.level],
+            (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
              *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
                for value in (axis.errors.rms_before, axis.errors.rms_after, axis.day_limit)))
             for axis in self.axes
@@ -139,7 +131,7 @@ class ReportContent:
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
         return [
-            *(f'{axis.axis}: {LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
+            *(f'{axis.axis}: {verdicts.LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
               for axis in self.axes),
             *(self.payloads.lines() if self.payloads else ()),
             *(f'next: {sentence}' for sentence in self.advice[:MOST_ADVICE]),
@@ -158,10 +150,11 @@ def calibration_content(
     # At work, what a payload weighs is the load that was known.
     coverage = cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
+    held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
-    levels: dict[str, Level] = {}
+    levels: dict[str, verdicts.Level] = {}
     for axis, fit in fits.items():
-        held_out = _held_out(fit)
+        held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
         whole = not held_out.tared or held_out.recording.any()
@@ -173,7 +166,7 @@ def calibration_content(
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
-        evidence = Evidence(
+        evidence = verdicts.Evidence(
             unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
             widening=widening, compensated=fit.model is not None,
             best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
@@ -182,23 +175,24 @@ def calibration_content(
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         axes.append(
-            AxisView(axis, fit.unit, judge(evidence), errors, series, entry, fit.day_limit)
+            AxisView(
+                axis, fit.unit, verdicts.judge(evidence), errors, series, entry, fit.day_limit
+            )
         )
         # An axis that drifts and was not learnt is explained no better than a weak one.
-        drifts = fit.refusal or fit.rms_before > NOISE_MARGIN * series.noise
+        drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         level = axes[-1].verdict.level
         levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
     case = Case(
-        recordings, coverage, reference, levels,
-        calibration.warnings,
+        recordings, coverage, reference, levels, calibration.warnings,
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        conditions=conditions_of_another_day(calibration),
-        explanation=explain_folds(calibration, recordings, reference), axes=tuple(axes),
-        advice=advise(case),
+        conditions=verdicts.conditions_of_another_day(calibration),
+        explanation=explain_folds(next(iter(held.values())), recordings, reference),
+        axes=tuple(axes), advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
         at_work='' if work is None else _at_work(work))  # fmt: skip
@@ -234,13 +228,15 @@ def evaluation_content(
             np.array([figures.rms_before for _, figures in parts]),
             np.array([figures.rms_after for _, figures in parts]),
         )
-        evidence = Evidence(
+        evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
             block_name='recording', blocks=blocks)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         axes.append(
-            AxisView(axis, evidence.unit, judge(evidence), errors, series, entry, limit, parts)
+            AxisView(
+                axis, evidence.unit, verdicts.judge(evidence), errors, series, entry, limit, parts
+            )
         )
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
@@ -312,26 +308,17 @@ def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
     ]
 
 
-def _held_out(fit: AxisFit) -> HeldOut:
-    """Return the errors that every identified axis carries."""
-    assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
-    return fit.held_out
-
-
 def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def explain_folds(
-    calibration: Calibration, recordings: Sequence[Recording], reference: Reference
-) -> str:
+def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
     """Say what was held out, and from where errors are counted."""
-    first = _held_out(next(iter(calibration.fits.values())))
-    count, zero = len(np.unique(first.fold)), 'after a tare in its first minute'
+    count, zero = len(np.unique(held_out.fold)), 'after a tare in its first minute'
     blocks = f'Each of the {count} recordings'
-    if len(recordings) == 1 and first.tared:
+    if len(recordings) == 1 and held_out.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
         zero += ' and widened to a whole day, which drifts further than a block'
@@ -339,7 +326,7 @@ def explain_folds(
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
-        f'temperatures alone. Errors are means over {first.bin_s:g} s, counted {zero}, with '
+        f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
         f'compensation and without. Reference: {reference}.'
     )
 

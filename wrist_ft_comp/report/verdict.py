@@ -84,8 +84,24 @@ class Verdict:
 def judge(evidence: Evidence) -> Verdict:
     """Judge one axis by the table above."""
     before, after = evidence.before, evidence.after
+    noise = NOISE_MARGIN * evidence.noise
     if not evidence.compensated:
-        return Verdict('uncalibrated', _why_uncalibrated(evidence))
+        drift = f'{before:.3g} {evidence.unit} RMS'
+        why = (
+            'Nothing that was tried is clearly better than no compensation: the drift is '
+            f'{drift}, the best candidate leaves {evidence.best_candidate or 0.0:.3g} '
+            f'{evidence.unit}. It is passed through.'
+        )
+        if evidence.refusal:
+            why = f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
+        elif before <= noise:
+            why = (
+                f'There is nothing to remove: its drift of {drift} is no more than the noise of '
+                'the sensor. It is passed through.'
+            )
+        elif evidence.best_candidate is None:
+            why = f'The model does not compensate this axis; its drift is {drift}.'
+        return Verdict('uncalibrated', why)
     if evidence.moved_k < SMALLEST_CHANGE_K:
         return Verdict(
             'unjudged',
@@ -101,7 +117,6 @@ def judge(evidence: Evidence) -> Verdict:
         )
     share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
-    noise = NOISE_MARGIN * evidence.noise
     is_noise = after <= noise * evidence.widening
     # What speaks against trusting the figures.
     doubts = []
@@ -110,7 +125,7 @@ def judge(evidence: Evidence) -> Verdict:
     if evidence.blocks is not None:
         block_before, block_after = evidence.blocks
         # In a block that hardly drifts, more of it may be left and still be little.
-        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
+        little = max(noise, GOOD_REMAINDER * before)
         worse = (block_after > HARMFUL_RATIO * block_before) & (block_after > little)
         if worse.any():
             doubts.append(
@@ -140,25 +155,6 @@ def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
         return f', {few[evidence.recordings - 1]}'
     count = len(evidence.blocks[0]) if harmful and evidence.blocks is not None else 0
     return f', in {count} {evidence.block_name}{"s" * (count > 1)}' if count else ''
-
-
-def _why_uncalibrated(evidence: Evidence) -> str:
-    """Say why an axis is passed through."""
-    drift = f'{evidence.before:.3g} {evidence.unit} RMS'
-    if evidence.refusal:
-        return f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
-    if evidence.before <= NOISE_MARGIN * evidence.noise:
-        return (
-            f'There is nothing to remove: its drift of {drift} is no more than the noise of the '
-            'sensor. It is passed through.'
-        )
-    if evidence.best_candidate is None:
-        return f'The model does not compensate this axis; its drift is {drift}.'
-    return (
-        f'Nothing that was tried is clearly better than no compensation: the drift is {drift}, '
-        f'the best candidate leaves {evidence.best_candidate:.3g} {evidence.unit}. It is passed '
-        'through.'
-    )
 
 
 def summarise(calibration: Calibration) -> str:
