@@ -90,7 +90,7 @@ class Case:
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
-    #: Of an evaluation: axes whose errors are above the limit that the calibration stated.
+    #: Of an evaluation: axes whose errors are above the stated limit, with both.
     beyond: Sequence[str] = ()
 
 
@@ -170,9 +170,11 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         )
     elif case.beyond:
         yield (
-            f'{_enumerate(case.beyond)}: errors above the limit. See in the report (--report) '
-            'when that began. If nothing was tared, touched or exchanged then, calibrate again '
-            'with these recordings among the others.'
+            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
+            f'{", ".join(case.beyond)}. See in the report (--report) when it began: the zero may '
+            'have jumped (a tare in the driver, a contact, another tool), a temperature may be '
+            'missing, or it is another sensor. If it is nothing of that, calibrate again with '
+            'these recordings among the others.'
         )
     elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
         yield (

@@ -97,14 +97,17 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     pairs = zip(starts_h(recordings), recordings, strict=True)
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
-    columns = np.concatenate([one.temperature_c for one in recordings]).T
-    styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
-    many = len(columns) > 2
-    for j, (values, (colour, style)) in enumerate(zip(columns, styles, strict=False), start=1):
-        label = f'{j}' if many and j > 1 else f'thermometer {j}'  # the first has the word
-        _line(panel, hours, values, part, color=colour, ls=style, lw=1.4, label=label)
-    _legend(figure, columns=4 if many else 2)
+    _thermometers(panel, hours, np.concatenate([one.temperature_c for one in recordings]), part)
+    _legend(figure, columns=4 if recordings[0].temperature_c.shape[1] > 2 else 2)
     return figure
+
+
+def _thermometers(panel: Axes, hours: FloatArray, values: FloatArray, part: IntArray) -> None:
+    """Draw thermometers, (N, J), over time; the first one has the word."""
+    styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
+    for j, (column, (colour, style)) in enumerate(zip(values.T, styles, strict=False), start=1):
+        label = f'{j}' if values.shape[1] > 2 and j > 1 else f'thermometer {j}'
+        _line(panel, hours, column, part, color=colour, ls=style, lw=1.4, label=label)
 
 
 def svg_text(
@@ -245,10 +248,7 @@ def recording_figure(recording: Recording) -> Figure:
     panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     hours, part = recording.elapsed_s / 3600, np.zeros(len(recording), dtype=np.int64)
     panels[0].set_ylabel('temperature, °C')
-    for j, (values, colour) in enumerate(
-        zip(recording.temperature_c.T, cycle(THERMOMETERS), strict=False), start=1
-    ):
-        _line(panels[0], hours, values, part, color=colour, lw=1.4, label=f'thermometer {j}')
+    _thermometers(panels[0], hours, recording.temperature_c, part)
     for panel, column in zip(panels[1:], axes, strict=True):
         panel.set_ylabel(f'{AXES[column]}, {axis_unit(AXES[column])}')
         held = np.isfinite(recording.wrench[:, column])

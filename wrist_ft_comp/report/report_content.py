@@ -170,7 +170,6 @@ def calibration_content(
             unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
             widening=widening, compensated=fit.model is not None,
             best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
-            recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
             slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
@@ -242,18 +241,11 @@ def evaluation_content(
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
-    if beyond:
-        warnings.append(
-            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
-            f'{", ".join(beyond)}. The zero may have jumped (a tare in the driver, a contact, '
-            'another tool), a temperature may be missing or beyond those that were learnt, or it '
-            'is another sensor. The report (--report) shows when it began.'
-        )
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, model=stored.path,
-        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
+        beyond=beyond,
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'

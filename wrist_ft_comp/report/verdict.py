@@ -61,8 +61,6 @@ class Evidence:
     blocks: FoldErrors | None = None
     #: What a block is, such as a recording.
     block_name: str = 'held-out block'
-    #: How many recordings a calibration rests on; 0 if it is not one.
-    recordings: int = 0
     #: Slowest time constant; 0 if unknown.
     slowest_s: float = 0.0
     #: Longest recording; 0 if unknown.
@@ -112,11 +110,10 @@ def judge(evidence: Evidence) -> Verdict:
     if after > HARMFUL_RATIO * before:
         return Verdict(
             'harmful',
-            f'The model leaves more drift than no compensation would: {figures}'
-            f'{_rests_on(evidence, harmful=True)}.',
+            f'The model leaves more drift than no compensation would: {figures}.',
         )
     share = rounded(100 * after / before, 2) if before > 0 else '0'
-    remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
+    remainder = f'{share} % of the drift is left ({figures})'
     is_noise = after <= noise * evidence.widening
     # What speaks against trusting the figures.
     doubts = []
@@ -146,15 +143,6 @@ def judge(evidence: Evidence) -> Verdict:
     elif after > GOOD_REMAINDER * before:
         remainder += ', in which no more than the noise of the sensor was left'
     return Verdict('good', f'{remainder}.')
-
-
-def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
-    """Name the recordings or blocks that a verdict rests on, where they are few or did harm."""
-    if evidence.recordings in {1, 2}:
-        few = 'judged on parts of a single recording', 'which rests on two recordings'
-        return f', {few[evidence.recordings - 1]}'
-    count = len(evidence.blocks[0]) if harmful and evidence.blocks is not None else 0
-    return f', in {count} {evidence.block_name}{"s" * (count > 1)}' if count else ''
 
 
 def summarise(calibration: Calibration) -> str:

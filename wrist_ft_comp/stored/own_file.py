@@ -27,8 +27,6 @@ from wrist_ft_comp.errors import OutputError, RecordingError, WristFtCompError
 
 Document = dict[str, Any]
 Record = TypeVar('Record')
-#: What stands first in every file that is read.
-HEADER = ('format', 'version')
 #: End of the name of a temporary file beside the target.
 _SUFFIX = '.wrist_ft_comp.tmp'
 #: A temporary file that is older than this, s, was left by a killed process.
@@ -217,21 +215,22 @@ class Kind(Output):
         if not self.begins:
             object.__setattr__(self, 'begins', rf'\{{\s*"format":\s*"{self.says}"')
 
+    def _refusal(self, path: Path, why: str) -> WristFtCompError:
+        return self.error(f'{path} {why}. {self.made_by}')
+
     def read(self, path: Path) -> bytes:
         """Read a file that must not be larger than any of its kind is."""
         if path.exists() and not (path.is_file() or path.is_dir()):
             # A pipe would hold up the stream until somebody writes into it.
-            raise self.error(f'{path} is no regular file. {self.made_by}')
+            raise self._refusal(path, 'is no regular file')
         try:
             with path.open('rb') as file:
                 content = file.read(self.max_bytes + 1)
         except OSError as error:
-            raise self.error(f'{path} cannot be read: {error.strerror}. {self.made_by}') from error
+            raise self._refusal(path, f'cannot be read: {error.strerror}') from error
         if len(content) > self.max_bytes:
-            raise self.error(
-                f'{path} is larger than {self.max_bytes} bytes, which no {self.name} is. '
-                f'{self.made_by}'
-            )
+            why = f'is larger than {self.max_bytes} bytes, which no {self.name} is'
+            raise self._refusal(path, why)
         return content
 
     def document(self, path: Path, content: bytes) -> Document:
@@ -240,14 +239,11 @@ class Kind(Output):
             document: Any = self.parse(content)
         except ValueError as error:
             language = 'JSON' if self.parse is parse_json else 'YAML'
-            raise self.error(
-                f'{path} is not a {self.name}: expected {language}, but {error}. {self.made_by}'
-            ) from error
+            why = f'is not a {self.name}: expected {language}, but {error}'
+            raise self._refusal(path, why) from error
         if not isinstance(document, dict) or document.get('format') != self.says:
-            raise self.error(
-                f'{path} is not a {self.name}: expected "format: {self.says}" in it. '
-                f'{self.made_by}'
-            )
+            why = f'is not a {self.name}: expected "format: {self.says}" in it'
+            raise self._refusal(path, why)
         version = document.get('version')
         if version in range(1, self.version):
             remedy = 'it is not used' if self.keeps else self.renewed_by.lower()
@@ -266,7 +262,7 @@ class Kind(Output):
         self, record: type[Record], path: Path, document: Document, *, whole: bool = False
     ) -> Record:
         """Fill a record with what a document holds; the record checks itself."""
-        content = {key: value for key, value in document.items() if key not in HEADER}
+        content = {key: document[key] for key in document if key not in {'format', 'version'}}
         try:
             restored: Record = from_plain(record, content, whole=whole)
         except (ValueError, RecursionError, WristFtCompError) as error:
