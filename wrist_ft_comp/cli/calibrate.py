@@ -6,7 +6,7 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
@@ -88,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         orders=tuple(arguments.orders))  # fmt: skip
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
-        settings.CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
+        settings.CalibrationSettings(
+            arguments.reference or 'unloaded', identification=identification),
         arguments.thermal_period or period_of(arguments.recordings, topics),
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
@@ -121,5 +122,5 @@ def run(arguments: argparse.Namespace) -> int:
         'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    print_result(words, document, content.warnings, as_json=arguments.json)
     return 0

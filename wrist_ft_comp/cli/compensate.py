@@ -8,7 +8,7 @@ from pathlib import Path
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import range_warnings
-from wrist_ft_comp.cli.output import print_result, progress_bar, Result
+from wrist_ft_comp.cli.output import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
@@ -119,6 +119,5 @@ def run(arguments: argparse.Namespace) -> int:
     )
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
-    result = Result([f'wrote {arguments.output}'], document, warnings)
-    print_result(result, as_json=arguments.json)
+    print_result([f'wrote {arguments.output}'], document, warnings, as_json=arguments.json)
     return 0

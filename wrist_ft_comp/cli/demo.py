@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from tempfile import mkdtemp
+from tempfile import mkdtemp, NamedTemporaryFile
 from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import options
@@ -137,10 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
 def play(arguments: argparse.Namespace, folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(own_domain())
-    from sensor_msgs.msg import Temperature  # noqa: PLC0415 -- ROS
-
     from wrist_ft_comp.cli.operate import ask, operating, Watch  # noqa: PLC0415 -- ROS
-    from wrist_ft_comp.ros.topics import SLOW_SENSOR  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
@@ -148,8 +145,11 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
         'gravity.source': 'imu' if arguments.at_work else 'none',
     }  # fmt: skip
     heard: list[Any] = []
-    with (folder / 'log.txt').open('wb') as log, operating() as operator:
-        operator.node.create_subscription(Temperature, 'temperature', heard.append, SLOW_SENSOR)
+    with (
+        NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False) as log,
+        operating() as operator,
+    ):
+        operator.hear('temperature', heard.append)
         for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
                 'run': number, 'seed': arguments.seed, 'speed': arguments.speed,

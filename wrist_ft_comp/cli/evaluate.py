@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(content))
         words += ['', f'report: {arguments.report}']
-    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    print_result(words, document, content.warnings, as_json=arguments.json)
     return 0
 
 

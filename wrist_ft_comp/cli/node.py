@@ -111,17 +111,17 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.N
         }
         print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
     elif arguments.once or not sys.stdout.isatty():
-        print_words(page(name, watch))
+        print_words(status_page(name, watch))
     else:
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                live.update(Group(*coloured(page(name, watch))), refresh=True)
+                live.update(Group(*coloured(status_page(name, watch))), refresh=True)
                 watch.reports = 0
                 operator.wait_for(lambda: watch.reports, 1.0)
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
 
 
-def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
+def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     """Write what was heard: what is wrong first, then the numbers."""
     sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
     yield f'{name}{sensor}'[: WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'

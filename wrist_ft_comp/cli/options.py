@@ -102,13 +102,13 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     part = parser.add_argument_group('a part of the recordings')
     part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
-        help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00')  # fmt: skip
+        help='leave out what was before, since the beginning: 80min, 1.5h or 1:20:00')  # fmt: skip
     part.add_argument(
         '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
     part.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
-        help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated')  # fmt: skip
+        help='leave out the wrenches from A to B, such as 79min..81min; repeatable')  # fmt: skip
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
@@ -125,8 +125,7 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 
 
 def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
-    """Refuse a path without a recording, with the command that makes a bag, or one named twice."""
-    resolved = [path.resolve() for path in paths]
+    """Refuse a path without a recording, with the command that makes a bag."""
     for path in paths:
         if not all(file.exists() for file in files_of(path)):
             thermometers = [source.topic for source in parse_sources(topics.temperatures)]
@@ -141,8 +140,6 @@ def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
                 f'{path} is a model file, where a recording was expected. Name a bag or a CSV '
                 'file; see what a file holds with wrist_ft_comp show.'
             )
-        if resolved.count(path.resolve()) > 1:
-            raise RecordingError(f'{path} is named twice; name each recording once.')
 
 
 def require_ros(refusal: type[WristFtCompError], why: str) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 import json
 import re
 import sys
@@ -41,25 +40,19 @@ _STYLES = {
 _NUMBER = re.compile(r'-?\d+(\.\d+)?|[-–]|')
 
 
-@dataclass(frozen=True)
-class Result:
-    """The result of a command."""
-
-    #: Lines, printed as they are, and tables.
-    words: Sequence[str | Table]
-    #: All of it, and what else a script may want.
-    document: Mapping[str, object]
-    #: What a person should know besides; a script finds it in the document.
-    warnings: Sequence[str] = ()
-
-
-def print_result(result: Result, *, as_json: bool) -> None:
-    """Print a result, in words or as JSON."""
+def print_result(
+    words: Sequence[str | Table],
+    document: Mapping[str, object],
+    warnings: Sequence[str] = (),
+    *,
+    as_json: bool,
+) -> None:
+    """Print the result of a command: lines and tables, and warnings; or JSON, which has it all."""
     if as_json:
-        print_json(result.document)
+        print_json(document)
         return
-    print_words(result.words)
-    for sentence in dict.fromkeys(result.warnings):
+    print_words(words)
+    for sentence in dict.fromkeys(warnings):
         print(f'warning: {sentence}', file=sys.stderr)
 
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, table
+from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
@@ -40,11 +40,6 @@ from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
-#: What a model is for, to whoever finds one.
-_PURPOSE = (
-    'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
-    '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
-)
 #: Most days in the table; JSON has all.
 MOST_DAYS = 40
 #: Newest days whose verdicts are printed.
@@ -128,7 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
         if figure is None:
             raise RecordingError(f'There is nothing to draw. {refusal}')
         PICTURE.write(arguments.picture, pictures.png(figure))
-    print_result(Result(lines, document), as_json=arguments.json)
+    print_result(lines, document, as_json=arguments.json)
     return 0
 
 
@@ -155,7 +150,10 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     created = document['provenance'].get('created', 'at an unknown time')
     count = len(model_sources(stored))
     yield f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}'
-    yield from _PURPOSE
+    yield filled(
+        'It predicts from temperatures how a wrist force/torque sensor drifts. The node '
+        '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.'
+    )
     yield (
         f'made {created} from {document["duration_s"] / 3600:.2f} h in {count} '
         f'recording{"" if count == 1 else "s"}; thermal period '
@@ -325,19 +323,19 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         words += ['--reference', 'recorded' if referred else 'payload']
     if topics.columns:
         words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-    if is_bag and topics.wrench.strip('/') != usual.wrench.strip('/'):
+    if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
         run += ['-r', f'wrench_raw:={topics.wrench}']
-    if is_bag and topics.temperatures != usual.temperatures:
+    if topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
-    if is_bag and referred and topics.reference != usual.reference:
+    if referred and topics.reference != usual.reference:
         words += ['--reference-topic', topics.reference]
-    if is_bag and at_work and topics.imu:
+    if at_work and topics.imu:
         words += ['--imu-topic', topics.imu]
         run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
-    elif is_bag and at_work:
+    elif at_work and topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
         run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'

@@ -127,7 +127,7 @@ def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
     values |= {f'{axis}_{name}': '-0.09579 N m' for axis in command.AXES for name in names}
     heard = {name: Status(name, *pair, values) for name, pair in said.items()}
     watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
-    page = list(command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
+    page = list(command.status_page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
     console = Console(file=StringIO(), width=200)
     console.print(*coloured(page), sep='\n')
     lines = console.file.getvalue().splitlines()
