@@ -41,7 +41,7 @@ _QUOTED = 60
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
 #: What a single value may be by its annotation, the words for it, and what else has to hold.
 _SCALARS: dict[Any, tuple[tuple[type, ...], str, Callable[[Any], bool]]] = {
-    float: ((int, float), 'a number, finite', lambda value: abs(value) <= sys.float_info.max),
+    float: ((int, float), 'a finite number', lambda value: abs(value) <= sys.float_info.max),
     int: ((int,), 'an integer of 64 bits', lambda value: abs(value) < 1 << 63),
     str: ((str,), 'text', lambda _: True),
     bool: ((bool,), 'true or false', lambda _: True),
