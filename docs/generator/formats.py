@@ -98,17 +98,18 @@ def csv_columns() -> str:
         [' or '.join(f'`{column}`' for column in reversed(STAMPS)), 'h, min, s, ms, µs or ns',
          'one of them, ascending; kept as integer nanoseconds'],
         [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],
-        [f'{thermometers} …', '°C', ('thermometers, the one inside the sensor first; '
-         '`temperature_k`, `temperature_2_f` … are in K or °F')],
+        [f'{thermometers} …', '°C',
+         ('thermometers, the one inside the sensor first; '
+          '`temperature_k`, `temperature_2_f` … are in K or °F')],
         [', '.join(f'`{channel}`' for channel in REFERENCE_CHANNELS), 'N, N m',
          'true wrench, any subset'],
         [', '.join(f'`{channel}`' for channel in FORCE_CHANNELS), 'm/s²',
          ('specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 upwards at '
-         'rest; all three or none')],
+          'rest; all three or none')],
         [f'`{ROTATION_CHANNEL}`', 'rad/s', 'speed of rotation of the sensor'],
-        ['`recorded_from?…`', '–', ('empty; written by a node, its name goes on with what the '
-         'sensor was called, such as '
-         '`frame_id=ft&wrench_topic=/ft/wrench&temperature_topics=/ft/temperature`')],
+        ['`recorded_from?…`', '–',
+         ('empty; written by a node, its name goes on with what the sensor was called, such as '
+          '`frame_id=ft&wrench_topic=/ft/wrench&temperature_topics=/ft/temperature`')],
     ]  # fmt: skip
     return table(('column', 'unit', 'what it is'), rows)
 
