@@ -173,6 +173,6 @@ def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, t
     peak = judged['axes']['force_z']['max_after']
     said = judged['advice'][0]
     assert 'holds' not in ' '.join(judged['advice'])
-    assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). The zero may have' in said
+    assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). See in the report' in said
     assert outcome.out.count('largest error is above') == 1
     assert 'torque' not in said

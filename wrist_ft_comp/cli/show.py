@@ -339,11 +339,13 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         words += ['--gravity-frame', topics.gravity_frame]
         run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
-    commands = [
-        ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml', '--report', 'model.html'],
-        ['wrist_ft_comp', 'evaluate', 'model.yaml', another, '--report', 'evaluation.html'],
-    ]
-    return [shlex.join([*command, *words]) for command in commands] + [shlex.join(run)] * is_bag
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
+    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
+    if not is_bag:
+        return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
+    calibrate += ['--report', 'model.html', *words]
+    evaluate += ['--report', 'evaluation.html', *words]
+    return [shlex.join(command) for command in (calibrate, evaluate, run)]
 
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
