@@ -61,7 +61,9 @@ def command_line() -> Iterator[str]:
     """Describe the command's options, in a form that no Python version changes."""
     yield '## Command `wrist_ft_comp`\n'
     yield EXITS % ', '.join(f'`{error.kind()}`' for error in WristFtCompError.__subclasses__())
-    commands = build_parser().commands
+    kind = argparse._SubParsersAction
+    (subparsers,) = (a for a in build_parser()._actions if isinstance(a, kind))
+    commands: dict[str, argparse.ArgumentParser] = dict(subparsers.choices)
     users: dict[tuple[str, str], list[str]] = {}
     for name, parser in commands.items():
         for row in map(option_row, parser._actions[1:]):
@@ -93,44 +95,22 @@ def csv_columns() -> str:
     """List the columns of a CSV recording."""
     thermometers = ', '.join(f'`{temperature_channel(j)}`' for j in range(3))
     rows = [
-        [
-            ' or '.join(f'`{column}`' for column in reversed(STAMPS)),
-            'h, min, s, ms, µs or ns',
-            'one of them, ascending; kept as integer nanoseconds',
-        ],
+        [' or '.join(f'`{column}`' for column in reversed(STAMPS)), 'h, min, s, ms, µs or ns',
+         'one of them, ascending; kept as integer nanoseconds'],
         [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],
-        [
-            f'{thermometers} …',
-            '°C',
-            (
-                'thermometers, the one inside the sensor first; `temperature_k`, '
-                '`temperature_2_f` '
-                '… are in K or °F'
-            ),
-        ],
-        [
-            ', '.join(f'`{channel}`' for channel in REFERENCE_CHANNELS),
-            'N, N m',
-            'true wrench, any subset',
-        ],
-        [
-            ', '.join(f'`{channel}`' for channel in FORCE_CHANNELS),
-            'm/s²',
-            (
-                'specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 '
-                'upwards at rest; all three or none'
-            ),
-        ],
+        [f'{thermometers} …', '°C',
+         ('thermometers, the one inside the sensor first; '
+          '`temperature_k`, `temperature_2_f` … are in K or °F')],
+        [', '.join(f'`{channel}`' for channel in REFERENCE_CHANNELS), 'N, N m',
+         'true wrench, any subset'],
+        [', '.join(f'`{channel}`' for channel in FORCE_CHANNELS), 'm/s²',
+         ('specific force in any frame fixed to the sensor, as sensor_msgs/Imu: 9.81 upwards at '
+          'rest; all three or none')],
         [f'`{ROTATION_CHANNEL}`', 'rad/s', 'speed of rotation of the sensor'],
-        [
-            '`recorded_from?…`',
-            '–',
-            (
-                'empty; written by a node, its name goes on with what the sensor was called, such '
-                'as `frame_id=ft&wrench_topic=/ft/wrench&temperature_topics=/ft/temperature`'
-            ),
-        ],
-    ]
+        ['`recorded_from?…`', '–',
+         ('empty; written by a node, its name goes on with what the sensor was called, such as '
+          '`frame_id=ft&wrench_topic=/ft/wrench&temperature_topics=/ft/temperature`')],
+    ]  # fmt: skip
     return table(('column', 'unit', 'what it is'), rows)
 
 

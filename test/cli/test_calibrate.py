@@ -82,7 +82,7 @@ def test_a_refusal_leaves_the_model_as_it_was(run, make, model, tmp_path):
     ('options', 'expected'),
     [
         (['--reference', 'recorded'], 'no reference wrench'),
-        (['--temperature-topic', '/a:b:Kelvin'], "unit 'Kelvin'; expected C, K or F"),
+        (['--temperature-topic', '/a:b:Kelvin'], 'a unit is C, K or F'),
         (['--thermal-period', '600'], 'spans 0.0 K'),
         (['--thermal-period', '20'], 'at least 24 in'),
     ],

@@ -100,13 +100,3 @@ def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_p
     assert target.exists()
     assert printed['tare']['force_z'] != 0
     assert printed['warnings'] == []
-
-
-def test_a_picture_shows_it_and_replaces_pictures_only(run, done, drift_csv, model, tmp_path):
-    picture, words = tmp_path / 'p.png', ['compensate', model, drift_csv]
-    done(*words, '-o', tmp_path / 'a.csv', '--tare', 5, '--picture', picture)
-    assert picture.read_bytes().startswith(b'\x89PNG')
-    (tmp_path / 'other.png').write_bytes(b'of somebody else')
-    foreign = '-o', tmp_path / 'b.csv', '--picture', tmp_path / 'other.png'
-    assert 'is no picture of this package' in run(*words, *foreign).sentence
-    assert not (tmp_path / 'b.csv').exists()

@@ -132,7 +132,7 @@ def test_a_folder_that_does_not_exist_is_not_made(run, day, own_model, folder, t
         ['compensate', own_model, day, '-o', target / 'c.csv'],
         ['show', folder, '--picture', target / 'p.png'],
     ):
-        assert f'{target} does not exist; make that folder first' in run(*words).sentence
+        assert f'{target} is no folder; make it first' in run(*words).sentence
         assert not target.exists()
 
 

@@ -118,32 +118,8 @@ def test_a_copy_is_found_under_another_name_and_another_day_of_that_name_is_none
 def test_a_copy_is_counted_once(day, drift_csv, run, tmp_path):
     output = '-o', tmp_path / 'm.yaml'
     copy = shutil.copy(drift_csv, tmp_path / 'copy.csv')
-    assert 'twice' in run('calibrate', drift_csv, drift_csv, *output).sentence
+    assert 'is a copy of' in run('calibrate', drift_csv, drift_csv, *output).sentence
     assert 'copy.csv is a copy of' in run('calibrate', drift_csv, copy, *output).sentence
     bare = day / 'day.mcap'
     assert 'is a copy of' in run('calibrate', day, bare, *output, *named()).sentence
     assert not (tmp_path / 'm.yaml').exists()
-
-
-def test_a_day_gives_the_same_model_from_every_kind_of_file(make, bag, done, tmp_path):
-    """CSV, mcap and sqlite3; temperatures on topics of their own and inside other messages."""
-    columns = make.drifting(seed=3, both=True)
-    stamps = [START + round(second * 10**9) for second in columns.pop('stamp_s')]
-    days = {
-        'csv': (make.csv(tmp_path / 'day.csv', {'stamp_ns': stamps, **columns}), ()),
-        'mcap': (bag('m', 3), named()),
-        'sqlite3': (bag('s', 3, storage='sqlite3'), named(TOPICS[0], '/arm/temperature')),
-        'renamed': (
-            bag('r', 3, wrench='/w'),
-            named('/ft/temperature:temperature', TOPICS[1], wrench='/w'),
-        ),
-    }
-    models = {}
-    for name, (path, words) in days.items():
-        done('calibrate', path, '-o', tmp_path / f'{name}.yaml', '--method', 'pls', *words)
-        document = yaml.safe_load((tmp_path / f'{name}.yaml').read_text())
-        axes = {axis: document['axes'][axis] for axis in ('force_z', 'torque_x')}
-        models[name] = axes, document['thermometers'], document['duration_s']
-    assert models['mcap'] == models['csv']
-    assert models['sqlite3'] == models['csv']
-    assert models['renamed'] == models['csv']

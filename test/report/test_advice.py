@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.report import advice as module
 from wrist_ft_comp.report.advice import advise, Case, cover, WORKING_RANGE_C
 
 HOUR = 360  # cells of 10 s
@@ -123,25 +122,11 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
     assert poor.startswith('One thermometer does not explain force_z well: heat comes from')
 
 
-def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
-    def describe(path, topics):
-        assert (path, topics.temperatures) == (Path('day.mcap'), ('/inside',))
-        entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
-        candidates = [
-            SimpleNamespace(role='temperature', entry=entry, moves=moves)
-            for entry, moves in entries.items()
-        ]
-        return SimpleNamespace(candidates=candidates), None
-
-    monkeypatch.setattr(module, 'describe_recording', describe)
+def test_the_worst_comes_first(seen):
     case = Case(
         [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)), 'unloaded',
-        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
-        [Path('day.mcap')], ['/inside'])  # fmt: skip
+        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'])  # fmt: skip
     first, second, third, *_ = advise(case)
     assert first.startswith('The load moved, although it was declared unloaded.')
-    assert second.endswith(
-        'day.mcap holds /arm/state:motor temp, too, which was not used. Calibrate with\n'
-        "--temperature-topic /inside --temperature-topic '/arm/state:motor temp'"
-    )
+    assert 'another one that the recording holds' in second
     assert third.startswith('The longest recording lasts 0.2 h; record 1.0 h or more')

@@ -164,21 +164,6 @@ def test_the_page_is_whole_legible_and_without_complaints(kind, width, scheme, b
     assert contrast['bad'] == []
 
 
-def test_paper_and_the_text_of_pictures_take_the_colours_of_the_scheme(browser, files):
-    papers, inks, fonts = [], [], set()
-    for scheme in SCHEMES:
-        browser.open(files('good'), 1280, scheme)
-        for found, node, what in (
-            (papers, 'body', 'backgroundColor'), (inks, 'svg text', 'fill'),
-        ):  # fmt: skip
-            style = f'getComputedStyle(document.querySelector("{node}"))'
-            found.append(browser.evaluate(f'{style}.{what}'))
-            fonts.add(browser.evaluate(f'{style}.fontFamily'))
-    assert papers == ['rgb(255, 255, 255)', 'rgb(20, 23, 26)']
-    assert inks == ['rgb(26, 29, 33)', 'rgb(232, 234, 237)']
-    assert len(fonts) == 1
-
-
 @pytest.mark.parametrize('kind', KINDS)
 def test_the_page_prints(kind, browser, files):
     """On paper it is light whatever the screen is, and nothing is hidden."""

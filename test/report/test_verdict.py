@@ -84,17 +84,6 @@ def test_an_axis_without_a_model_has_its_reason():
     assert quiet.startswith('There is nothing to remove')
 
 
-@pytest.mark.parametrize('after', [1.0, 4.0, 11.0])
-@pytest.mark.parametrize(
-    ('recordings', 'words'),
-    [(1, 'judged on parts of a single recording'), (2, 'which rests on two recordings')],
-)
-def test_a_verdict_from_few_recordings_names_their_number(after, recordings, words):
-    assert words in judge(replace(FINE, after=after, recordings=recordings)).sentence
-    for enough in (0, 3):
-        assert words not in judge(replace(FINE, after=after, recordings=enough)).sentence
-
-
 @pytest.mark.parametrize(('after', 'more'), [(0.0123456, ''), (14.0, ': WORSE THAN NONE')])
 def test_a_calibration_is_a_line_per_axis_and_warnings_follow(after, more):
     fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, unit='N', day_limit=0.5)}

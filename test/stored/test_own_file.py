@@ -206,7 +206,10 @@ def test_a_record_comes_back_from_plain_values():
     assert (back.pairs, back.ends, back.cells) == (SHEET.pairs, SHEET.ends, SHEET.cells)
     assert (back.by_name, back.path) == ({'x': True}, Path('a/b'))
     assert from_plain(Sheet, PLAIN).path is None
-    for known, sentence in ((None, 'share must be a number'), (1.0, 'named values with text')):
+    for known, sentence in (
+        (None, 'share must be a finite number'),
+        (1.0, 'named values with text'),
+    ):
         with pytest.raises(ValueError, match=sentence):
             from_plain(Sheet, {**PLAIN, 'share': known}, whole=True)
 
@@ -214,8 +217,8 @@ def test_a_record_comes_back_from_plain_values():
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'kind': 'c'}, 'kind must be one of a, b'), ({'share': '1'}, 'share must be a number'),
-        ({'share': True}, 'share must be a number'), ({'table': [[1.0], [1.0, 2.0]]}, 'length'),
+        ({'kind': 'c'}, 'kind must be one of a, b'), ({'share': '1'}, 'share must be a finite'),
+        ({'share': True}, 'share must be a finite'), ({'table': [[1.0], [1.0, 2.0]]}, 'length'),
         ({'table': [1.0, None]}, 'table must be finite numbers'),
         ({'table': [10**400]}, 'finite numbers'), ({'pairs': [{'number': 1.5}]}, 'pairs/0/number'),
         ({'pairs': [{'text': 'x'}]}, 'named values with number'), ({'ends': [1.0]}, '2 values'),

@@ -6,16 +6,11 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.cli.show import payloads_json
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.fit.settings import (
-    CalibrationSettings,
-    IdentificationSettings,
-    METHODS,
-    Orders,
-)
+from wrist_ft_comp.fit import settings
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.ranges import PERIODS_S
@@ -43,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL.yaml')
     options.add_reference(parser)
     parser.add_argument(
-        '--method', choices=METHODS, metavar='METHOD',
-        help=f'{", ".join(METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
+        '--method', choices=settings.METHODS, metavar='METHOD',
+        help=f'{", ".join(settings.METHODS)} (default: %(default)s)', default='auto')  # fmt: skip
     parser.add_argument(
         '--features', choices=get_args(FeatureKind),
         help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
@@ -65,13 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output_forms(parser)
 
 
-def _orders(text: str) -> Orders:
+def _orders(text: str) -> settings.Orders:
     """Parse the orders of a latent's ARX."""
     found = re.fullmatch(r'(\d+),(\d+),(\d+)(,direct)?', text)
     if not found:
         raise argparse.ArgumentTypeError(f'expected such as 2,2,1 or 1,1,0,direct, got {text!r}')
     try:
-        return Orders(int(found[1]), int(found[2]), int(found[3]), direct=bool(found[4]))
+        return settings.Orders(int(found[1]), int(found[2]), int(found[3]), direct=bool(found[4]))
     except SettingsError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 
@@ -88,12 +83,13 @@ def run(arguments: argparse.Namespace) -> int:
     MODEL.check_target(arguments.output, others)
     if arguments.report:
         REPORT.check_target(arguments.report, [arguments.output, *others])
-    identification = IdentificationSettings(
+    identification = settings.IdentificationSettings(
         arguments.method, features=arguments.features, latents=arguments.latents,
         orders=tuple(arguments.orders))  # fmt: skip
     job = CalibrationJob(
         tuple(arguments.recordings), arguments.output,
-        CalibrationSettings(arguments.reference or 'unloaded', identification=identification),
+        settings.CalibrationSettings(
+            arguments.reference or 'unloaded', identification=identification),
         arguments.thermal_period or period_of(arguments.recordings, topics),
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
@@ -107,12 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
         f'saved as {outcome.stored.path}',
         *([f'report: {job.report}'] if job.report else ()),
     ]
-    # For scripts: what was learnt and saved.
     calibration = outcome.calibration
-    names = (
-        'chosen', 'rms_before', 'rms_after', 'day_limit', 'largest_drift', 'time_constants_s',
-        'candidates', 'notes',
-    )  # fmt: skip
+    names = 'chosen rms_before rms_after day_limit largest_drift time_constants_s candidates notes'
     document = {
         'model': str(outcome.stored.path),
         'sha256': outcome.stored.sha256,
@@ -120,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
             axis.axis: {
                 'verdict': axis.verdict.level,
                 'why': axis.verdict.sentence,
-                **{name: getattr(calibration.fits[axis.axis], name) for name in names},
+                **{name: getattr(calibration.fits[axis.axis], name) for name in names.split()},
             }
             for axis in content.axes
         },
@@ -130,5 +122,5 @@ def run(arguments: argparse.Namespace) -> int:
         'advice': content.advice,
         'warnings': calibration.warnings,
     }
-    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    print_result(words, document, content.warnings, as_json=arguments.json)
     return 0

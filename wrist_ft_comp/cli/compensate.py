@@ -8,8 +8,8 @@ from pathlib import Path
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import range_warnings
-from wrist_ft_comp.cli.output import print_result, progress_bar, Result
-from wrist_ft_comp.drift.drift_model import check_sensor, correct
+from wrist_ft_comp.cli.output import print_result, progress_bar
+from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
@@ -19,13 +19,11 @@ from wrist_ft_comp.recordings.compensated_copy import (
     rewrite_recording,
 )
 from wrist_ft_comp.recordings.read import read_recording
-from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import (
     correct_many,
     initial_tare,
-    simulate_drift,
     track_drift,
 )
 
@@ -49,7 +47,6 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv
   wrist_ft_comp compensate model.yaml bag/ -o bag_compensated/ --tare 60
-  wrist_ft_comp compensate model.yaml run.csv -o out.csv --picture out.png
   wrist_ft_comp compensate tool.yaml day.csv -o free.csv --reference payload
 """
 
@@ -68,9 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='add what the environment does to the tool: the payload that was mounted is found in '
         'the recording by its specific force, and its weight is taken off, too (columns '
         f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
-    parser.add_argument(
-        '--picture', type=Path, metavar='PICTURE.png',
-        help='draw temperatures, and the wrench before and after')  # fmt: skip
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
@@ -84,8 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
-    if arguments.picture:
-        PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS
@@ -117,13 +109,6 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
-    if arguments.picture:
-        from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
-
-        drift = simulate_drift(model, recording)
-        PICTURE.write(
-            arguments.picture, recording_png(recording, correct(recording.wrench, drift, tare))
-        )
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,
@@ -134,6 +119,5 @@ def run(arguments: argparse.Namespace) -> int:
     )
     taken_off = dict(zip(AXES, tare.tolist(), strict=True))
     document = {'output': arguments.output, 'tare': taken_off, 'warnings': warnings}
-    result = Result([f'wrote {arguments.output}'], document, warnings)
-    print_result(result, as_json=arguments.json)
+    print_result([f'wrote {arguments.output}'], document, warnings, as_json=arguments.json)
     return 0

@@ -2,8 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, ExitStack
-from functools import partial
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import subprocess
@@ -22,12 +21,12 @@ from wrist_ft_comp.cli.output import (
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.series import NANOSECONDS, Progress
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.operate import Operator, Stamps
+    from wrist_ft_comp.cli.operate import Operator
 
 _Process = subprocess.Popen[bytes]
 #: ROS domains whose ports Linux does not use for others; people choose from the other end.
@@ -63,6 +62,10 @@ examples:
   wrist_ft_comp demo --at-work
   wrist_ft_comp demo --seed 2 --output /tmp/demo
 """
+_PLOT = (
+    'A simulated sensor drifts on two days of three hours, {speed:g} times as fast as real ones. '
+    'The node records day 1, learns the drift, and removes it on day 2; wait {minutes:.0f} min.'
+)
 _NEXT = """\
 The node's model, its recordings and its log: {folder}
 The report of day 2, for a browser: {report}
@@ -95,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
     report = arguments.output / 'demo.html'
     REPORT.check_target(report)
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
+    seconds = sum(length_s for _, length_s in _DAYS) / arguments.speed
+    print_words([filled(_PLOT.format(speed=arguments.speed, minutes=1 + seconds / 60)), ''])
     play(arguments, folder)
     store = ModelStore(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]
@@ -132,23 +137,23 @@ def run(arguments: argparse.Namespace) -> int:
 def play(arguments: argparse.Namespace, folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(own_domain())
-    from wrist_ft_comp.cli.operate import ask, operating, Stamps, Watch  # noqa: PLC0415 -- rclpy
+    from wrist_ft_comp.cli.operate import ask, operating, Watch  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',
         'calibration.reference': 'payload' if arguments.at_work else 'recorded',
         'gravity.source': 'imu' if arguments.at_work else 'none',
     }  # fmt: skip
-    with ExitStack() as stack:
-        log = stack.enter_context(
-            NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False)
-        )
-        operator = stack.enter_context(operating())
-        stamps = Stamps(operator, 'temperature')
+    heard: list[Any] = []
+    with (
+        NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False) as log,
+        operating() as operator,
+    ):
+        operator.hear('temperature', heard.append)
         for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
                 'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
-                'start_stamp_s': stamps.latest_ns / NANOSECONDS + _NIGHT_S if number else 0.0,
+                'start_stamp_s': float(heard[-1].header.stamp.sec + _NIGHT_S) if heard else 0.0,
                 'wrench_rate': 500.0,
                 'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
                 'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
@@ -162,7 +167,7 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
                 with process('simulated_sensor', parameters, log) as sensor:
                     programs = {'compensator': compensator, 'sensor': sensor}
                     with progress_bar(f'recording day {number + 1} of 2') as progress:
-                        listen(operator, stamps, length_s, programs, progress)
+                        listen(operator, heard, length_s, programs, progress)
                 ask(operator, name, 'stop', watch)
                 if not number:
                     with waiting('the node calibrates'):
@@ -171,15 +176,16 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
 
 def listen(
     operator: 'Operator',
-    stamps: 'Stamps',
+    heard: list[Any],
     length_s: float,
     programs: Mapping[str, _Process],
     progress: Progress,
 ) -> None:
     """Wait until a day has passed in the stamps, as long as both programs are alive."""
-    first_ns, before_ns = 0, stamps.latest_ns
-    while not first_ns or before_ns < first_ns + length_s * NANOSECONDS:
-        heard = operator.wait_for(partial(stamps.later_than, before_ns), _SILENCE_S)
+    first_s, passed_s = 0, 0
+    while passed_s < length_s:
+        heard.clear()
+        operator.wait_for(lambda: heard, _SILENCE_S)
         for program, started in programs.items():
             if started.poll() is not None:
                 raise RecordingError(
@@ -188,9 +194,9 @@ def listen(
                 )
         if not heard:
             raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
-        before_ns = stamps.latest_ns
-        first_ns = first_ns or before_ns
-        progress(min((before_ns - first_ns) / (length_s * NANOSECONDS), 1.0))
+        first_s = first_s or heard[0].header.stamp.sec
+        passed_s = heard[-1].header.stamp.sec - first_s
+        progress(min(passed_s / length_s, 1.0))
 
 
 def own_domain() -> dict[str, str]:

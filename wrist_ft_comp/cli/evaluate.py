@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar, Result
+from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
@@ -18,15 +18,10 @@ from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
+from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.advice import SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.report.report_content import (
-    EvaluatedRecording,
-    evaluation_content,
-    model_sources,
-    ReportContent,
-)
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
@@ -72,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:  # before what a closed pipe may end
         REPORT.write(arguments.report, page(content))
         words += ['', f'report: {arguments.report}']
-    print_result(Result(words, document, content.warnings), as_json=arguments.json)
+    print_result(words, document, content.warnings, as_json=arguments.json)
     return 0
 
 
@@ -83,13 +78,13 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     wanted: Reference | None = None,
     tare_s: float = 60.0,
     progress: Progress = lambda _: None,
-) -> tuple[ReportContent, dict[str, object]]:
+) -> tuple[report_content.ReportContent, dict[str, object]]:
     """
     Judge a model file on recordings; the reference is that of the model by default.
 
     Gives what its report shows, and the numbers for scripts.
     """
-    stored, judged = load_model(model), list[EvaluatedRecording]()
+    stored, judged = load_model(model), list[report_content.EvaluatedRecording]()
     period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
     for number, path in enumerate(paths):
         recording = read_recording(
@@ -102,7 +97,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         elif wanted is None and stored.reference == 'recorded':
             reference = 'recorded' if np.isfinite(recording.reference).any() else 'unloaded'
         warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
-        if hash_recording(path) in {sha256 for _, sha256 in model_sources(stored)}:
+        if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
             warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
         warnings += recording.warnings
         if reference in {'unloaded', 'constant'}:
@@ -123,8 +118,8 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         errors = tared_errors(stored.model, compared, true, tare_s)
         warnings += range_warnings(stored, recording)  # of a recording that fits the model
         recording = replace(recording, warnings=warnings)
-        judged.append(EvaluatedRecording(recording, reference, errors))
-    content = evaluation_content(stored, judged, tare_s, paths)
+        judged.append(report_content.EvaluatedRecording(recording, reference, errors))
+    content = report_content.evaluation_content(stored, judged, tare_s)
     document = {
         'model': str(stored.path),
         'sha256': stored.sha256,

@@ -1,8 +1,8 @@
 """The command ``wrist_ft_comp``: exit code 0 done, 1 refused with one sentence, 2 usage."""
 
+from argparse import RawDescriptionHelpFormatter as Form
 from collections.abc import Sequence
 import io
-from itertools import takewhile
 import os
 import re
 import signal
@@ -10,7 +10,7 @@ import sys
 
 import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
-from wrist_ft_comp.cli.options import did_you_mean, Parser
+from wrist_ft_comp.cli.options import Parser
 from wrist_ft_comp.cli.output import print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
@@ -33,18 +33,16 @@ def build_parser() -> Parser:
     parser = Parser(
         prog='wrist_ft_comp',
         description='Remove the temperature drift of a wrist force/torque sensor.',
-        epilog=f'{EXAMPLES}\n{_EXIT_CODES}',
-    )
+        epilog=f'{EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
     parser.add_argument('--version', action='version', version=wrist_ft_comp.__version__)
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     for command in (calibrate, evaluate, compensate, show, node, demo):
         subparser = commands.add_parser(
             command.__name__.rpartition('.')[2], help=command.HELP,
             description=command.DESCRIPTION,
-            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}')  # fmt: skip
-        subparser.set_defaults(run=command.run, command=subparser)
+            epilog=f'{command.EXAMPLES}\n{_EXIT_CODES}', formatter_class=Form)  # fmt: skip
+        subparser.set_defaults(run=command.run)
         command.add_arguments(subparser)
-    parser.commands = dict(commands.choices)
     return parser
 
 
@@ -59,17 +57,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 setattr(sys, name, open(os.devnull, 'w'))  # noqa: PTH123, SIM115 -- for good
             elif isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors='backslashreplace')
-        parser = build_parser()
         try:
-            if words and not words[0].startswith('-') and words[0] not in parser.commands:
-                known = parser.commands
-                parser.error(f'{words[0]} is no command{did_you_mean(words[0], known)}')
-            arguments, unknown = parser.parse_known_args(words)
+            arguments = build_parser().parse_args(words)
         except SystemExit:  # --help and --version have printed
             sys.stdout.flush()
             raise
-        if unknown:
-            arguments.command.refuse_unknown(unknown)
         code = int(arguments.run(arguments))
         sys.stdout.flush()  # or an error says why what was printed has not left the process
     except WristFtCompError as error:
@@ -88,9 +80,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # One line of standard error; what others say may end in a full stop of its own.
     sentence = re.sub(r'(?<=\w)\.\.(?= |$)', '.', ' '.join(sentence.split()))
     print(f'wrist_ft_comp: {sentence}', file=sys.stderr)
-    options = takewhile(lambda word: word != '--', words)
     try:
-        if any(re.fullmatch('--js(o(n)?)?', word) for word in options):
+        if '--json' in words:
             print_json({'error': {'kind': kind, 'message': sentence}})
         sys.stdout.flush()
     except OSError:

@@ -3,18 +3,23 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import suppress
+import re
 import sys
 import time
 from typing import TYPE_CHECKING
 
+from rich.console import Group
+from rich.live import Live
+from rich.table import Table
+
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.output import (
+    coloured,
     filled,
     print_json,
     print_words,
-    renderables,
-    Table,
+    table,
     waiting,
     WIDTH,
 )
@@ -63,38 +68,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
-    from wrist_ft_comp.cli.operate import (  # noqa: PLC0415 -- loads rclpy
-        ask,
-        DISCOVERY_S,
-        operating,
-        Watch,
-    )
+    from wrist_ft_comp.cli import operate  # noqa: PLC0415 -- loads rclpy
 
-    with operating() as operator:
+    action = arguments.action
+    with operate.operating() as operator:
         name = operator.find(arguments.name)
-        watch = Watch(operator, name)
-        if arguments.action == 'status':
+        watch = operate.Watch(operator, name)
+        if action == 'status':
+            if not operator.wait_for(lambda: watch.reports, operate.SILENCE_S):
+                raise NodeError(
+                    f'{name} has published no diagnostics for {operate.SILENCE_S:.0f} s.'
+                )
             return _show(operator, name, watch, arguments)
-        service = 'record' if arguments.action == 'stop' else arguments.action
-        if not operator.wait_for(lambda: service in operator.services(name), DISCOVERY_S / 10):
+        service = 'record' if action == 'stop' else action
+        if not operator.wait_for(lambda: service in operator.services(name), 1.0):
             raise NodeError(
-                f'{name} has no service {arguments.action}. Ask for status, stop, or one of '
+                f'{name} has no service {action}. Ask for status, stop, or one of '
                 f'{", ".join(operator.services(name))}.'
             )
-        with waiting(arguments.action) as describe:
+        with waiting(action) as describe:
 
             def show() -> None:
                 # What takes long has a status of its own, as payload for identify_payload.
-                said = [s.message for n, s in watch.statuses.items() if n in arguments.action]
-                describe(': '.join([arguments.action, *said]))
+                said = [s.message for n, s in watch.statuses.items() if n in action]
+                describe(': '.join([action, *said]))
 
-            timer = operator.node.create_timer(0.5, show)
-            try:
-                answer = ask(operator, name, arguments.action, watch)
-            finally:
-                operator.node.destroy_timer(timer)
+            operator.node.create_timer(0.5, show)
+            answer = operate.ask(operator, name, action, watch)
     if arguments.json:
-        print_json({'node': name, 'action': arguments.action, 'answer': answer})
+        print_json({'node': name, 'action': action, 'answer': answer})
     else:
         print(answer)
     return 0
@@ -102,10 +104,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.Namespace) -> int:
     """Print the status once, or in a terminal again and again; 1 when anything is not ok."""
-    from wrist_ft_comp.cli.operate import SILENCE_S  # noqa: PLC0415 -- loads rclpy
-
-    if not operator.wait_for(lambda: watch.reports, SILENCE_S):
-        raise NodeError(f'{name} has published no diagnostics for {SILENCE_S:.0f} s.')
     if arguments.json:
         statuses = {
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
@@ -113,20 +111,17 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.N
         }
         print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
     elif arguments.once or not sys.stdout.isatty():
-        print_words(page(name, watch))
+        print_words(status_page(name, watch))
     else:
-        from rich.console import Group  # noqa: PLC0415 -- in a terminal only
-        from rich.live import Live  # noqa: PLC0415
-
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                live.update(Group(*renderables(page(name, watch))), refresh=True)
+                live.update(Group(*coloured(status_page(name, watch))), refresh=True)
                 watch.reports = 0
                 operator.wait_for(lambda: watch.reports, 1.0)
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
 
 
-def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
+def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     """Write what was heard: what is wrong first, then the numbers."""
     sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
     yield f'{name}{sensor}'[: WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
@@ -136,27 +131,31 @@ def page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     ordered = sorted(watch.statuses.values(), key=lambda status: status.level, reverse=True)
     for status in ordered:
         head = f'{_LEVELS[status.level]:8}{status.name:13}'
-        yield from filled(' '.join(status.message.split()) or '-', head).splitlines()
+        message = re.sub(r'(?<!\S)~/(\w+)', r'wrist_ft_comp node \1', status.message)
+        yield from filled(' '.join(message.split()) or '-', head).splitlines()
     values = {name: status.values for name, status in watch.statuses.items()}
     output, heard = values.get('output', {}), values.get('temperature', {})
-    rows = []
-    for axis in AXES:
-        names = ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
-        numbers = [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in names]
-        rows.append([axis, axis_unit(axis), *numbers])
+    model, calibration = values.get('model', {}), values.get('calibration', {})
     if f'{AXES[0]}_drift' in output:
+        names = ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
+        rows = [
+            [axis, axis_unit(axis)]
+            + [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in names]
+            for axis in AXES
+        ]
         yield ''
-        yield Table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
-    rows, j = [], 1
-    while f'thermometer_{j}_age_s' in heard:
-        learnt = values.get('model', {}).get(f'thermometer_{j}_calibrated_c', '–')
-        recorded = values.get('calibration', {}).get(f'recording_thermometer_{j}_c', '–')
-        celsius, age_s = heard.get(f'thermometer_{j}_c', '–'), heard[f'thermometer_{j}_age_s']
-        rows.append([f'{j}', celsius, age_s, learnt, recorded])
-        j += 1
-    if rows:
+        yield table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
+    thermometers = [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]
+    if thermometers:
         yield ''
-        yield Table(['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'], rows)
-    if seconds := values.get('calibration', {}).get('recording_s'):
+        yield table(
+            ['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'],
+            [
+                [one.removeprefix('thermometer_'), heard.get(f'{one}_c', '–'),
+                 heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–'),
+                 calibration.get(f'recording_{one}_c', '–')]
+                for one in thermometers
+            ])  # fmt: skip
+    if seconds := calibration.get('recording_s'):
         minutes = float(seconds) / 60
         yield f'A recording has run for {minutes:.0f} min. End it: wrist_ft_comp node stop'

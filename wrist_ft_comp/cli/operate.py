@@ -16,7 +16,6 @@ from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.ros.topics import OUTPUT, SLOW_SENSOR
-from wrist_ft_comp.series import NANOSECONDS
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0
@@ -52,21 +51,23 @@ class Operator:
             self.executor.spin_once(timeout_sec=0.1)
         return True
 
+    def _offered(self) -> list[str]:
+        """List the services of the graph that a person may ask for, by their full names."""
+        offered = self.node.get_service_names_and_types()
+        return sorted(name for name, types in offered if types[0].startswith('std_srvs/'))
+
     def running(self) -> list[str]:
-        """Full names of the compensators that run."""
-        return sorted(
-            service.removesuffix(_KNOWN_BY)
-            for service, types in self.node.get_service_names_and_types()
-            if service.endswith(_KNOWN_BY) and types == ['std_srvs/srv/Trigger']
-        )
+        """List the full names of the compensators that run."""
+        names = self._offered()
+        return [name.removesuffix(_KNOWN_BY) for name in names if name.endswith(_KNOWN_BY)]
 
     def services(self, name: str) -> list[str]:
         """Name the services of a node that a person may ask for."""
-        return sorted(
+        return [
             service.removeprefix(f'{name}/')
-            for service, types in self.node.get_service_names_and_types()
-            if service.startswith(f'{name}/') and types[0].startswith('std_srvs/')
-        )
+            for service in self._offered()
+            if service.startswith(f'{name}/')
+        ]
 
     def find(self, wanted: str = '') -> str:
         """
@@ -98,27 +99,19 @@ class Operator:
             )
         return several[0]
 
-    def request(
-        self, service_type: Any, service: str, request: Any, gives_up: Callable[[], Any]
-    ) -> Any:
-        """Call a service and wait for its answer; None where ``gives_up`` said so first."""
-        client = self.node.create_client(service_type, service)
-        if not self.wait_for(client.service_is_ready, DISCOVERY_S):
-            raise NodeError(f'{service} is not offered. Does the node still run?')
-        future = client.call_async(request)
-        self.wait_for(lambda: future.done() or gives_up(), float('inf'))
-        return future.result() if future.done() else None
+    def hear(self, topic: str, take: Callable[[Any], None]) -> None:
+        """Hand the messages of a thermometer's topic over."""
+        self.node.create_subscription(Temperature, topic, take, SLOW_SENSOR)
 
     def introduce(self, name: str) -> None:
         """Ask a node something harmless until it answers: it drops answers to who is unknown."""
         client = self.node.create_client(GetParameters, f'{name}/get_parameters')
+        harmless = GetParameters.Request(names=['use_sim_time'])
         deadline_s = time.monotonic() + DISCOVERY_S
         while time.monotonic() < deadline_s:
-            if client.service_is_ready():
-                future = client.call_async(GetParameters.Request(names=['use_sim_time']))
-                if self.wait_for(future.done, _AGAIN_S):
-                    return
-            self.wait_for(client.service_is_ready, _AGAIN_S)
+            ready = self.wait_for(client.service_is_ready, _AGAIN_S)
+            if ready and self.wait_for(client.call_async(harmless).done, _AGAIN_S):
+                return
         raise NodeError(
             f'{name} does not answer within {DISCOVERY_S:.0f} s; it hangs or has ended.'
         )
@@ -160,7 +153,7 @@ class Watch:
 
     @property
     def silent(self) -> bool:
-        """Whether no report has come for SILENCE_S."""
+        """Whether no report has come for long."""
         return time.monotonic() - self.heard_s > SILENCE_S
 
 
@@ -171,33 +164,20 @@ def ask(operator: Operator, name: str, action: str, watch: Watch) -> str:
     ``record`` and ``stop`` are the two requests of ~/record. NodeError when it refuses, or ends.
     """
     operator.introduce(name)
+    kind, service, request = Trigger, action, Trigger.Request()
     if action in {'record', 'stop'}:
-        kind, request = SetBool, SetBool.Request(data=action == 'record')
-        service = f'{name}/record'
-    else:
-        kind, request, service = Trigger, Trigger.Request(), f'{name}/{action}'
-    answer = operator.request(kind, service, request, lambda: watch.silent)
-    if answer is None:
+        kind, service, request = SetBool, 'record', SetBool.Request(data=action == 'record')
+    client = operator.node.create_client(kind, f'{name}/{service}')
+    if not operator.wait_for(client.service_is_ready, DISCOVERY_S):
+        raise NodeError(f'{client.srv_name} is not offered. Does the node still run?')
+    future = client.call_async(request)
+    operator.wait_for(lambda: future.done() or watch.silent, float('inf'))
+    if not future.done():
         raise NodeError(
             f'{name} has said nothing for {SILENCE_S:.0f} s: it has ended, or hangs. Its log says '
             f'whether {action} was done.'
         )
+    answer = future.result()
     if not answer.success:
         raise NodeError(str(answer.message))
     return str(answer.message)
-
-
-class Stamps:
-    """The newest stamp of a thermometer's topic."""
-
-    def __init__(self, operator: Operator, topic: str) -> None:
-        self.latest_ns = 0
-        operator.node.create_subscription(Temperature, topic, self._take, SLOW_SENSOR)
-
-    def later_than(self, stamp_ns: int) -> bool:
-        """Whether a later one than this has come."""
-        return self.latest_ns > stamp_ns
-
-    def _take(self, message: Any) -> None:
-        stamp = message.header.stamp
-        self.latest_ns = max(self.latest_ns, stamp.sec * NANOSECONDS + stamp.nanosec)

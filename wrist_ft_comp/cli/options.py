@@ -1,15 +1,14 @@
 """What the commands share: options, checks of paths, JSON for scripts."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, get_args, NoReturn, TypeVar
+from typing import get_args, NoReturn, TypeVar
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
@@ -29,29 +28,9 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
-        #: Parsers of the commands, by name.
-        self.commands: dict[str, Parser] = {}
-        # Let "-o -1" be an option and its value.
-        self._negative_number_matcher = re.compile(r'-\.?\d')
-
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
-        sentence = message if message.endswith('?') else f'{message.rstrip(".")}.'
-        raise UsageError(f'{sentence} See {self.prog} --help.')
-
-    def refuse_unknown(self, words: Sequence[str]) -> None:
-        """Refuse words that no option takes, and name the option that may be meant."""
-        word = words[0].partition('=')[0]
-        options = [option for option in self._option_string_actions if option.startswith('--')]
-        self.error(f'{word} is not understood{did_you_mean(word, options)}')
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Ask for the nearest of some words, to be put behind a refusal; empty where none is near."""
-    near = get_close_matches(word, known, n=1)
-    return f'; did you mean {near[0]}?' if near else ''
+        """Leave the sentence to whoever parses."""
+        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
@@ -62,8 +41,8 @@ def number(low: Number, high: float = math.inf, *, above: bool = False) -> Calla
             value = type(low)(text)
             if low <= value <= high and value < math.inf and not (above and value == low):
                 return value
-        words = range_words(low, high, above=above)
-        what = f'a{" whole" * isinstance(low, int)} number {words}'
+        what = 'a whole number' if isinstance(low, int) else 'a number'
+        what += f' {range_words(low, high, above=above)}'
         raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
 
     return parse
@@ -95,8 +74,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
-        f'(default: {", ".join(defaults.temperatures)})',
-    )  # fmt: skip
+        f'(default: {", ".join(defaults.temperatures)})')  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
         help='(default: %(default)s)')  # fmt: skip
@@ -115,8 +93,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     log.add_argument(
         '--time', default='', metavar='FORM',
         help='what its stamps are: s, ms, us, ns, min, h, d, iso, or a form such as '
-        '"%%d.%%m.%%y %%H:%%M"',
-    )  # fmt: skip
+        '"%%d.%%m.%%y %%H:%%M"')  # fmt: skip
     return group
 
 
@@ -125,15 +102,13 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     part = parser.add_argument_group('a part of the recordings')
     part.add_argument(
         '--from', dest='begin', default='', metavar='TIME',
-        help='leave out what was before, since the beginning: 4800, 80min, 1.5h or 1:20:00',
-    )  # fmt: skip
+        help='leave out what was before, since the beginning: 80min, 1.5h or 1:20:00')  # fmt: skip
     part.add_argument(
         '--until', dest='end', default='', metavar='TIME', help='leave out what was after'
     )
     part.add_argument(
         '--exclude', action='append', default=[], metavar='A..B',
-        help='leave out the wrenches from A to B, such as a bump, 79min..81min; may be repeated',
-    )  # fmt: skip
+        help='leave out the wrenches from A to B, such as 79min..81min; repeatable')  # fmt: skip
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
@@ -150,8 +125,7 @@ def topics_from(arguments: argparse.Namespace) -> Topics:
 
 
 def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
-    """Refuse a path without a recording, with the command that makes a bag, or one named twice."""
-    resolved = [path.resolve() for path in paths]
+    """Refuse a path without a recording, with the command that makes a bag."""
     for path in paths:
         if not all(file.exists() for file in files_of(path)):
             thermometers = [source.topic for source in parse_sources(topics.temperatures)]
@@ -166,8 +140,6 @@ def check_recordings(paths: Sequence[Path], topics: Topics) -> None:
                 f'{path} is a model file, where a recording was expected. Name a bag or a CSV '
                 'file; see what a file holds with wrist_ft_comp show.'
             )
-        if resolved.count(path.resolve()) > 1:
-            raise RecordingError(f'{path} is named twice; name each recording once.')
 
 
 def require_ros(refusal: type[WristFtCompError], why: str) -> None:

@@ -2,24 +2,31 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 import json
 import re
 import sys
 import textwrap
-from typing import Any, TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    ProgressColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.progress import (
+    Progress as Bar,
+)
+from rich.table import Table
+from rich.text import Text
 
 from wrist_ft_comp.report.report_content import MOST_ADVICE, ReportContent
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.own_file import to_plain
 
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
-# rich is imported where something is drawn: most of what scripts ask for needs none of it.
-
-#: Letters in a line; narrower terminals get narrower tables.
+#: Letters in a line.
 WIDTH = 80
 #: Wider than any table, letters.
 _UNLIMITED = 10_000
@@ -33,66 +40,40 @@ _STYLES = {
 _NUMBER = re.compile(r'-?\d+(\.\d+)?|[-–]|')
 
 
-@dataclass(frozen=True)
-class Table:
-    """Texts in rows: words to the left, numbers to the right, aligned at their points."""
-
-    titles: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True)
-class Result:
-    """The result of a command."""
-
-    #: Lines, printed as they are, and tables.
-    words: Sequence[str | Table]
-    #: All of it, and what else a script may want.
-    document: Mapping[str, object]
-    #: What a person should know besides; a script finds it in the document.
-    warnings: Sequence[str] = ()
-
-
-def print_result(result: Result, *, as_json: bool) -> None:
-    """Print a result, in words or as JSON."""
+def print_result(
+    words: Sequence[str | Table],
+    document: Mapping[str, object],
+    warnings: Sequence[str] = (),
+    *,
+    as_json: bool,
+) -> None:
+    """Print the result of a command: lines and tables, and warnings; or JSON, which has it all."""
     if as_json:
-        print_json(result.document)
+        print_json(document)
         return
-    print_words(result.words)
-    # Of two warnings that begin alike, the longer one only.
-    distinct = dict.fromkeys(result.warnings)
-    for sentence in distinct:
-        if not any(other != sentence and other.startswith(sentence) for other in distinct):
-            print(f'warning: {sentence}', file=sys.stderr)
+    print_words(words)
+    for sentence in dict.fromkeys(warnings):
+        print(f'warning: {sentence}', file=sys.stderr)
 
 
 def print_words(words: Iterable[str | Table]) -> None:
     """Print lines as they are, so that commands can be copied, and tables."""
-    from rich.console import Console  # noqa: PLC0415 -- see above
-
-    console = Console(highlight=False)
-    width = min(WIDTH, console.width)
+    console = Console(highlight=False, width=_UNLIMITED)
     with console.capture() as text:  # what rich writes itself ends the process at a broken pipe
-        for part in renderables(words):
-            if hasattr(part, 'add_row'):
-                # Names, which people copy, may make it as wide as they are.
-                names = any(column.overflow == 'ignore' for column in part.columns)
-                console.width = _UNLIMITED if names else width
-                console.print(part, width=console.measure(part).maximum)
-            else:
-                console.print(part, soft_wrap=True)
+        for part in coloured(words):
+            # Names, which people copy, may make a table as wide as they are.
+            wide = isinstance(part, Table) and any(column.no_wrap for column in part.columns)
+            console.print(part, width=_UNLIMITED if wide else WIDTH, soft_wrap=True)
     print(re.sub(' +$', '', text.get(), flags=re.MULTILINE), end='')
 
 
-def renderables(words: Iterable[str | Table]) -> Iterator[Any]:
-    """Give what rich draws: lines in the colour of their first word, and tables."""
-    from rich.text import Text  # noqa: PLC0415 -- see above
-
+def coloured(words: Iterable[str | Table]) -> Iterator[Text | Table]:
+    """Give lines the colour of their first word."""
     for part in words:
         if isinstance(part, str):
             yield Text(part, _STYLES.get(part.partition(' ')[0], ''))
         else:
-            yield rich_table(part)
+            yield part
 
 
 def print_json(value: object) -> None:
@@ -106,8 +87,12 @@ def content_words(
     """Say whether it is good, and what to do next: the first things, or all and why."""
     sparks = [axis.series.sparkline() for axis in content.axes]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
-    words: list[str | Table] = [Table([*content.titles, 'left over time'], rows)]
-    words.append(filled(f'before, left: root mean square. {content.conditions}'))
+    words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
+    words.append(
+        filled(
+            f'before, left: root mean square; over time: lowest to highest. {content.conditions}'
+        )
+    )
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]
@@ -129,29 +114,24 @@ def filled(sentence: str, begin: str = '') -> str:
     return '\n'.join([whole, *(indent + command for command in commands)])
 
 
-def rich_table(table: Table) -> 'RichTable':
-    """Lay a table out for rich."""
-    from rich.table import Table as RichTable  # noqa: PLC0415 -- see above
-    from rich.text import Text  # noqa: PLC0415
-
-    columns = [list(column) for column in zip(*table.rows, strict=True)]
-    columns = columns or [[] for _ in table.titles]
-    drawn = RichTable(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style='bold')
-    for title, cells in zip(table.titles, columns, strict=True):
-        words = any(re.match(r'[^-–\d]', cell) for cell in cells)
-        names = any('/' in cell for cell in cells)  # which people copy
-        if cells and all(map(_NUMBER.fullmatch, cells)):
-            # As wide as one another, so that points are below points.
-            places = [len(cell.partition('.')[2]) + ('.' in cell) for cell in cells]
-            padded = [c + ' ' * (max(places) - n) for c, n in zip(cells, places, strict=True)]
-            width = max(map(len, [title, *padded]))
-            cells[:] = [cell.rjust(width) for cell in padded]
-            drawn.add_column(title.rjust(width), no_wrap=True)
-        else:
-            drawn.add_column(
-                title, justify='left' if words else 'right', no_wrap=names,
-                overflow='ignore' if names else 'fold')  # fmt: skip
-    for row in zip(*columns, strict=True):
+def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Lay texts out: words to the left, numbers to the right, aligned at their points."""
+    drawn = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style='bold')
+    columns = [list(cells) for cells in zip(titles, *rows, strict=True)]
+    names = any('/' in cell for row in rows for cell in row)  # which people copy
+    for cells in columns:
+        words = any(re.match(r'[^-–\d]', cell) for cell in cells[1:])
+        numbers = all(map(_NUMBER.fullmatch, cells[1:]))
+        if numbers:  # as wide as one another, so that points are below points
+            places = [len(cell.partition('.')[2]) + ('.' in cell) for cell in cells[1:]]
+            most = max(places, default=0)
+            cells[1:] = [c + ' ' * (most - n) for c, n in zip(cells[1:], places, strict=True)]
+            width = max(map(len, cells))
+            cells[:] = [cell.rjust(width) for cell in cells]
+        drawn.add_column(
+            cells[0], justify='left' if words or numbers else 'right', no_wrap=names,
+            overflow='ignore' if names else 'fold')  # fmt: skip
+    for row in list(zip(*columns, strict=True))[1:]:
         drawn.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
     return drawn
 
@@ -159,30 +139,22 @@ def rich_table(table: Table) -> 'RichTable':
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
     """Show a bar where a terminal is; yields what is told the share that is done."""
-    with _bar(what, 1.0) as update:
-        yield lambda share: update(completed=share)
+    with _bar(TaskProgressColumn()) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
 
 
 @contextmanager
 def waiting(what: str) -> Iterator[Callable[[str], None]]:
     """Show what is waited for, and how long already; yields what is told how it goes on."""
-    with _bar(what, None) as update:
-        yield lambda text: update(description=text[: WIDTH - 40])
+    with _bar() as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda text: bar.update(task, description=text[: WIDTH - 40])
 
 
-@contextmanager
-def _bar(what: str, total: float | None) -> Iterator[Callable[..., None]]:
-    """Show a bar that is wiped away in the end, with lines of a log above it."""
-    if not sys.stderr.isatty():
-        yield lambda **_: None
-        return
-    from rich import progress  # noqa: PLC0415 -- see above
-    from rich.console import Console  # noqa: PLC0415
-
-    columns = [progress.TextColumn('{task.description}', markup=False), progress.BarColumn()]
-    if total is not None:
-        columns.append(progress.TaskProgressColumn())
-    columns.append(progress.TimeElapsedColumn())
-    with progress.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda **news: bar.update(task, **news)
+def _bar(*columns: ProgressColumn) -> Bar:
+    """Make a bar that is wiped away in the end, with lines of a log above it."""
+    return Bar(
+        TextColumn('{task.description}', markup=False), BarColumn(), *columns, TimeElapsedColumn(),
+        console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty(),
+    )  # fmt: skip

@@ -8,47 +8,30 @@ from pathlib import Path
 import shlex
 
 import numpy as np
+from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import filled, print_result, progress_bar, Result, Table
+from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError
+from wrist_ft_comp.errors import RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import (
-    Diary,
-    diary_problem,
-    last_change,
-    load_memory,
-    Memory,
-    node_folders,
-    survey,
-    TORQUES,
-)
+from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings.describe import (
-    Candidate,
-    describe_recording,
-    RAW_WRENCH,
-    RecordingSummary,
-    REFERENCE,
-    TEMPERATURE,
-)
+from wrist_ft_comp.recordings import describe
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
-    DriftLeft,
     event_line,
     events,
-    judged_drifts,
+    figures,
     PICTURE,
     summary,
-    usual_drift,
 )
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
@@ -57,11 +40,6 @@ from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
 
-#: What a model is for, to whoever finds one.
-_PURPOSE = (
-    'It predicts from temperatures how a wrist force/torque sensor drifts. The node',
-    '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.',
-)
 #: Most days in the table; JSON has all.
 MOST_DAYS = 40
 #: Newest days whose verdicts are printed.
@@ -96,19 +74,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
-    path, folders = arguments.file, node_folders(arguments.file)
+    path, folders = arguments.file, diaries.node_folders(arguments.file)
     if arguments.picture:
-        if path.is_file() and (MODEL.is_own(path) or REPORT.is_own(path) or path.name == PAYLOADS):
-            raise SettingsError(
-                f'--picture draws a recording, or the days of a node that learns; {path} is none.'
-            )
         PICTURE.check_target(arguments.picture, [path])
+        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+    figure, refusal = None, f'{path} is no recording, and no folder of a node that learns.'
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
         lines = [f'{path}: a report of wrist_ft_comp; open it in a browser']
     elif folders:
-        document, lines = _days(folders, arguments.picture)
+        found = {folder: _node_days(folder) for folder in folders}
+        document = {str(folder): described for folder, (described, _) in found.items()}
+        lines = [line for _, words in found.values() for line in ('', *words)][1:]
+        if arguments.picture:
+            figure = pictures.days_figure(diaries.survey(folders[0]))
     elif path.suffix in {'.yaml', '.yml'} or MODEL.is_own(path):
         stored = load_model(path)
         document, lines = {'sha256': stored.sha256, **stored.document}, [*_model_lines(stored)]
@@ -122,54 +102,46 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
-            found = []
-            if recording:
-                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
-                found += [*recording.warnings, *silent]
-            doubts = dict.fromkeys((*described.warnings, *found))
-            said = tuple(doubt for doubt in doubts if doubt not in refusal)
-            described = replace(described, warnings=said)
+            summary, recording = describe.describe_recording(path, topics, part_of(progress, 0, 2))
+            refusal, recording = _read(summary, recording, path, part_of(progress, 1, 2))
+        doubts = [*summary.warnings]
+        if recording:
+            doubts += recording.warnings
+            doubts += silent_stretches([recording], CalibrationSettings().max_gap_s)
+        said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
+        summary = replace(summary, warnings=said)
         document = {
-            **vars(described),
-            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in described.candidates],
-            'commands': [] if refusal and not described.is_open else _commands(described, path),
+            **vars(summary),
+            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
+            'commands': [] if refusal and not summary.is_open else _commands(summary, path),
             'refusal': refusal,
         }
-        lines = [*_recording_lines(described, path, refusal)]
+        lines = [*_recording_lines(summary, path, refusal)]
         if arguments.picture and recording:
-            from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
-
-            PICTURE.write(arguments.picture, recording_png(recording))
-        elif arguments.picture:
+            figure = pictures.recording_figure(recording)
+    if arguments.picture:
+        if figure is None:
             raise RecordingError(f'There is nothing to draw. {refusal}')
-    print_result(Result(lines, document), as_json=arguments.json)
+        PICTURE.write(arguments.picture, pictures.png(figure))
+    print_result(lines, document, as_json=arguments.json)
     return 0
 
 
-def _days(
-    folders: Sequence[Path], picture: Path | None
-) -> tuple[dict[str, object], list[str | Table]]:
-    """Describe the days of nodes; a picture is of the first node's."""
-    document: dict[str, object] = {}
-    words: list[str | Table] = []
-    for folder in folders:
-        diary, memory = survey(folder), Memory()
-        warnings = [diary_problem(folder)]
-        try:
-            memory = load_memory(folder) or memory
-        except StateFileError as error:
-            warnings.append(str(error))
-        warnings = [*filter(None, warnings)]
-        document[str(folder)] = {**days_json(diary, memory), 'warnings': warnings}
-        words += ['', *days_text(folder, diary, memory)]
-        words += [f'warning: {warning}' for warning in warnings]
-    if picture:
-        from wrist_ft_comp.report.pictures import days_png  # noqa: PLC0415 -- matplotlib
-
-        PICTURE.write(picture, days_png(survey(folders[0])))
-    return document, words[1:]
+def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
+    """Describe the days of a node, as plain values and in words."""
+    diary, memory, warnings = (
+        diaries.survey(folder),
+        diaries.Memory(),
+        [diaries.diary_problem(folder)],
+    )
+    try:
+        memory = diaries.load_memory(folder) or memory
+    except StateFileError as error:
+        warnings.append(str(error))
+    warnings = [*filter(None, warnings)]
+    words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
+    node = {**vars(memory), 'change': diaries.last_change(diary.history)}
+    return {**figures(diary), 'node': node, 'warnings': warnings}, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -178,7 +150,10 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
     created = document['provenance'].get('created', 'at an unknown time')
     count = len(model_sources(stored))
     yield f'{stored.path}: a drift model, sha256 {stored.sha256[:12]}'
-    yield from _PURPOSE
+    yield filled(
+        'It predicts from temperatures how a wrist force/torque sensor drifts. The node '
+        '"compensator" runs it (parameter model_file); wrist_ft_comp evaluate judges it.'
+    )
     yield (
         f'made {created} from {document["duration_s"] / 3600:.2f} h in {count} '
         f'recording{"" if count == 1 else "s"}; thermal period '
@@ -199,14 +174,20 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         for axis, entry in axes.items()
     ]  # fmt: skip
     yield ''
-    yield Table(header, rows)
+    yield table(header, rows)
     yield ''
-    yield from (f'{axis}: {entry["chosen"]}' for axis, entry in axes.items())
-    yield from (f'{axis}: {note}' for axis, entry in axes.items() for note in entry['notes'])
+    said: dict[str, list[str]] = {}  # what is said of several axes is said once
+    for axis, entry in axes.items():
+        for words in (entry['chosen'], *entry['notes']):
+            said.setdefault(words, []).append(axis)
+    for words, named in said.items():
+        yield filled(words, f'{", ".join(named) if len(named) < len(axes) else "all axes"}: ')
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
-def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str | Table]:
+def _recording_lines(
+    summary: describe.RecordingSummary, path: Path, refusal: str
+) -> Iterator[str | Table]:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
     header = ['channel', 'type or unit', 'samples', 'per second', 'used as']
@@ -218,7 +199,7 @@ def _recording_lines(summary: RecordingSummary, path: Path, refusal: str) -> Ite
         for channel in summary.channels
     ]  # fmt: skip
     yield f'{summary.name}: {summary.kind}, {span}'
-    yield Table(header, rows)
+    yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.
@@ -243,21 +224,18 @@ def _range(reads: tuple[float, float] | None) -> str:
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
-def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
+def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str | Table]:
     """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
-    rows = [
-        [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
-         rounded(c.longest_gap_s), _range(c.reads)]
-        for c in candidates
-    ]  # fmt: skip
-    header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
-    yield Table(
-        [*header, 'topic'],
-        [[*row, c.entry] for row, c in zip(rows, candidates, strict=True)],
-    )
+    yield table(
+        ['as', 'per second', 'span, s', 'longest gap, s', 'values', 'topic'],
+        [
+            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
+             rounded(c.longest_gap_s), _range(c.reads), c.entry]
+            for c in candidates
+        ])  # fmt: skip
     yield ''
     for candidate in candidates:
         if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
@@ -266,15 +244,19 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
 
 
 def _read(
-    summary: RecordingSummary, recording: Recording | None, path: Path, progress: Progress
+    summary: describe.RecordingSummary, recording: Recording | None, path: Path, progress: Progress
 ) -> tuple[str, Recording | None]:
     """Read a recording as others do, or say why nothing can be learnt from it."""
     if summary.is_open:
         return summary.refusal, None
     held = [channel.role for channel in summary.channels if channel.samples]
-    if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
+    if lacks := [
+        part
+        for part in (describe.RAW_WRENCH, describe.TEMPERATURE)
+        if not any(part in h for h in held)
+    ]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
-        words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
+        words = {describe.RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.', None
     if summary.refusal:
@@ -294,7 +276,7 @@ def _read(
     return '', recording
 
 
-def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
     if refusal:
         yield refusal
@@ -328,45 +310,45 @@ def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     yield from _commands(summary, path)
 
 
-def _commands(summary: RecordingSummary, path: Path) -> list[str]:
-    """Write the commands that learn from a recording; of a bag, those that judge and run, too."""
-    topics = summary.topics or Topics()
-    reference = any(c.role == REFERENCE and c.samples for c in summary.channels)
-    reference &= not summary.is_unloaded
-    force = summary.specific_force
-    at_work = force is not None and force.seen > 0 and not reference
-    words = ['--reference', 'recorded' if reference else 'payload'] if reference or at_work else []
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
-    if not summary.candidates:
-        if topics.columns:
-            words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-        another = f'another_day{"".join(path.suffixes[-2:])}'
-        evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
-        return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words])]
-    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', 'another_day']
+def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
+    """Write the commands that learn from a recording and judge; of a bag, that run, too."""
+    topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
+    force, words = summary.specific_force, list[str]()
     run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
     run += ['-p', 'model_file:=model.yaml']
-    if topics.wrench.strip('/') != Topics().wrench.strip('/'):
+    referred = any(c.role == describe.REFERENCE and c.samples for c in summary.channels)
+    referred &= not summary.is_unloaded
+    at_work = force is not None and force.seen > 0 and not referred
+    if referred or at_work:
+        words += ['--reference', 'recorded' if referred else 'payload']
+    if topics.columns:
+        words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
+    if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
         run += ['-r', f'wrench_raw:={topics.wrench}']
-    if topics.temperatures != Topics().temperatures:
+    if topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
         run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
-    if reference and topics.reference != Topics().reference:
+    if referred and topics.reference != usual.reference:
         words += ['--reference-topic', topics.reference]
     if at_work and topics.imu:
         words += ['--imu-topic', topics.imu]
         run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
-    elif at_work:
+    elif at_work and topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
         run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
-    calibrate += ['--report', 'model.html']
-    evaluate += ['--report', 'evaluation.html']
-    return [shlex.join([*calibrate, *words]), shlex.join([*evaluate, *words]), shlex.join(run)]
+    another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
+    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
+    if not is_bag:
+        return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
+    calibrate += ['--report', 'model.html', *words]
+    evaluate += ['--report', 'evaluation.html', *words]
+    return [shlex.join(command) for command in (calibrate, evaluate, run)]
 
 
-def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table]:
+def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
     """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
     days, happened = diary.days[-MOST_DAYS:], events(diary)
     rows = []
@@ -388,7 +370,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
         f'What happened{newest}:' if happened else '',
         *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
         *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
-        f'last change: {last_change(diary.history) or "none yet"}',
+        f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',
     ]
@@ -397,35 +379,7 @@ def days_text(directory: Path, diary: Diary, memory: Memory) -> list[str | Table
         f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
         *map(filled, summary(diary)),
     ]
-    return [*head, Table(header, rows), '', *map(filled, filter(None, lines))]
-
-
-def days_json(diary: Diary, memory: Memory) -> dict[str, object]:
-    """Turn days, what was left of their drift, and what happened into plain values."""
-    # Where its recording could not be read, a day has neither date nor length.
-    unknown = {'first_ns': None, 'hours': None}
-    days = [
-        {**vars(day), 'known': sorted(day.known), 'force_n': _shares(drift_left(day)),
-         **({} if day.first_ns else unknown)}
-        for day in diary.days
-    ]  # fmt: skip
-    happened = [
-        {**event._asdict(), 'first': days[event.first]['name'], 'last': days[event.last]['name']}
-        for event in events(diary)
-    ]
-    force, torque = judged_drifts(diary), judged_drifts(diary, TORQUES)
-    medians = {'force_n': _shares(usual_drift(force)), 'torque_nm': _shares(usual_drift(torque))}
-    decisions = [(entry.day, entry.why) for entry in diary.history if entry.day]
-    node = {**vars(memory), 'change': last_change(diary.history)}
-    sentence, counted = summary(diary)
-    figures = {'sentence': sentence, 'counted': counted, 'days': len(force), **medians}
-    said = {'summary': figures, 'events': happened}
-    return {'days': days, 'decisions': decisions, 'paused': diary.paused, 'node': node, **said}
-
-
-def _shares(drift: DriftLeft) -> dict[str, float]:
-    """Turn what was left of a drift into plain values."""
-    return {**drift._asdict(), 'share': drift.share}
+    return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
 
 
 def payloads_json(payloads: Mapping[str, Payload]) -> list[dict[str, object]]:

@@ -204,7 +204,6 @@ def save_diary(directory: Path, diary: Diary) -> None:
         to_plain({**vars(entry), 'known': sorted(entry.known)})
         for entry in diary.days[-_MOST_DAYS:]
     ]
-    KIND.set_aside_unreadable(Diary, diary_path(directory))
     KIND.save(diary_path(directory), {'days': entries, 'paused': diary.paused})
 
 
@@ -284,7 +283,6 @@ def load_memory(directory: Path) -> Memory | None:
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step; one that cannot be read is kept beside it, once."""
-    MEMORY.set_aside_unreadable(Memory, memory_path(directory))
     MEMORY.save(memory_path(directory), asdict(memory))
 
 

@@ -1,7 +1,6 @@
 """What recordings have seen, and what to do next: one list, the most useful first."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,10 +9,8 @@ import shlex
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
-from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.describe import describe_recording, TEMPERATURE
+from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
@@ -88,15 +85,12 @@ class Case:
     levels: Mapping[str, Level]
     #: What was found while reading and fitting, in sentences.
     warnings: Sequence[str]
-    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
-    paths: Sequence[Path] = ()
-    thermometers: Sequence[str] = ()
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
-    #: Of an evaluation: axes whose errors are above the limit that the calibration stated.
+    #: Of an evaluation: axes whose errors are above the stated limit, with both.
     beyond: Sequence[str] = ()
 
 
@@ -117,35 +111,16 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
-    some_are_good = 'good' in case.levels.values()
-    if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
+    count = len(case.coverage.range_c)
+    if poor and not outside and (count == 1 or 'good' not in case.levels.values()):
+        who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+        what = 'any axis' if len(poor) == len(case.levels) > 1 else _enumerate(poor)
+        steps.append(
+            f'{who} not explain {what} well: heat comes from where there is none. Use another one '
+            'that the recording holds (wrist_ft_comp show lists all), or put one at the side of '
+            'the motor, or of the room.'
+        )
     return (*steps, *(_judged(case, outside) if case.model else _recorded(case)))
-
-
-def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
-    """Ask for another thermometer; name one that the bag holds and nobody used."""
-    count, axes = len(case.coverage.range_c), _enumerate(poor)
-    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
-    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
-    head = f'{who} not explain {what} well: heat comes from where there is none.'
-    used = {entry.strip('/') for entry in case.thermometers}
-    unused: list[str] = []
-    with suppress(WristFtCompError, OSError):  # the recording may be gone
-        for path in case.paths[:1] if is_searched else ():
-            held, _ = describe_recording(path, Topics(temperatures=tuple(case.thermometers)))
-            unused = [
-                candidate.entry for candidate in held.candidates
-                if candidate.role == TEMPERATURE and candidate.moves
-                and candidate.entry.strip('/') not in used
-            ]  # fmt: skip
-    if not unused:
-        return f'{head} Put another one at the side of the motor, or of the room.'
-    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
-    return (
-        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
-        f'Calibrate with\n{" ".join(options)}'
-    )
 
 
 def _recorded(case: Case) -> Iterator[str]:
@@ -195,9 +170,11 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         )
     elif case.beyond:
         yield (
-            f'{_enumerate(case.beyond)}: errors above the limit. See in the report (--report) '
-            'when that began. If nothing was tared, touched or exchanged then, calibrate again '
-            'with these recordings among the others.'
+            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
+            f'{", ".join(case.beyond)}. See in the report (--report) when it began: the zero may '
+            'have jumped (a tare in the driver, a contact, another tool), a temperature may be '
+            'missing, or it is another sensor. If it is nothing of that, calibrate again with '
+            'these recordings among the others.'
         )
     elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
         yield (

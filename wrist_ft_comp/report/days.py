@@ -86,26 +86,25 @@ def drift_left(entry: DayEntry, axes: slice = FORCES) -> DriftLeft:
     return DriftLeft(entry.rms_left(NONE, axes), entry.rms_left(entry.live, axes))
 
 
-def judged_drifts(diary: Diary, axes: slice = FORCES) -> FloatArray:
-    """Collect what was left on days with a live model, or on all where there are none, (n, 2)."""
+def usual_drift(diary: Diary, axes: slice = FORCES) -> tuple[DriftLeft, FloatArray]:
+    """
+    Take the medians of what was left: one day that was judged wrongly does not move them.
+
+    Gives, too, what was left day by day, (n, 2): of days with a live model, if there are any.
+    """
     drifts = np.array([drift_left(day, axes) for day in diary.days])
     with_model = np.isfinite(drifts).all(axis=1)
-    return np.asarray(drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])])
-
-
-def usual_drift(drifts: FloatArray) -> DriftLeft:
-    """Take the medians of drifts, (n, 2): one day that was judged wrongly does not move them."""
-    return DriftLeft(*(np.median(drifts, axis=0) if len(drifts) else (np.nan, np.nan)))
+    judged = drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
+    return DriftLeft(*(np.median(judged, axis=0) if len(judged) else (np.nan, np.nan))), judged
 
 
 def summary(diary: Diary) -> tuple[str, str]:
     """Say in one sentence what drifted and what was left of it, and how that was counted."""
-    judged, torque = judged_drifts(diary), usual_drift(judged_drifts(diary, TORQUES))
+    (force, judged), (torque, _) = usual_drift(diary), usual_drift(diary, TORQUES)
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
     head = f'{_days(len(diary.days))}, {" to ".join(dates)}'
     if not len(judged):
         return f'{head}: none is judged yet.', ''
-    force = usual_drift(judged)
     counted = f'RMS of a day, tared in its first minute; median of {_days(len(judged))}'
     sentence = f'{head}: on a usual day a force drifted by {rounded(force.without, 2)} N'
     if np.isnan(force.left):
@@ -117,6 +116,25 @@ def summary(diary: Diary) -> tuple[str, str]:
             f'{_left_words(torque, "N m")}.'
         )
     return f'{sentence}; the model left {_left_words(force, "N")}.', counted
+
+
+def figures(diary: Diary) -> dict[str, object]:
+    """Give days, what was left of their drift, and what happened, for scripts."""
+    (force, judged), (torque, _) = usual_drift(diary), usual_drift(diary, TORQUES)
+    sentence, counted = summary(diary)
+    names = [day.name for day in diary.days]
+    return {
+        'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
+        'paused': diary.paused,
+        'summary': {
+            'sentence': sentence, 'counted': counted, 'days': len(judged), 'force_n': force,
+            'torque_nm': torque,
+        },
+        'events': [
+            event._asdict() | {'first': names[event.first], 'last': names[event.last]}
+            for event in events(diary)
+        ],
+    }  # fmt: skip
 
 
 def _days(count: int) -> str:

@@ -135,31 +135,13 @@ def thermal_sensitivity_drift(
     reference_c: float,
 ) -> FloatArray:
     """
-    Compute the coefficient of thermal sensitivity drift K_s (eq. 23).
+    Compute the coefficient of thermal sensitivity drift K_s (eq. 23), % of full scale per °C.
 
         K_s(T_i) = (Y_f(T_i) - Y_0(T_i) - Y_f(T) + Y_0(T)) / ((T_i - T)(Y_f(T) - Y_0(T))) · 100
 
-    Parameters
-    ----------
-    temperature_c : ndarray, shape (P,)
-        T_i, °C.
-    zero_output : ndarray, shape (P,)
-        Y_0, the output without load at every T_i, in any unit.
-    full_scale_output : ndarray, shape (P,)
-        Y_f, the output under full load.
-    reference_c : float
-        T, one of the temperatures, °C.
-
-    Returns
-    -------
-    ndarray, shape (P,)
-        K_s, % of full scale per °C; NaN at T itself.
-
-    Raises
-    ------
-    SettingsError
-        When T is none of the temperatures, or the output does not change with load there.
-
+    Takes T_i, °C, and the output there without load, Y_0, and under full load, Y_f, in any unit,
+    all of shape (P,), and T, one of the temperatures. Gives K_s, shape (P,), NaN at T itself.
+    SettingsError when T is none of the temperatures, or load does not change the output there.
     """
     at_reference = np.flatnonzero(temperature_c == reference_c)
     spans = full_scale_output - zero_output
@@ -177,25 +159,8 @@ def accuracy(output: FloatArray, expected: FloatArray, full_scale: float) -> flo
     """
     Compute the accuracy A: the largest absolute error, in % of full scale (eq. 24).
 
-    Parameters
-    ----------
-    output : ndarray, any shape
-        What was measured, in any unit; NaN where nothing was.
-    expected : ndarray, of a shape that broadcasts with it
-        What should have been.
-    full_scale : float
-        Y_FS, the output of full load over that without load.
-
-    Returns
-    -------
-    float
-        A, % of full scale.
-
-    Raises
-    ------
-    SettingsError
-        When the full scale is 0.
-
+    Takes what was measured, in any unit, NaN where nothing was, what should have been, of a shape
+    that broadcasts with it, and the output of full load over that without; SettingsError at 0.
     """
     if full_scale == 0:
         raise SettingsError('The full scale of A must not be 0.')

@@ -12,12 +12,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.report.report_content import (
-    calibration_content,
-    model_sources,
-    MOST_ADVICE,
-    ReportContent,
-)
+from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.stored.own_file import Output
 
@@ -32,7 +27,7 @@ REPORT = Output(
 _UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
-def page(view: ReportContent) -> str:
+def page(view: report_content.ReportContent) -> str:
     """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
     template = _environment().get_template('report.html.j2')
     return template.render(view=view, headline=headline(view))
@@ -50,11 +45,11 @@ def write_report(
     It replaces a report of this package only; OutputError where another file is there.
     """
     reference = calibration.settings.reference if calibration.settings else 'unloaded'
-    content = calibration_content(calibration, recordings, stored, reference)
+    content = report_content.calibration_content(calibration, recordings, stored, reference)
     REPORT.write(Path(path), page(content))
 
 
-def headline(view: ReportContent) -> str:
+def headline(view: report_content.ReportContent) -> str:
     """Sum the verdicts up, such as ``6 axes: 5 good, 1 weak.``."""
     counts = Counter(axis.verdict.level for axis in view.axes)
     total = len(view.axes)
@@ -72,8 +67,8 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
     environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
-        generator=GENERATOR, levels=LEVEL_NAMES, model_sources=model_sources,
-        most_advice=MOST_ADVICE, number=rounded, pictures=pictures, zip=zip)  # fmt: skip
+        content=report_content, generator=GENERATOR, levels=LEVEL_NAMES, number=rounded,
+        pictures=pictures, zip=zip)  # fmt: skip
     return environment
 
 

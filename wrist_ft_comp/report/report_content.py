@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,17 +17,9 @@ from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
+from wrist_ft_comp.report import verdict as verdicts
 from wrist_ft_comp.report.advice import advise, Case, cover, Coverage
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
-from wrist_ft_comp.report.verdict import (
-    conditions_of_another_day,
-    Evidence,
-    judge,
-    Level,
-    LEVEL_NAMES,
-    NOISE_MARGIN,
-    Verdict,
-)
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
 #: Most things to do next that are shown at once: the first ones help most.
@@ -79,12 +70,10 @@ class AxisView:
     axis: str
     #: N or N m; so are the figures.
     unit: str
-    verdict: Verdict
+    verdict: verdicts.Verdict
     errors: AxisEvaluation
     #: What the errors were made of.
     series: ErrorSeries
-    #: Which drifts are removed.
-    drifts: str
     #: What the model's file says of it (model.schema.json).
     entry: Mapping[str, Any]
     #: Largest error on 95 of 100 other days, as the calibration stated it; NaN if unknown.
@@ -133,43 +122,16 @@ class ReportContent:
     def rows(self) -> list[tuple[str, ...]]:
         """Give the cells of that table, as texts."""
         return [
-            (axis.axis, axis.unit, LEVEL_NAMES[axis.verdict.level],
+            (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
              *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
                for value in (axis.errors.rms_before, axis.errors.rms_after, axis.day_limit)))
             for axis in self.axes
         ]  # fmt: skip
 
-    @property
-    def facts(self) -> dict[str, str]:
-        """Name the sensor, the recordings and the date, by what they are called."""
-        low, high = self.coverage.range_c[self.coverage.leading]
-        hours = sum(recording.duration_s for recording in self.recordings) / 3600
-        facts = {
-            'sensor': '; '.join(', '.join(names) for names in self.stored.sensor.values()),
-            'recordings': f'{", ".join(recording.name for recording in self.recordings)} '
-            f'({hours:.1f} h at {low:.0f} to {high:.0f} °C)',
-            'model': f'{self.stored.path.name}, made '
-            f'{self.stored.document["provenance"].get("created", "at an unknown time")}',
-        }
-        return {name: fact for name, fact in facts.items() if fact}
-
-    @property
-    def provenance(self) -> dict[str, str]:
-        """Where the model came from, for people, by name."""
-        document = self.stored.document
-        ranges = (thermometer['range_c'] for thermometer in document['thermometers'])
-        return {
-            'model file': str(self.stored.path),
-            'SHA-256': self.stored.sha256,
-            'recorded': f'{document["duration_s"] / 3600:.2f} h',
-            'temperatures': ', '.join(f'{low:.1f} to {high:.1f} °C' for low, high in ranges),
-            'thermal period': f'{self.stored.model.period_ns / 1e9:g} s',
-        }
-
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
         return [
-            *(f'{axis.axis}: {LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
+            *(f'{axis.axis}: {verdicts.LEVEL_NAMES[axis.verdict.level]}. {axis.verdict.sentence}'
               for axis in self.axes),
             *(self.payloads.lines() if self.payloads else ()),
             *(f'next: {sentence}' for sentence in self.advice[:MOST_ADVICE]),
@@ -188,10 +150,11 @@ def calibration_content(
     # At work, what a payload weighs is the load that was known.
     coverage = cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
+    held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
-    levels: dict[str, Level] = {}
+    levels: dict[str, verdicts.Level] = {}
     for axis, fit in fits.items():
-        held_out = _held_out(fit)
+        held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
         measured = float(rms_by_fold(held_out).after.mean())
         whole = not held_out.tared or held_out.recording.any()
@@ -203,43 +166,41 @@ def calibration_content(
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
-        evidence = Evidence(
+        evidence = verdicts.Evidence(
             unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
             widening=widening, compensated=fit.model is not None,
             best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
-            recordings=len(np.unique(held_out.recording)) if held_out.tared else 0,
             slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series, fit.day_limit))
+        entry = stored.document['axes'].get(axis, _NO_ENTRY)
+        axes.append(
+            AxisView(
+                axis, fit.unit, verdicts.judge(evidence), errors, series, entry, fit.day_limit
+            )
+        )
         # An axis that drifts and was not learnt is explained no better than a weak one.
-        drifts = fit.refusal or fit.rms_before > NOISE_MARGIN * series.noise
+        drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         level = axes[-1].verdict.level
         levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
     case = Case(
-        recordings, coverage, reference, levels,
-        calibration.warnings,
-        [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()),
+        recordings, coverage, reference, levels, calibration.warnings,
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        conditions=conditions_of_another_day(calibration),
-        explanation=explain_folds(calibration, recordings, reference), axes=tuple(axes),
-        advice=advise(case),
+        conditions=verdicts.conditions_of_another_day(calibration),
+        explanation=explain_folds(next(iter(held.values())), recordings, reference),
+        axes=tuple(axes), advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
         at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
 def evaluation_content(
-    stored: StoredModel,
-    evaluated: Sequence[EvaluatedRecording],
-    tare_s: float,
-    paths: Sequence[Path] = (),
+    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
 ) -> ReportContent:
-    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
+    """Fill a report's content from an evaluation."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
@@ -266,28 +227,25 @@ def evaluation_content(
             np.array([figures.rms_before for _, figures in parts]),
             np.array([figures.rms_after for _, figures in parts]),
         )
-        evidence = Evidence(
+        evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
             block_name='recording', blocks=blocks)  # fmt: skip
-        axes.append(_axis_view(stored, axis, evidence, errors, series, limit, parts))
+        entry = stored.document['axes'].get(axis, _NO_ENTRY)
+        axes.append(
+            AxisView(
+                axis, evidence.unit, verdicts.judge(evidence), errors, series, entry, limit, parts
+            )
+        )
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
-    if beyond:
-        warnings.append(
-            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
-            f'{", ".join(beyond)}. The zero may have jumped (a tare in the driver, a contact, '
-            'another tool), a temperature may be missing or beyond those that were learnt, or it '
-            'is another sensor. The report (--report) shows when it began.'
-        )
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths,
-        stored.sensor.get('temperature_topics', ()), model=stored.path,
-        beyond=[axis.axis for axis in axes if axis.errors.max_after > axis.day_limit],
+        warnings, model=stored.path,
+        beyond=beyond,
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
@@ -298,22 +256,6 @@ def evaluation_content(
         f'{period_s:g} s. Reference: {", ".join(references)}.',
         conditions=limits if np.isfinite([axis.day_limit for axis in axes]).any() else '',
         axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
-
-
-def _axis_view(  # noqa: PLR0913, PLR0917 -- what is known of an axis
-    stored: StoredModel,
-    axis: str,
-    evidence: Evidence,
-    errors: AxisEvaluation,
-    series: ErrorSeries,
-    day_limit: float,
-    parts: Sequence[tuple[str, AxisEvaluation]] = (),
-) -> AxisView:
-    """Judge an axis, and say of it what the model's file does; a model need not know it."""
-    return AxisView(
-        axis, evidence.unit, judge(evidence), errors, series,
-        drifts_removed(stored.model.axes.get(axis)),
-        stored.document['axes'].get(axis, _NO_ENTRY), day_limit, parts)  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:
@@ -358,26 +300,17 @@ def model_sources(stored: StoredModel) -> list[tuple[str, str]]:
     ]
 
 
-def _held_out(fit: AxisFit) -> HeldOut:
-    """Return the errors that every identified axis carries."""
-    assert fit.held_out is not None  # noqa: S101 -- identify_axis always keeps them
-    return fit.held_out
-
-
 def _slowest_s(fit: AxisFit) -> float:
     """Find the slowest time constant that was searched, s; those of a bank are given."""
     pairs = zip(fit.time_constants_s, fit.time_constant_errors_s, strict=True)
     return max((tau for tau, error in pairs if np.isfinite(error)), default=0.0)
 
 
-def explain_folds(
-    calibration: Calibration, recordings: Sequence[Recording], reference: Reference
-) -> str:
+def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
     """Say what was held out, and from where errors are counted."""
-    first = _held_out(next(iter(calibration.fits.values())))
-    count, zero = len(np.unique(first.fold)), 'after a tare in its first minute'
+    count, zero = len(np.unique(held_out.fold)), 'after a tare in its first minute'
     blocks = f'Each of the {count} recordings'
-    if len(recordings) == 1 and first.tared:
+    if len(recordings) == 1 and held_out.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
         zero += ' and widened to a whole day, which drifts further than a block'
@@ -385,7 +318,7 @@ def explain_folds(
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
-        f'temperatures alone. Errors are means over {first.bin_s:g} s, counted {zero}, with '
+        f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
         f'compensation and without. Reference: {reference}.'
     )
 

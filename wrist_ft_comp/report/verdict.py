@@ -61,8 +61,6 @@ class Evidence:
     blocks: FoldErrors | None = None
     #: What a block is, such as a recording.
     block_name: str = 'held-out block'
-    #: How many recordings a calibration rests on; 0 if it is not one.
-    recordings: int = 0
     #: Slowest time constant; 0 if unknown.
     slowest_s: float = 0.0
     #: Longest recording; 0 if unknown.
@@ -84,8 +82,24 @@ class Verdict:
 def judge(evidence: Evidence) -> Verdict:
     """Judge one axis by the table above."""
     before, after = evidence.before, evidence.after
+    noise = NOISE_MARGIN * evidence.noise
     if not evidence.compensated:
-        return Verdict('uncalibrated', _why_uncalibrated(evidence))
+        drift = f'{before:.3g} {evidence.unit} RMS'
+        why = (
+            'Nothing that was tried is clearly better than no compensation: the drift is '
+            f'{drift}, the best candidate leaves {evidence.best_candidate or 0.0:.3g} '
+            f'{evidence.unit}. It is passed through.'
+        )
+        if evidence.refusal:
+            why = f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
+        elif before <= noise:
+            why = (
+                f'There is nothing to remove: its drift of {drift} is no more than the noise of '
+                'the sensor. It is passed through.'
+            )
+        elif evidence.best_candidate is None:
+            why = f'The model does not compensate this axis; its drift is {drift}.'
+        return Verdict('uncalibrated', why)
     if evidence.moved_k < SMALLEST_CHANGE_K:
         return Verdict(
             'unjudged',
@@ -96,12 +110,10 @@ def judge(evidence: Evidence) -> Verdict:
     if after > HARMFUL_RATIO * before:
         return Verdict(
             'harmful',
-            f'The model leaves more drift than no compensation would: {figures}'
-            f'{_rests_on(evidence, harmful=True)}.',
+            f'The model leaves more drift than no compensation would: {figures}.',
         )
     share = rounded(100 * after / before, 2) if before > 0 else '0'
-    remainder = f'{share} % of the drift is left ({figures}){_rests_on(evidence)}'
-    noise = NOISE_MARGIN * evidence.noise
+    remainder = f'{share} % of the drift is left ({figures})'
     is_noise = after <= noise * evidence.widening
     # What speaks against trusting the figures.
     doubts = []
@@ -110,7 +122,7 @@ def judge(evidence: Evidence) -> Verdict:
     if evidence.blocks is not None:
         block_before, block_after = evidence.blocks
         # In a block that hardly drifts, more of it may be left and still be little.
-        little = max(NOISE_MARGIN * evidence.noise, GOOD_REMAINDER * evidence.before)
+        little = max(noise, GOOD_REMAINDER * before)
         worse = (block_after > HARMFUL_RATIO * block_before) & (block_after > little)
         if worse.any():
             doubts.append(
@@ -131,34 +143,6 @@ def judge(evidence: Evidence) -> Verdict:
     elif after > GOOD_REMAINDER * before:
         remainder += ', in which no more than the noise of the sensor was left'
     return Verdict('good', f'{remainder}.')
-
-
-def _rests_on(evidence: Evidence, *, harmful: bool = False) -> str:
-    """Name the recordings or blocks that a verdict rests on, where they are few or did harm."""
-    if evidence.recordings in {1, 2}:
-        few = 'judged on parts of a single recording', 'which rests on two recordings'
-        return f', {few[evidence.recordings - 1]}'
-    count = len(evidence.blocks[0]) if harmful and evidence.blocks is not None else 0
-    return f', in {count} {evidence.block_name}{"s" * (count > 1)}' if count else ''
-
-
-def _why_uncalibrated(evidence: Evidence) -> str:
-    """Say why an axis is passed through."""
-    drift = f'{evidence.before:.3g} {evidence.unit} RMS'
-    if evidence.refusal:
-        return f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
-    if evidence.before <= NOISE_MARGIN * evidence.noise:
-        return (
-            f'There is nothing to remove: its drift of {drift} is no more than the noise of the '
-            'sensor. It is passed through.'
-        )
-    if evidence.best_candidate is None:
-        return f'The model does not compensate this axis; its drift is {drift}.'
-    return (
-        f'Nothing that was tried is clearly better than no compensation: the drift is {drift}, '
-        f'the best candidate leaves {evidence.best_candidate:.3g} {evidence.unit}. It is passed '
-        'through.'
-    )
 
 
 def summarise(calibration: Calibration) -> str:

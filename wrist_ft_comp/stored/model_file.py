@@ -19,7 +19,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import from_plain, HEADER, Kind, to_plain
+from wrist_ft_comp.stored.own_file import Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration
@@ -35,7 +35,20 @@ _MOST = {'a': 100, 'b': 100, 'first_lag': 1000, 'degree': 10}
 _LONGEST_START_S = 600.0
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-_DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+_DUMPER = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+
+
+def _refuse_endless_work(value: Any, name: str = '') -> None:
+    """Refuse what would take long to check, or much memory to run, wherever it stands."""
+    most = _MOST.get(name, math.inf)
+    if isinstance(value, (list, dict)) and len(value) > most:
+        raise ValueError(f'{name} must have at most {most} values; got {len(value)}')
+    if isinstance(value, int) and not 0 <= value <= most and name in _MOST:
+        raise ValueError(f'{name} must be a number from 0 to {most}; got {value}')
+    for key, item in value.items() if isinstance(value, dict) else ():
+        _refuse_endless_work(item, key)
+    for item in value if isinstance(value, list) else ():
+        _refuse_endless_work(item)
 
 
 def _parse(content: bytes) -> Any:
@@ -57,10 +70,12 @@ def _parse(content: bytes) -> Any:
                 problem = f'no more than {_MAX_EVENTS} values are allowed'
             if problem:
                 raise ValueError(f'{problem} {event.start_mark}')  # noqa: TRY301 -- as YAML's own
-        return yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
+        document = yaml.load(content, Loader=_LOADER)  # noqa: S506 -- a SafeLoader
+        _refuse_endless_work(document)
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, RecursionError) as error:
         # PyYAML's constructors raise the plain ones for scalars such as "!!bool maybe".
         raise ValueError(' '.join(str(error).split())) from error
+    return document
 
 
 # A model of six axes with hats and banks takes some tens of kilobytes.
@@ -188,28 +203,11 @@ def load_model(path: Path | str) -> StoredModel:
 
 def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
     """Build a stored model from the document of a model file of this version."""
+    record = KIND.restore(_Model, path, document, whole=True)
     try:
-        _refuse_endless_work(document)
-        content = {name: document[name] for name in document if name not in HEADER}
-        record: _Model = from_plain(_Model, content, whole=True)
         return StoredModel(path, sha256, record.drift_model(), document)
-    except (ValueError, WristFtCompError) as error:
+    except WristFtCompError as error:
         raise KIND.damaged(path, str(error)) from error
-
-
-def _refuse_endless_work(value: Any) -> None:
-    """Refuse what would take long to check, or much memory to run, wherever it stands."""
-    if isinstance(value, list):
-        for item in value:
-            _refuse_endless_work(item)
-    if isinstance(value, dict):
-        for name, item in value.items():
-            _refuse_endless_work(item)
-            most = _MOST.get(name, math.inf)
-            if isinstance(item, list) and len(item) > most:
-                raise ValueError(f'{name} must have at most {most} values; got {len(item)}')
-            if isinstance(item, int) and not 0 <= item <= most:
-                raise ValueError(f'{name} must be a number from 0 to {most}; got {item}')
 
 
 def save_model(
@@ -260,19 +258,7 @@ def save_model(
     }
     # In plain values no list occurs twice, which YAML would write as an alias.
     text = yaml.dump(
-        to_plain(document), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=99
-    )
+        to_plain(document), Dumper=_DUMPER, sort_keys=False, allow_unicode=True, width=99,
+        default_flow_style=None)  # fmt: skip
     KIND.write(path, text)
     return load_model(path)
-
-
-class _Dumper(_DUMPER):  # type: ignore[misc]
-    """Safe YAML with vectors on one line."""
-
-
-def _represent_list(dumper: _Dumper, data: list[Any]) -> Any:
-    flat = not any(isinstance(item, (list, dict, str)) for item in data)
-    return dumper.represent_sequence('tag:yaml.org,2002:seq', data, flow_style=flat)
-
-
-_Dumper.add_representer(list, _represent_list)

@@ -8,9 +8,10 @@ What stands in it are records, by ``to_plain`` and ``from_plain``.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, is_dataclass, MISSING
+from dataclasses import dataclass, fields, is_dataclass
 import fcntl
 from functools import cache, partial
+import inspect
 import json
 import os
 from pathlib import Path
@@ -26,8 +27,6 @@ from wrist_ft_comp.errors import OutputError, RecordingError, WristFtCompError
 
 Document = dict[str, Any]
 Record = TypeVar('Record')
-#: What stands first in every file that is read.
-HEADER = ('format', 'version')
 #: End of the name of a temporary file beside the target.
 _SUFFIX = '.wrist_ft_comp.tmp'
 #: A temporary file that is older than this, s, was left by a killed process.
@@ -40,11 +39,14 @@ _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 _QUOTED = 60
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
-#: What a single value may be by its annotation, and the words for it.
-_SCALARS: dict[Any, tuple[tuple[type, ...], str]] = {
-    float: ((int, float), 'a number'), int: ((int,), 'an integer'), str: ((str,), 'text'),
-    bool: ((bool,), 'true or false'), Path: ((str,), 'a path'),
-}  # fmt: skip
+#: What a single value may be by its annotation, the words for it, and what else has to hold.
+_SCALARS: dict[Any, tuple[tuple[type, ...], str, Callable[[Any], bool]]] = {
+    float: ((int, float), 'a finite number', lambda value: abs(value) <= sys.float_info.max),
+    int: ((int,), 'an integer of 64 bits', lambda value: abs(value) < 1 << 63),
+    str: ((str,), 'text', lambda _: True),
+    bool: ((bool,), 'true or false', lambda _: True),
+    Path: ((str,), 'a path', lambda value: not _IN_NO_PATH.search(value)),
+}
 
 
 def replace_file(target: Path, content: str | bytes) -> None:
@@ -118,13 +120,6 @@ def beginning(path: Path) -> str:
     return ''
 
 
-def _set_aside(path: Path) -> None:
-    """Rename a file to ``NAME.kept``, unless one is kept there already."""
-    kept = path.with_name(f'{path.name}.kept')
-    if not kept.exists():
-        path.rename(kept)
-
-
 def parse_json(text: str | bytes) -> Any:
     """Read JSON; ValueError where it is none, or nested too deep."""
     try:
@@ -148,9 +143,6 @@ class Output:
     error: type[WristFtCompError] = OutputError
     #: What is said where the disk refuses one, with {path} and {reason}.
     unwritable: str = '{path} cannot be written: {reason}. Name another path, or make room.'
-    #: Whether another file in its place is renamed to ``NAME.kept``, once: a node goes on where
-    #: its own file is damaged beyond recognition.
-    keeps: bool = False
 
     def is_own(self, path: Path) -> bool:
         """Tell by its content whether a file is of this kind, of whatever version."""
@@ -173,16 +165,12 @@ class Output:
             reason = f'it is the same file as {same[0]}'
         elif path.is_dir():
             reason = 'it is a folder'
-        elif path.is_symlink() and not path.exists():
-            reason = 'it is a link that leads nowhere'
-        elif path.exists() and not path.is_file():
-            reason = 'it is no regular file'
+        elif not path.is_file() and (path.exists() or path.is_symlink()):
+            reason = 'it is no regular file, or a link that leads nowhere'
         elif filled and not self.is_own(path):
             reason = f'it exists and is no {self.name} of this package'
-        elif not folder.exists():
-            reason = f'{folder} does not exist; make that folder first'
         elif not folder.is_dir():
-            reason = f'{folder} is no folder'
+            reason = f'{folder} is no folder; make it first'
         elif promises_other and not filled:
             reason = f'a {self.name} ends in {self.endings}, not in {ending}'
         elif not os.access(folder, os.W_OK):
@@ -195,8 +183,6 @@ class Output:
         try:
             if not path.parent.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
-            if self.keeps and path.is_file() and path.stat().st_size and not self.is_own(path):
-                _set_aside(path)
             self.check_target(path)
             replace_file(path, content)
         except OSError as error:
@@ -218,6 +204,9 @@ class Kind(Output):
     made_by: str
     #: What to do about a broken one.
     renewed_by: str
+    #: Whether another file in its place, also one of another version, is renamed to ``NAME.kept``,
+    #: once: a node goes on where its own file is damaged beyond recognition.
+    keeps: bool = False
     endings: str = '.json'
     #: Turns its bytes into values, or raises ValueError.
     parse: Callable[[bytes], Any] = parse_json
@@ -226,21 +215,22 @@ class Kind(Output):
         if not self.begins:
             object.__setattr__(self, 'begins', rf'\{{\s*"format":\s*"{self.says}"')
 
+    def _refusal(self, path: Path, why: str) -> WristFtCompError:
+        return self.error(f'{path} {why}. {self.made_by}')
+
     def read(self, path: Path) -> bytes:
         """Read a file that must not be larger than any of its kind is."""
         if path.exists() and not (path.is_file() or path.is_dir()):
             # A pipe would hold up the stream until somebody writes into it.
-            raise self.error(f'{path} is no regular file. {self.made_by}')
+            raise self._refusal(path, 'is no regular file')
         try:
             with path.open('rb') as file:
                 content = file.read(self.max_bytes + 1)
         except OSError as error:
-            raise self.error(f'{path} cannot be read: {error.strerror}. {self.made_by}') from error
+            raise self._refusal(path, f'cannot be read: {error.strerror}') from error
         if len(content) > self.max_bytes:
-            raise self.error(
-                f'{path} is larger than {self.max_bytes} bytes, which no {self.name} is. '
-                f'{self.made_by}'
-            )
+            why = f'is larger than {self.max_bytes} bytes, which no {self.name} is'
+            raise self._refusal(path, why)
         return content
 
     def document(self, path: Path, content: bytes) -> Document:
@@ -249,14 +239,11 @@ class Kind(Output):
             document: Any = self.parse(content)
         except ValueError as error:
             language = 'JSON' if self.parse is parse_json else 'YAML'
-            raise self.error(
-                f'{path} is not a {self.name}: expected {language}, but {error}. {self.made_by}'
-            ) from error
+            why = f'is not a {self.name}: expected {language}, but {error}'
+            raise self._refusal(path, why) from error
         if not isinstance(document, dict) or document.get('format') != self.says:
-            raise self.error(
-                f'{path} is not a {self.name}: expected "format: {self.says}" in it. '
-                f'{self.made_by}'
-            )
+            why = f'is not a {self.name}: expected "format: {self.says}" in it'
+            raise self._refusal(path, why)
         version = document.get('version')
         if version in range(1, self.version):
             remedy = 'it is not used' if self.keeps else self.renewed_by.lower()
@@ -271,12 +258,14 @@ class Kind(Output):
             )
         return document
 
-    def restore(self, record: type[Record], path: Path, document: Document) -> Record:
+    def restore(
+        self, record: type[Record], path: Path, document: Document, *, whole: bool = False
+    ) -> Record:
         """Fill a record with what a document holds; the record checks itself."""
-        content = {key: document[key] for key in document if key not in HEADER}
+        content = {key: document[key] for key in document if key not in {'format', 'version'}}
         try:
-            restored: Record = from_plain(record, content)
-        except (ValueError, RecursionError) as error:
+            restored: Record = from_plain(record, content, whole=whole)
+        except (ValueError, RecursionError, WristFtCompError) as error:
             raise self.damaged(path, str(error)) from error
         return restored
 
@@ -293,6 +282,13 @@ class Kind(Output):
 
     def save(self, path: Path, content: Document, indent: int | None = 1) -> None:
         """Write plain values as a JSON file of this kind and version."""
+        kept = path.with_name(f'{path.name}.kept')
+        if self.keeps and beginning(path) and not kept.exists():
+            try:
+                self.document(path, self.read(path))
+            except self.error:
+                with suppress(OSError):  # writing says why it cannot be written
+                    path.rename(kept)
         document = {'format': self.says, 'version': self.version, **content}
         self.write(path, json.dumps(document, indent=indent, allow_nan=False))
 
@@ -304,20 +300,13 @@ class Kind(Output):
             return str(error)
         return ''
 
-    def set_aside_unreadable(self, record: type[Any], path: Path) -> None:
-        """Keep a file that cannot be read, such as that of a later version, beside it."""
-        try:
-            if path.is_file() and self.problem(record, path):
-                _set_aside(path)
-        except OSError as error:
-            reason = self.unwritable.format(path=path, reason=error.strerror)
-            raise self.error(reason) from error
-
 
 def to_plain(value: Any) -> Any:
-    """Turn records and arrays into plain values; NaN and infinity become None."""
+    """Turn records, named tuples and arrays into plain values; NaN and infinity become None."""
     if is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if hasattr(value, '_asdict'):
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {key: to_plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -326,9 +315,7 @@ def to_plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def from_plain(  # noqa: C901 -- a case for every kind of annotation
-    kind: Any, value: Any, where: str = '', *, whole: bool = False
-) -> Any:
+def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -> Any:
     """
     Turn plain values back into what an annotation names, such as a record.
 
@@ -387,14 +374,8 @@ def from_plain(  # noqa: C901 -- a case for every kind of annotation
     elif kind in _SCALARS:
         if kind is float and value is None and not whole:
             return np.nan
-        types_of_value, words = _SCALARS[kind]
-        require(type(value) in types_of_value, words)
-        if kind is Path:
-            require(not _IN_NO_PATH.search(value), words)
-        elif kind is int:
-            require(abs(value) < 1 << 63, 'an integer of 64 bits')
-        elif kind is float:
-            require(abs(value) <= sys.float_info.max, 'a finite number')
+        types_of_value, words, holds = _SCALARS[kind]
+        require(type(value) in types_of_value and holds(value), words)
         return kind(value)
     return value
 
@@ -402,12 +383,9 @@ def from_plain(  # noqa: C901 -- a case for every kind of annotation
 @cache
 def _entries(kind: Any, *, whole: bool) -> tuple[dict[str, Any], frozenset[str]]:
     """Give the annotations of a record's entries, and which of them may be absent."""
-    defaults = getattr(kind, '_field_defaults', None)
-    if defaults is None:
-        defaults = {
-            field.name: field.default
-            for field in fields(kind)
-            if field.default is not MISSING or field.default_factory is not MISSING
-        }
-    absent = [name for name, default in defaults.items() if default is None or not whole]
+    absent = {
+        name
+        for name, entry in inspect.signature(kind).parameters.items()
+        if entry.default is not entry.empty and (entry.default is None or not whole)
+    }
     return get_type_hints(kind), frozenset(absent)

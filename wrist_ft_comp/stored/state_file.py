@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,8 @@ KIND = Kind(
 _LARGEST = 1e100
 #: Longest cell, ns, and most cells of a block of the history: a file must not take all memory.
 _LONGEST_PERIOD_NS, _MOST_CELLS = 600 * NANOSECONDS, 1000
+#: A tare that is not known.
+_ZERO = [0.0] * len(AXES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +55,13 @@ def save_state(path: Path, state: SavedState) -> None:
 
     What could not be read again, a number that is not finite or too large, is left out.
     """
-    memory, thermal = state.thermal, None
-    if memory is not None and _readable(_thermal_arrays(memory)):
-        thermal = {**vars(memory), **memory.compensation._asdict()}
-        del thermal['compensation']
-        thermal['history'] = [block._asdict() for block in memory.history]
-        if memory.thermometers is None:
-            del thermal['thermometers']
-    tares = {
-        name: tare if _readable([tare]) else np.zeros(len(AXES))
-        for name, tare in (('tare', state.tare), ('external_tare', state.external_tare))
-    }
-    document = {
-        'saved_ns': state.saved_ns, 'model_sha256': state.model_sha256, **tares,
-        'thermal': thermal, 'zero_doubts': state.zero_doubts, 'drivers': state.drivers,
-    }  # fmt: skip
-    KIND.save(path, to_plain(document), indent=None)
+    document = to_plain(state)
+    for name, nothing in (('thermal', None), ('tare', _ZERO), ('external_tare', _ZERO)):
+        if not _readable(document[name]):
+            document[name] = nothing
+    if thermal := document['thermal']:  # what is subtracted lies beside the rest
+        thermal |= thermal.pop('compensation')
+    KIND.save(path, document, indent=None)
 
 
 def load_state(path: Path) -> SavedState | None:
@@ -96,25 +90,17 @@ def load_state(path: Path) -> SavedState | None:
             problem = 'age_s must be a number'
     if any(wrench.shape != (len(AXES),) for wrench in wrenches):
         problem = 'a wrench must have six numbers'
-    if not _readable([*wrenches, *_thermal_arrays(memory)]):
+    if not _readable(document):
         problem = f'it holds a number beyond {_LARGEST:g}'
     if problem:
         raise KIND.damaged(path, problem)
     return state
 
 
-def _thermal_arrays(memory: ThermalMemory | None) -> list[FloatArray]:
-    """List all numbers of a thermal state."""
-    if memory is None:
-        return []
-    arrays = [memory.temperature_c, memory.start_c, *memory.compensation]
-    arrays += [*memory.filters.values(), *(block.temperature_c for block in memory.history)]
-    if memory.thermometers is not None:
-        parts = vars(memory.thermometers).values()
-        arrays += [part for part in parts if isinstance(part, np.ndarray)]
-    return arrays
-
-
-def _readable(arrays: list[FloatArray]) -> bool:
-    """Whether all numbers can be read again; NaN and infinities cannot."""
-    return all(bool((np.abs(array) <= _LARGEST).all()) for array in arrays)
+def _readable(value: Any) -> bool:
+    """Whether the lists of a plain value hold nothing that cannot be read again."""
+    if isinstance(value, dict):
+        return all(map(_readable, value.values()))
+    if isinstance(value, list):
+        return all(item is not None and _readable(item) for item in value)
+    return not isinstance(value, (int, float)) or abs(value) <= _LARGEST

@@ -37,8 +37,10 @@ _PLAIN: Path = ('temperature',)
 _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 #: Names of topics as ROS allows them.
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
-#: One step of a path: the name of a field, or an index.
-_STEP = re.compile(r'[A-Za-z][A-Za-z0-9_]*|[0-9]+')
+#: What stands behind the topic's colon: names of fields and indices, a factor, a unit.
+_FIELD = re.compile(
+    r'(?P<path>[A-Za-z]\w*(?:\.[A-Za-z]\w*|\.\d+|\[\d+\])*)'
+    r'(?:\*(?P<factor>[^:]*))?(?::(?P<unit>[CKF]?))?', re.ASCII)  # fmt: skip
 #: Names of fields that are probably temperatures, but not those of a template or an attempt.
 _TEMPERATURE_NAME = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
 #: Most numbers of a message that a sentence lists.
@@ -110,22 +112,18 @@ class TemperatureSource:
             return f'The temperature {self.entry!r} is NaN or infinite; expected a finite number.'
         depth = max(n for n in range(len(path) + 1) if n == 0 or path[:n] in layout.sizes)
         present, size = path_text(path[:depth]) or 'the message', layout.sizes.get(path[:depth])
+        found = f'{present} has no {path_text(path[depth:])}'
         if size is not None:
-            found = f'{present} is an array of {size}'
-            found += f'; expected an index from 0 to {size - 1}' if size else ''
+            found = f'{present} is an array of {size}, counted from 0'
         elif depth == len(path):
             found = f'{present} is no number'
-        else:
-            found = f'{present} has no {path_text(path[depth:])}'
         # Its numbers: first the most similar one, then those that may be meant.
         paths = {path_text(number): number for number in numbers_in(layout)}
         temperatures = [text for text, number in paths.items() if may_be_temperature(number)]
         alike = difflib.get_close_matches(path_text(path), paths, _NAMED, 0.5)
         named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
         more = f' and {len(named) - _NAMED} more' if len(named) > _NAMED else ''
-        numbers = f'Its numbers are {", ".join(named[:_NAMED])}{more}.'
-        if not named:
-            numbers = 'The message holds no number at all; name another topic.'
+        numbers = f'Its numbers are {", ".join(named[:_NAMED]) or "none"}{more}.'
         return f'The temperature {self.entry!r} is not there: {found}. {numbers}'
 
 
@@ -141,33 +139,21 @@ def parse_source(entry: str) -> TemperatureSource:
         )
     if not colon:
         return TemperatureSource(topic, entry=entry)
-    scaled, _, unit = inside.partition(':')
-    name, star, written = scaled.partition('*')
+    found = _FIELD.fullmatch(inside)
+    if not found or inside in TEMPERATURE_UNITS:
+        raise SettingsError(
+            f'The temperature {entry!r} cannot be understood behind its topic; {_FORM}. A path is '
+            'made of names of fields and indices from 0 on, and a unit is C, K or F.'
+        )
     try:
-        factor = float(written) if star else 1.0
+        factor = float('1' if found['factor'] is None else found['factor'])
     except ValueError:
         factor = math.nan
     if not math.isfinite(factor) or factor == 0:
         raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
-    if inside in TEMPERATURE_UNITS:
-        raise SettingsError(
-            f'The temperature {entry!r} names a unit and no field; {_FORM}. Of a '
-            f'sensor_msgs/Temperature that is not in °C, name {topic}:temperature:{inside}.'
-        )
-    if unit not in {'', *TEMPERATURE_UNITS}:
-        raise SettingsError(
-            f'The temperature {entry!r} is in the unit {unit!r}; expected C, K or F, or nothing '
-            'for °C.'
-        )
-    steps = re.sub(r'\[([0-9]+)\]', r'.\1', name).split('.')
-    for place, step in enumerate(steps):
-        if not _STEP.fullmatch(step) or (place == 0 and step.isdecimal()):
-            raise SettingsError(
-                f'The temperature {entry!r} cannot be understood at {step!r}; {_FORM}. A path is '
-                'made of names of fields and indices from 0 on.'
-            )
+    steps = re.findall(r'\w+', found['path'])
     path = tuple(int(step) if step.isdecimal() else step for step in steps)
-    return TemperatureSource(topic, path, unit or 'C', factor, entry)
+    return TemperatureSource(topic, path, found['unit'] or 'C', factor, entry)
 
 
 def parse_sources(

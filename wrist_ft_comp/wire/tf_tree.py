@@ -45,8 +45,8 @@ GAP_NS = NANOSECONDS // 2
 _KEPT_NS = 3 * NANOSECONDS
 #: A frame is not waited for any more when its transforms are this far behind the others', ns.
 _PATIENCE_NS = 2 * NANOSECONDS
-#: Most frames that a node remembers; twice that number for frames that are linked to the two of
-#: interest. Robots have tens, but a sender may make up names for ever.
+#: Most frames that a node remembers, and most above a frame. Robots have tens, but a sender may
+#: make up names for ever.
 _MOST_FRAMES = 1000
 #: Most names of frames in a message.
 _NAMED = 20
@@ -85,9 +85,8 @@ class Layout:
         stamps_ns = stamps[..., 0].astype(np.int64) * NANOSECONDS + stamps[..., 1]
         rotations = np.ascontiguousarray(parts[..., _STAMP:]).view(f'{order}f8').astype(float)
         usable = np.abs((rotations**2).sum(axis=-1) - 1) < _NORM_ERROR
-        all_usable = bool(usable.all())
         for column, place in enumerate(places):
-            kept = slice(None) if all_usable else usable[:, column]
+            kept = usable[:, column]
             frames = self.frames[place]
             yield Transforms(*frames, stamps_ns[kept, column], rotations[kept, column])
 
@@ -225,17 +224,16 @@ class GravityByTf:
         parents = {child: parent for parent, child in frames}
         for frame in tuple(linking):
             above = parents.get(frame)
-            while above is not None and above not in linking:
+            while above is not None and above not in linking and len(linking) < _MOST_FRAMES:
                 linking.add(above)
                 above = parents.get(above)
         if len(self._others) < _MOST_FRAMES:
             self._others.update(parents)
-        known, most = len(self._links), {False: _MOST_FRAMES, True: 2 * _MOST_FRAMES}
         return [
             place
             for place, (_, child) in enumerate(frames)
-            if (static or child in linking)
-            and (child in self._links or known < most[child in linking])
+            if child in linking
+            or (static and (child in self._links or len(self._links) < _MOST_FRAMES))
         ]
 
     def forget(self) -> None:

@@ -13,7 +13,7 @@ from rich.console import Console
 from wrist_ft_comp.cli import node as command
 from wrist_ft_comp.cli import operate as operator
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.cli.output import renderables
+from wrist_ft_comp.cli.output import coloured
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 
@@ -114,9 +114,9 @@ VALUES |= {
 def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
     heard = {name: Status(name, *pair, VALUES) for name, pair in said.items()}
     watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
-    page = list(command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
+    page = list(command.status_page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
     console = Console(file=StringIO(), width=200)
-    console.print(*renderables(page), sep='\n')
+    console.print(*coloured(page), sep='\n')
     text = console.file.getvalue()
     lines = text.splitlines()
     long = max(map(len, ' '.join(text for _, text in said.values()).split()), default=0)
