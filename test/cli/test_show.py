@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
@@ -22,6 +21,7 @@ from wrist_ft_comp.learning.diary import (
     save_diary,
     save_memory,
 )
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.pictures import days_figure

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import Diary
+from wrist_ft_comp.learning.working_day import DAY_NS
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report.days import (

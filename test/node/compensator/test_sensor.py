@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 

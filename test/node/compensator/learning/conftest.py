@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from wrist_ft_comp.learning import day_files
+from wrist_ft_comp.learning import working_day
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -97,5 +97,5 @@ def learner(rig, tmp_path, monkeypatch):
     monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
     for name in TIMES:
-        monkeypatch.setattr(day_files, name, getattr(day_files, name) // SHORTER)
+        monkeypatch.setattr(working_day, name, getattr(working_day, name) // SHORTER)
     return partial(Learner, rig, tmp_path, [0])

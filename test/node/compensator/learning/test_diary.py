@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
 
