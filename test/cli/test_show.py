@@ -17,7 +17,6 @@ from wrist_ft_comp.learning.diary import (
     Diary,
     diary_path,
     Memory,
-    memory_path,
     save_diary,
     save_memory,
 )
@@ -257,8 +256,8 @@ def test_without_a_diary_the_files_are_listed(done, folder, content):
 
 
 def test_a_damaged_memory_is_told(done, folder):
-    memory_path(folder).write_text('{')
-    sentence = f'{memory_path(folder)} is not a learning state: expected JSON'
+    (folder / 'learning.json').write_text('{')
+    sentence = f'{folder / "learning.json"} is not a learning state: expected JSON'
     assert f'warning: {sentence}' in done('show', folder)
     (document,) = json.loads(done('show', folder, '--json')).values()
     assert document['warnings'][0].startswith(sentence)
