@@ -136,7 +136,8 @@ class DayFiles:
         self.full = False
         self._writer: _DayWriter | None = None
         #: First and last stamp of the day, and that of the last measurement, ns.
-        self._first_ns = self._last_ns = self._measured_ns = 0
+        self._first_ns = self._last_ns = 0
+        self._measured_ns = -SHORTEST_NS
         #: Whether the newest row was not later than the one before it.
         self._ran_back = False
 
