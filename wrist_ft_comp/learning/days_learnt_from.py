@@ -36,7 +36,7 @@ def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
 
 def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
     """
-    Remove the least worthy recordings of judged days until the others fit; give their names.
+    Remove the least worthy recordings of judged days until the rest fits; name the rest.
 
     RecordingError when one cannot be removed.
     """
