@@ -28,8 +28,8 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, KIND, load_memory
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model

@@ -111,18 +111,6 @@ def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(day
     assert 'Reference: unloaded.' in done(*argv, '--verbose', '--reference', 'unloaded')
 
 
-def test_a_weight_that_turns_is_named_where_the_reference_is_another_one(
-    run, model, tmp_path, make_working_day, write_working_day
-):
-    slow = np.stack((np.sin(n := np.linspace(0, 27, 301)), 0 * n, np.cos(n)), axis=1)
-    turning = make_working_day(0, part=False, contacts=0.0, poses=slow)
-    path = write_working_day(tmp_path / 'turning.csv', turning)
-    said = run('evaluate', model, path, '--reference', 'unloaded').err
-    assert 'The wrench of turning.csv follows gravity: ' in said
-    assert 'the reference is unloaded. Use the reference payload (--reference payload;' in said
-    assert 'follows gravity' not in run('evaluate', model, path, '--reference', 'payload').err
-
-
 def test_a_payload_that_was_not_learnt_is_marked(days, done, model, tmp_path):
     moved = tmp_path / 'cell.yaml'
     moved.write_bytes(model.read_bytes())
@@ -148,5 +136,5 @@ def test_the_external_wrench_is_zero_in_free_motion(days, done, model, tmp_path)
 def test_an_external_wrench_needs_specific_force(run, make, model, tmp_path):
     plain = make.csv(tmp_path / 'plain.csv', {**make.drifting(seed=4)})
     outcome = run('compensate', model, plain, '-o', tmp_path / 'o.csv', '--reference', 'payload')
-    assert 'holds no specific force, which an external wrench needs' in outcome.sentence
+    assert 'no specific force' in outcome.sentence
     assert not (tmp_path / 'o.csv').exists()

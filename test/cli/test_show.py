@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
     Memory,
-    memory_path,
     save_diary,
     save_memory,
 )
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_DAYS, NO_PAYLOAD
 from wrist_ft_comp.report.pictures import days_figure
@@ -253,8 +252,8 @@ def test_without_a_diary_the_files_are_listed(done, folder, content):
 
 
 def test_a_damaged_memory_is_told(done, folder):
-    memory_path(folder).write_text('{')
-    sentence = f'{memory_path(folder)} is not a learning state: expected JSON'
+    (folder / 'learning.json').write_text('{')
+    sentence = f'{folder / "learning.json"} is not a learning state: expected JSON'
     assert f'warning: {sentence}' in done('show', folder)
     (document,) = json.loads(done('show', folder, '--json')).values()
     assert document['warnings'][0].startswith(sentence)

@@ -112,6 +112,9 @@ def test_recordings_without_the_reference_are_left_out(good, make, tmp_path):
     outcome = run_job(job(tmp_path, good, loaded, settings=settings, skip_unusable=True))
     (sentence,) = outcome.left_out
     assert 'good.csv holds no reference' in sentence
+    settings = CalibrationSettings(reference='payload')
+    with pytest.raises(RecordingError, match=r'good\.csv holds no specific force'):
+        run_job(job(tmp_path, good, settings=settings, skip_unusable=True))
 
 
 def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):

@@ -13,12 +13,12 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     diary_path,
     load_diary,
 )
+from wrist_ft_comp.learning.working_day import days, LARGEST_BYTES
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 

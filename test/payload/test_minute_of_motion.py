@@ -162,12 +162,21 @@ EVERYWHERE = still(np.random.default_rng(3).normal(size=(100, 3)))
     [
         (still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))), '0.75, 0.03, 0.00 .* along x'),
         (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'for 10 s only, .* least 10 s'),
+        (changed(EVERYWHERE, force=EVERYWHERE[:, 6:9] / 9.807), 'for 0 s only, .* 9.8 m/s²'),
         (changed(EVERYWHERE, wrench=EVERYWHERE[:, :6] + PUSHED), 'not follow|not that of a rigid'),
         (REST, r'gravity moved by 0\.00, 0\.00, 0\.00'),
         (changed(REST, wrench=0.0), r'gravity moved by 0\.00, 0\.00, 0\.00'),
         (changed(still(SHAKEN, frame=LEVEL), wrench=CONSTANT), 'nothing weighs on the sensor'),
     ],
-    ids=['a narrow cone', 'too short', 'in contact', 'at rest', 'without load', 'constant'],
+    ids=[
+        'a narrow cone',
+        'too short',
+        'in g',
+        'in contact',
+        'at rest',
+        'without load',
+        'constant',
+    ],
 )
 def test_what_shows_no_payload_is_refused_with_what_is_missing(cells, said):
     with pytest.raises(CalibrationRefusedError, match=said):

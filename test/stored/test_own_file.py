@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
+from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import (

@@ -10,7 +10,6 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import range_warnings
 from wrist_ft_comp.cli.output import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
-from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
 from wrist_ft_comp.recordings.compensated_copy import (
@@ -94,12 +93,6 @@ def run(arguments: argparse.Namespace) -> int:
         external_warnings: tuple[str, ...] = ()
         if arguments.reference == 'payload':
             work = learn_at_work([recording])
-            if work.separation is None:
-                raise RecordingError(
-                    f'{recording.name} holds no specific force, which an external wrench needs. '
-                    'Name its --imu-topic or --gravity-frame, or record linear_acceleration_x, _y '
-                    'and _z.'
-                )
             fine_s = max(_FINE_S, recording.duration_s / _MOST_CELLS)
             fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
             external = external_correction(work.separation, model, fine)

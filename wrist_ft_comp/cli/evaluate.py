@@ -13,7 +13,7 @@ from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
+from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
@@ -100,12 +100,10 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
             warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
         warnings += recording.warnings
-        if reference in {'unloaded', 'constant'}:
-            warnings += tuple(follows_gravity([recording], reference))
         compared, true = recording, reference
         if reference == 'payload':
             work = learn_at_work([recording])
-            compared, true = work.drift[0], 'recorded'
+            compared, true = work.separation.drift[0], 'recorded'
             others = [payload for payload, _ in load_payloads(known).values()]
             warnings += work.warnings
             warnings += tuple(

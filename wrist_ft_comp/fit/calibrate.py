@@ -34,7 +34,7 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
-from wrist_ft_comp.payload.learn_at_work import follows_gravity, learn_at_work
+from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, require_recordings
 from wrist_ft_comp.series import IntArray, Progress
@@ -89,9 +89,9 @@ def calibrate(
     work = None
     if reference == 'payload':
         work = learn_at_work(recordings)
-        _, model, _ = _learn(work.drift, axes, folds, settings, lambda _: None)
+        _, model, _ = _learn(work.separation.drift, axes, folds, settings, lambda _: None)
         work = learn_at_work(recordings, (work, model))
-    learnt_from = work.drift if work else recordings
+    learnt_from = work.separation.drift if work else recordings
     fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
     sensors = {
@@ -104,7 +104,6 @@ def calibrate(
     warnings += [*dropped, *stepped, *said, *unknown, *silent, *thermometers]
     warnings += work.warnings if work else ()
     if reference in {'unloaded', 'constant'}:
-        warnings += follows_gravity(recordings, reference)
         unexplained = [
             f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
             for axis, fit in fits.items()

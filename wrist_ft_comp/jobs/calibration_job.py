@@ -7,7 +7,6 @@ The command line runs it in its own process, the node in another one (``entry``)
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -79,6 +78,8 @@ def _read(
             f'{path.name} has {recording.thermometers} thermometers; {thermometers} are expected. '
             'Record again with these, or name the recordings to calibrate from.'
         )
+    if job.settings.reference == 'payload' and recording.specific_force is None:
+        raise RecordingError(f'{path.name} holds no specific force, which a payload needs.')
     if job.settings.reference == 'recorded' and not np.isfinite(recording.reference).any():
         raise RecordingError(
             f'{path.name} holds no reference wrench. Record wrench_reference beside the raw '
@@ -112,8 +113,3 @@ def save(
         return replace(found, warnings=(*found.warnings, lost)), stored
     named = dict(zip(names, payloads, strict=True))
     return replace(found, payloads=replace(learnt, payloads=named)), stored
-
-
-def model_values(stored: StoredModel) -> dict[str, Any]:
-    """Put a model into plain values, of which ``restore_model`` makes it again."""
-    return {'path': str(stored.path), 'sha256': stored.sha256, 'document': stored.document}

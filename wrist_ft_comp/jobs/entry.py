@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.jobs.calibration_job import model_values, run_job
+from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, Minute
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
@@ -38,27 +38,25 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
 def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     """Calibrate; a model is not given up because its report could not be written."""
     outcome = run_job(job)
-    content = outcome.view(job)
-    lines = [
-        *content.lines(),
-        *(f'warning: {sentence}' for sentence in outcome.left_out),
-        f'saved as {outcome.stored.path}',
-    ]
+    content, stored = outcome.view(job), outcome.stored
+    warnings = [f'warning: {sentence}' for sentence in outcome.left_out]
+    lines = [*content.lines(), *warnings, f'saved as {stored.path}']
     if job.report is not None:
         try:
             REPORT.write(job.report, page(content))
             lines.append(f'report: {job.report}')
         except WristFtCompError as error:
             lines.append(f'warning: {error}')
-    return {'success': True, 'message': '\n'.join(lines), **model_values(outcome.stored)}
+    return {
+        'success': True, 'message': '\n'.join(lines), 'path': str(stored.path),
+        'sha256': stored.sha256, 'document': stored.document,
+    }  # fmt: skip
 
 
 def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
     """Find the payload in a minute of motion, and keep it."""
     cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
-    sensor = None
-    if minute.sensor is not None:
-        sensor = ForceFrame(np.eye(3), *np.array(minute.sensor))
+    sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
     found = identify(cells, minute.period_s, sensor)
     frame = found.frame.learnt_by(job.topics.force_source, job.topics)
     (name,) = add_payloads(job.output, IDENTIFIED, [found.payload], frame, minute.taken)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
-from wrist_ft_comp.jobs.calibration_job import model_values, save
+from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.day_files import day_number, goes_on, LARGEST_BYTES, size_of
-from wrist_ft_comp.learning.diary import Diary, diary_problem, load_diary, prune, save_diary
+from wrist_ft_comp.learning.days_learnt_from import prune
+from wrist_ft_comp.learning.diary import Diary, diary_problem, load_diary, save_diary
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.model_choice import (
     Champion,
@@ -21,6 +21,7 @@ from wrist_ft_comp.learning.model_choice import (
     take,
 )
 from wrist_ft_comp.learning.separated_day import Day, look_at
+from wrist_ft_comp.learning.working_day import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.report.report_content import calibration_content, model_sources
@@ -76,7 +77,8 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
             learnt = [path for path in job.recordings if path.name in choice.days]
             saved, stored = save(job, choice.better, {hash_recording(p): p for p in learnt})
             troubles += saved.warnings[len(choice.better.warnings) :]
-            answer |= {**model_values(stored), 'learnt': True}
+            answer |= {'learnt': True, 'path': str(stored.path)}
+            answer |= {'sha256': stored.sha256, 'document': stored.document}
             with suppress(WristFtCompError):  # the report does not matter to the model
                 drifts = [look(name).drift for name in choice.days]
                 content = calibration_content(saved, drifts, stored, 'payload')

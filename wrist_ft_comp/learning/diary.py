@@ -1,12 +1,11 @@
 """
-What a node that learns by itself keeps: its diary, its memory, and which days' recordings.
+What a node that learns by itself keeps: its diary and its memory.
 
 The diary, ``days/diary.json``, has an entry for every day, which decides whether it may be learnt
 from. Only the learning job writes it; a broken or missing diary is made anew. The memory,
 ``learning.json``, is what the newest job said; the node writes it.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -16,10 +15,10 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
-from wrist_ft_comp.learning.day_files import day_number, days, size_of, span_of
+from wrist_ft_comp.learning.working_day import day_number, days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind, to_plain, writing
+from wrist_ft_comp.stored.own_file import Kind, to_plain
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2, keeps=True,
@@ -33,12 +32,6 @@ MEMORY = Kind(
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart may forget an offered model.')  # fmt: skip
-#: Newest days that are kept in the diary.
-_MOST_DAYS = 1000
-#: Most days whose recordings are kept: a month, in which a room's temperatures come round.
-_KEPT_DAYS = 30
-#: Room for the diary itself, and for the rows between two measurements of the folder, MB.
-_SPARE_MB = 10.0
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
@@ -58,8 +51,6 @@ UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
 TOOL = 'tool'
 #: Kinds of incidents that change the sensor: its zero, its gain or mounting.
 ZERO, SENSOR = 'zero', 'sensor'
-#: Days of these kinds are learnt from.
-LEARNT_FROM = ('', TOOL)
 #: Days of these kinds stop learning.
 PAUSING = (ZERO, SENSOR)
 #: Good days that have to come before learning goes on after an incident, before the noise of days
@@ -79,7 +70,7 @@ class DayEntry:
     hours: float = 0.0
     #: Lowest and highest temperature of every thermometer, °C.
     temperature_c: tuple[tuple[float, float], ...] = ()
-    #: Coarse temperatures of the day.
+    #: Coarse temperatures of the day: rare ones make it worth keeping.
     known: frozenset[Cell] = frozenset()
     #: RMS of the drift that a model left, tared in the first minute, N and N m, axis order AXES;
     #: NaN on axes without a figure. Keys are the first twelve digits of a model's SHA-256, NONE
@@ -101,8 +92,7 @@ class DayEntry:
     payloads: tuple[tuple[float, ...], ...] = ()
     #: Rotation from the specific force's frame to the wrench's, row by row; empty where unknown.
     rotation: tuple[float, ...] = ()
-    #: Standard deviation of a cell, N and N m, axis order AXES, NaN on axes that the day lacks;
-    #: empty where unknown.
+    #: Standard deviation of a cell, N and N m, axis order AXES; empty where unknown.
     noise: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -136,45 +126,6 @@ class Diary:
     paused: str = ''
 
 
-def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
-    """Choose days without an incident that have as many thermometers as the newest."""
-    good = [entry for entry in entries if entry.kind in LEARNT_FROM]
-    return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
-
-
-def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
-    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
-    chosen, newer = list(entries), max(most // 2, 1)
-    while len(chosen) > max(most, 1):
-        good = good_days(chosen)
-        count = Counter(cell for day in good for cell in day.known)
-        worth = [
-            sum(1 / count[cell] for cell in day.known) if day in good else -1.0
-            for day in chosen[:-newer]
-        ]
-        del chosen[int(np.argmin(worth))]
-    return chosen
-
-
-def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
-    """
-    Remove recordings of judged days until both limits hold; give the names of the others.
-
-    RecordingError when one cannot be removed.
-    """
-    paths = {path.name: path for path in days(directory)}
-    kept = [entry for entry in diary.days if entry.name in paths]
-    room = 1e6 * (max_mb - _SPARE_MB)
-    while kept and (
-        len(kept) > _KEPT_DAYS or sum(size_of(paths[entry.name]) for entry in kept) > room
-    ):
-        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
-        (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
-        with writing(paths[name]):
-            paths.pop(name).unlink(missing_ok=True)
-    return list(paths)
-
-
 def diary_path(directory: Path) -> Path:
     """Path of the diary in a node's folder."""
     return directory / 'days' / 'diary.json'
@@ -196,14 +147,11 @@ def diary_problem(directory: Path) -> str:
 
 def save_diary(directory: Path, diary: Diary) -> None:
     """
-    Write a diary in one step, without the oldest days where it has too many.
+    Write a diary in one step.
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
-    entries = [
-        to_plain({**vars(entry), 'known': sorted(entry.known)})
-        for entry in diary.days[-_MOST_DAYS:]
-    ]
+    entries = [to_plain({**vars(day), 'known': sorted(day.known)}) for day in diary.days]
     KIND.save(diary_path(directory), {'days': entries, 'paused': diary.paused})
 
 
@@ -267,14 +215,9 @@ class Memory:
     why: str = ''
 
 
-def memory_path(directory: Path) -> Path:
-    """Path of the memory in a node's folder."""
-    return directory / 'learning.json'
-
-
 def load_memory(directory: Path) -> Memory | None:
     """Read a memory; None where there is none."""
-    memory = MEMORY.load(Memory, memory_path(directory))
+    memory = MEMORY.load(Memory, directory / 'learning.json')
     if memory is None:
         return None
     # The name of a stray file, such as day_1.csv, would be newer than every day to come.
@@ -283,7 +226,7 @@ def load_memory(directory: Path) -> Memory | None:
 
 def save_memory(directory: Path, memory: Memory) -> None:
     """Write a memory in one step; one that cannot be read is kept beside it, once."""
-    MEMORY.save(memory_path(directory), asdict(memory))
+    MEMORY.save(directory / 'learning.json', asdict(memory))
 
 
 def last_change(history: Sequence[HistoryEntry]) -> str:

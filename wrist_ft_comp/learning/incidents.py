@@ -21,11 +21,11 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import drop_unknown_temperatures, jumping_thermometers
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
+from wrist_ft_comp.learning.days_learnt_from import LEARNT_FROM
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     DayEntry,
     DAYS_TO_AGREE,
-    LEARNT_FROM,
     NONE,
     PAUSING,
     SENSOR,
@@ -34,11 +34,12 @@ from wrist_ft_comp.learning.diary import (
     ZERO,
 )
 from wrist_ft_comp.learning.separated_day import Day
-from wrist_ft_comp.payload.mass_and_center import LEVER_M
+from wrist_ft_comp.payload.mass_and_center import LEVER_M, MISFIT
 from wrist_ft_comp.payload.minute_of_motion import LEAST_FREE
+from wrist_ft_comp.payload.payload_states import cells_in
 from wrist_ft_comp.payload.weight import SAME_SHARE
-from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import differ, FloatArray, NANOSECONDS
+from wrist_ft_comp.recording import Recording, time_in
+from wrist_ft_comp.series import differ, FloatArray
 from wrist_ft_comp.steps import BESIDE_S
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
@@ -51,20 +52,11 @@ _LEAST_JUMP_SIGMA = 50.0
 #: A tare misses zero by less than this share of its step, and another step undoes a press, or the
 #: weight of a part makes one, but for this share. The 66 tares missed zero by up to 0.13, and one
 #: of 50 others, within a contact, by 0.24; 109 jumps by 0.28 and more. Half of it names a tare
-#: within a contact; twice of it overlooks jumps toward zero.
+#: within a contact; twice of it overlooks jumps toward zero. The cells free of contact beside a
+#: jump show all but twice this share of it; the rest may be heat that no model explains: with a
+#: model, 0.96 and more of the 66 tares was confirmed; without one, 0.75 overlooks a jump beside
+#: four minutes of contact in a fast warm-up.
 _JUMP_TOLERANCE = 0.25
-#: The cells free of contact beside a jump change by this share of it at least; the rest may be
-#: heat that the live model does not explain. With a model, 0.96 and more of the 66 tares was
-#: confirmed; without one, 0.75 overlooks a jump beside four minutes of contact in a fast warm-up.
-_CONFIRMED_SHARE = 0.5
-#: A tare is looked for within this time of the step, s, because a contact may hide it, and the
-#: change of the level is that of the nearest cells free of contact that fill this time. None of
-#: these is farther away than five times this; a long contact beside a jump leaves none.
-_NEAR_S = BESIDE_S
-#: On an ordinary day a smaller share of the changes between poses is explained by no payload.
-#: Ordinary days had up to 0.01, a day in contact for 0.9 of the time 0.16: half of it finds the
-#: same days, twice of it overlooks that one.
-_MOST_UNEXPLAINED = 0.1
 #: Kind of the incident, and a sentence.
 Incident = tuple[str, str]
 
@@ -81,7 +73,7 @@ def incident(
     if trouble := _thermometer_trouble(day.recording):
         return THERMOMETER, trouble
     # Simulated days were in contact for 0.20 to 0.30 of the time.
-    if day.contact >= 1 - LEAST_FREE or day.unexplained >= _MOST_UNEXPLAINED:
+    if day.contact >= 1 - LEAST_FREE or day.unexplained >= MISFIT:
         return CONTACTS, (
             f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
             f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
@@ -92,9 +84,7 @@ def incident(
     past = np.array([other.noise for other in before if other.noise and other.kind in LEARNT_FROM])
     if len(past) < DAYS_TO_AGREE:
         return '', ''
-    common = np.isfinite([*past, entry.noise]).all(axis=0)  # an axis may be missing on a day
-    ratios = np.zeros(len(AXES))
-    ratios[common] = np.array(entry.noise)[common] / np.median(past[:, common], axis=0)
+    ratios = np.array(entry.noise) / np.median(past, axis=0)
     axis = int(ratios.argmax())
     # On ordinary days it was up to 1.9; half of the limit would refuse such days.
     if ratios[axis] < UNUSUAL:
@@ -187,15 +177,19 @@ def _are_same(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incident | None:
-    """Find a large step of the zero that stays, and is no tare of the driver."""
+    """
+    Find a large step of the zero that stays, and is no tare of the driver.
+
+    A tare is looked for within BESIDE_S of the step, because a contact may hide it, and the change
+    of the level is that of the nearest cells free of contact that fill this time. None of these is
+    farther away than five times this; a long contact beside a jump leaves none.
+    """
     recording, noise = day.recording, day.noise
-    present = [axis in recording.axes_present for axis in AXES]
-    drift_rms = np.array(entry.left[NONE])[present]
-    raw = recording.wrench[:, present] / noise
-    residual = (recording.wrench - day.drift.reference - drift)[:, present] / noise
-    residual[~np.isfinite(day.drift.wrench[:, present])] = np.nan
+    drift_rms, raw = np.array(entry.left[NONE]), recording.wrench / noise
+    residual = (recording.wrench - day.drift.reference - drift) / noise
+    residual[~np.isfinite(day.drift.wrench)] = np.nan
     free = np.flatnonzero(np.isfinite(residual).all(axis=1))
-    near, far = (max(round(seconds / recording.period_s), 1) for seconds in (_NEAR_S, 5 * _NEAR_S))
+    near, far = (cells_in(time_s, recording.period_s) for time_s in (BESIDE_S, 5 * BESIDE_S))
     for step in sorted(day.steps, key=lambda step: -np.linalg.norm(step.jump / noise)):
         at, jump = step.cell, step.jump / noise
         size = np.linalg.norm(jump)
@@ -212,18 +206,18 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
         if not len(before) or not len(after):
             continue  # a press beside which nothing is free of contact
         change = np.median(residual[after], axis=0) - np.median(residual[before], axis=0)
-        if np.linalg.norm(change - jump) >= (1 - _CONFIRMED_SHARE) * size:
+        if np.linalg.norm(change - jump) >= 2 * tolerated:
             continue  # heat, or a press that ends where nothing is free of contact
         for weight in _changes_of_weight(day, at, near):
-            if np.linalg.norm(weight[present] / noise - jump) < tolerated:
+            if np.linalg.norm(weight / noise - jump) < tolerated:
                 return CONTACTS, (
-                    f'The reading stepped at {_clock(recording, at)} by what the payloads of '
+                    f'The reading stepped at {time_in(recording, at)} by what the payloads of '
                     'the day differ by, as where a robot is parked with a part for long: its '
                     'drift cannot be learnt.'
                 )
         sizes = ', '.join(f'{axis_jump:.2g}' for axis_jump in step.jump)
         return ZERO, (
-            f'The zero jumped at {_clock(recording, at)} by {sizes} (N and N m), and no tare '
+            f'The zero jumped at {time_in(recording, at)} by {sizes} (N and N m), and no tare '
             'of the driver did that: an overload?'
         )
     return None
@@ -247,9 +241,3 @@ def _changes_of_weight(day: Day, at: int, near: int) -> list[FloatArray]:
     pose = day.payloads.frame.turn(np.nanmedian(force[at : at + near], axis=0))
     weights = [payload.weight(pose) for payload in day.payloads.payloads.values()]
     return [one - other for one, other in permutations(weights, 2)]
-
-
-def _clock(recording: Recording, cell: int) -> str:
-    """Write the time of a cell, UTC."""
-    minutes = (recording.first_cell + cell) * recording.period_ns // NANOSECONDS // 60
-    return f'{minutes // 60 % 24:02}:{minutes % 60:02} UTC'

@@ -21,18 +21,15 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.learning.days_learnt_from import good_days, LEARNT_FROM, worthiest
 from wrist_ft_comp.learning.diary import (
-    Cell,
     CHALLENGER,
     CONTACTS,
     DayEntry,
     DAYS_TO_AGREE,
-    good_days,
-    LEARNT_FROM,
     NONE,
     THERMOMETER,
     UNREADABLE,
-    worthiest,
 )
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
@@ -49,11 +46,9 @@ MOST_DAYS = 12
 #: A model is learnt when the number of good days has grown by a third: on the 2nd, 3rd, 4th,
 #: 6th, 8th, 11th, 15th, 20th … good day.
 _GROWTH_PARTS = 3
-#: One is learnt after a day on which the live model left more than this many times what it leaves
-#: on the median day, ...
+#: One is also learnt after a day on which the live model left more than this many times what it
+#: leaves on the median day.
 _BAD_RATIO = 2.0
-#: ... and after a day with more than this share of coarse temperatures that are new.
-_NEW_TEMPERATURES_SHARE = 0.25
 ANOTHER_DAY = 'One more good day is needed before a model is learnt.'
 
 #: Reads and separates the day of a name; WristFtCompError where that is impossible.
@@ -240,17 +235,13 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
         return True, 'no model is live'
     if grown >= awaited:
         return True, f'{grown} more good {"day" if grown == 1 else "days"}'
-    # A good day since then may be one that no model before expected.
-    seen: frozenset[Cell] = frozenset().union(*(day.known for day in good[: last + 1]))
     judged = [day for day in good if day.live in day.left]
     shares = {day.name: float(np.nanmean(day.share_left(day.live))) for day in judged}
     bad_share = _BAD_RATIO * float(np.median(list(shares.values()) or [1.0]))
     for day in good[last + 1 :]:
-        if len(day.known - seen) > _NEW_TEMPERATURES_SHARE * len(day.known):
-            return True, f'{day.name} had other temperatures'
         if shares.get(day.name, 0.0) > bad_share:
             return True, f'the live model did badly on {day.name}'
     return False, (
         f'No new model was learnt: a new one is tried after {np.ceil(awaited):.0f} more good days '
-        f'({grown} so far), or after a day with new temperatures or a bad result.'
+        f'({grown} so far), or after a day with a bad result.'
     )

@@ -6,12 +6,11 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
-from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.learn_at_work import payloads_of
-from wrist_ft_comp.payload.payload_states import contrast, COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.separation import separate, separate_again, slow_drift, SLOW_S
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
@@ -21,8 +20,6 @@ from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
-#: A coarse temperature belongs to a day that had it for this time, s.
-_LEAST_TIME_S = 120.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +34,7 @@ class Day:
     contact: float
     #: Share of the changes between poses that no payload explains.
     unexplained: float
-    #: Standard deviation of a cell, N and N m, shape (A,).
+    #: Standard deviation of a cell, N and N m, shape (6,).
     noise: FloatArray
     #: None where no payload can be identified.
     payloads: LearntPayloads | None
@@ -53,19 +50,13 @@ class Day:
 
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
-    if recording.specific_force is None:
-        raise CalibrationRefusedError(
-            f'{recording.name} holds no specific force, which learning from days needs. Look '
-            'whether the IMU, or TF, reached the node on that day, stamped by the clock of the '
-            'wrench (gravity.source, the diagnostics of payload).'
-        )
     separation = separate([recording])
     if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
         separation = separate_again(separation, slow_drift(separation))
     cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
-    doubts = bodies.doubts() if bodies else ['']
+    doubts = bodies.doubts()
     # Gravity has to move enough in the sensor's frame to tell weight from drift.
-    moved = contrast(cells, fit.weights) >= CONTRAST
+    moved = bodies.contrast[0] >= CONTRAST
     return Day(
         recording=separation.recordings[0],
         drift=separation.drift[0],
@@ -73,8 +64,8 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
         contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
         unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
         noise=fit.noise,
-        payloads=payloads_of(separation, bodies) if bodies and not doubts else None,
-        doubt=doubts[-1] if doubts and bodies and bodies.contrast[1] >= CONTRAST else '',
+        payloads=None if doubts else payloads_of(separation, bodies),
+        doubt=doubts[-1] if doubts and bodies.contrast[1] >= CONTRAST else '',
         before=before,
     )
 
@@ -84,8 +75,6 @@ def describe(day: Day) -> DayEntry:
     recording, learnt = day.recording, day.payloads
     low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
     payloads = learnt.payloads.values() if learnt else ()
-    noise = np.full(len(AXES), np.nan)
-    noise[[axis in recording.axes_present for axis in AXES]] = day.noise
     return DayEntry(
         name=recording.name,
         first_ns=recording.first_cell * recording.period_ns,
@@ -95,7 +84,7 @@ def describe(day: Day) -> DayEntry:
         left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
-        noise=tuple(noise.tolist()),
+        noise=tuple(day.noise.tolist()),
     )
 
 
@@ -118,5 +107,4 @@ def known_cells(recording: Recording) -> frozenset[Cell]:
     coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
     coarse_c[:, 0] = recording.temperature_c[:, 0]
     numbers = np.floor(coarse_c / _COARSE_K).astype(int)
-    cells, counts = np.unique(numbers, axis=0, return_counts=True)
-    return frozenset(map(tuple, cells[counts * recording.period_s >= _LEAST_TIME_S].tolist()))
+    return frozenset(map(tuple, np.unique(numbers, axis=0).tolist()))

@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
 from wrist_ft_comp.jobs.job_process import JobProcess
-from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
+from wrist_ft_comp.learning.working_day import DayFiles, SILENCE_NS
 from wrist_ft_comp.node.jobs import CalibrateService, JobMaker, start_job
 from wrist_ft_comp.node.live_model import LiveModel, warned
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder

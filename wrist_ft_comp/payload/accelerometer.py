@@ -7,6 +7,7 @@ scale are fitted to cells at rest alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -15,28 +16,19 @@ from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
-from wrist_ft_comp.steps import SMALLEST_SIGMA
+from wrist_ft_comp.series import FloatArray
 
 #: How far gravity has to move along the second direction, m/s² RMS, to determine a rotation.
 CONTRAST = 0.3
-#: An IMU is frozen that gives the same value for this time, s, ...
-_FROZEN_S = 1200
-#: ... while the wrench jumps, as that of a moving robot does, in this share of the cells.
-_JUMPING_SHARE = 0.01
 #: A sensor that turns more slowly is at rest, rad/s.
 _REST_RAD_S = 0.03
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
-#: Expected change of the bias, m/s² per kelvin.
-_BIAS_PER_K = 0.01
 #: Expected error of the scale, relative.
 _SCALE = 0.03
-#: No bias is as large as this share of gravity; samples whose norm differs from the median by more
-#: are left out.
-_OUTLIER_SHARE = 0.3
-#: Specific forces of two recordings whose norms differ by this factor are in different units.
-_UNIT_RATIO = 3.0
+#: No bias is as large as this share of gravity: samples whose norm differs by more are left out,
+#: and a recording that does so at rest is in another unit.
+OUTLIER_SHARE = 0.3
 #: Noise of a norm, m/s². It is far above that of an IMU, because errors of neighbouring samples
 #: are alike, and a recording would else seem to determine bias and scale exactly.
 _NORM_NOISE = 0.2
@@ -44,8 +36,7 @@ _NORM_NOISE = 0.2
 _OUTLIER_SIGMA = 0.5
 
 
-@dataclass(frozen=True)
-class ForceSummary:
+class ForceSummary(NamedTuple):
     """How the specific force of a recording moved, m/s²."""
 
     #: Root mean square over all samples.
@@ -88,19 +79,17 @@ def turning_speed(force: FloatArray, period_s: float) -> FloatArray:
 
 def rotation_speed(recording: Recording) -> FloatArray:
     """Speed of rotation of every cell, rad/s, (N,); of the specific force if none was recorded."""
-    force = recording.specific_force
-    if recording.rotation_speed is not None:
-        return np.nan_to_num(recording.rotation_speed)
-    if force is None:
-        return np.zeros(len(recording))
-    return np.nan_to_num(turning_speed(force, recording.period_s))
+    speed = recording.rotation_speed
+    if speed is None:
+        speed = turning_speed(np.asarray(recording.specific_force), recording.period_s)
+    return np.nan_to_num(speed)
 
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
     """Specific force, corrected by what the norm at rest shows."""
 
-    #: Corrected, m/s², (N, 3) per recording; NaN where it is missing or frozen.
+    #: Corrected, m/s², (N, 3) per recording; NaN where it is missing.
     forces: list[FloatArray]
     #: Bias and scale at the mean temperature, without a rotation.
     frame: ForceFrame
@@ -115,29 +104,24 @@ def calibrated_by_norm(recordings: Sequence[Recording]) -> Accelerometer:
     Fit bias, its change with temperature, and scale; every recording holds specific force.
 
     Where no cell is at rest, specific force is taken as it was measured. CalibrationRefusedError
-    where it is not in m/s² then, and where recordings are in different units.
+    where a resting one is not in m/s².
     """
-    forces = [
-        np.where(_frozen(recording)[:, None], np.nan, np.asarray(recording.specific_force))
-        for recording in recordings
-    ]
-    force = np.concatenate(forces)
+    force = np.concatenate([np.asarray(recording.specific_force) for recording in recordings])
     speed = np.concatenate([rotation_speed(recording) for recording in recordings])
+    ends = np.cumsum([len(recording) for recording in recordings])[:-1]
     rest = np.isfinite(force).all(axis=1) & (speed < _REST_RAD_S)
-    norms = [np.linalg.norm(part[np.isfinite(part).all(axis=1)], axis=1) for part in forces]
-    usual = [float(np.median(norm)) if len(norm) else np.nan for norm in norms]
-    known = [norm for norm in usual if np.isfinite(norm)] if rest.any() else [GRAVITY]
-    for recording, norm in zip(recordings, usual, strict=True):
-        if abs(np.log(norm / known[-1])) > np.log(_UNIT_RATIO):
+    norms = np.where(rest, np.linalg.norm(force, axis=1), np.nan)
+    for recording, norm in zip(recordings, np.split(norms, ends), strict=True):
+        usual = np.median(norm[np.isfinite(norm)]) if np.isfinite(norm).any() else GRAVITY
+        if abs(usual / GRAVITY - 1) > OUTLIER_SHARE:
             raise CalibrationRefusedError(
-                f'The specific force of {recording.name} is {norm:.3g} in the median, and '
-                f'{known[-1]:.3g} was expected: it is in another unit. Convert it to m/s².'
+                f'The specific force of {recording.name} is {usual:.3g} at rest, and '
+                f'{GRAVITY:.3g} was expected: it is in another unit. Convert it to m/s².'
             )
     temperature_c = np.concatenate([recording.temperature_c for recording in recordings])
     theta = temperature_c - temperature_c.mean(axis=0)
     frame, drift, covariance = fit_norm(force[rest], theta[rest])
     corrected = (force - frame.bias - theta @ drift) / frame.scale
-    ends = np.cumsum([len(recording) for recording in recordings])[:-1]
     return Accelerometer(np.split(corrected, ends), frame, covariance, bool(rest.any()))
 
 
@@ -149,11 +133,10 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     Gives a frame without rotation, the bias per kelvin, (J, 3), and the relative covariance of
     what is left of the scale's error, (3, 3). Without samples, nothing is corrected.
     """
-    norms = np.linalg.norm(force, axis=1)
-    common = (float(np.median(norms)) if len(force) else 0.0) / GRAVITY or 1.0
-    near = np.abs(norms - common * GRAVITY) < _OUTLIER_SHARE * common * GRAVITY
-    force, theta = force[near] / common, theta[near]
-    widths = np.repeat([_BIAS, _SCALE, *[_BIAS_PER_K] * theta.shape[1]], 3)
+    near = np.abs(np.linalg.norm(force, axis=1) - GRAVITY) < OUTLIER_SHARE * GRAVITY
+    force, theta = force[near], theta[near]
+    # Over 30 K the bias may change by as much as it is.
+    widths = np.repeat([_BIAS, _SCALE, *[_BIAS / 30] * theta.shape[1]], 3)
     prior = np.diag(widths**2)
     # Half of a scale's variance is common to all axes.
     prior[3:6, 3:6] = _SCALE**2 * (np.eye(3) + 1) / 2
@@ -167,17 +150,5 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
 
     fit = least_squares(errors, np.zeros(len(prior)), loss='cauchy', f_scale=_OUTLIER_SIGMA)
     covariance = np.linalg.inv(fit.jac.T @ fit.jac)[3:6, 3:6]
-    frame = ForceFrame(bias=fit.x[:3] * common, scale=common / (1 - fit.x[3:6]))
-    return frame, fit.x[6:].reshape(-1, 3) * common, covariance
-
-
-def _frozen(recording: Recording) -> BoolArray:
-    """Mark where the specific force does not change for _FROZEN_S, but the wrench jumps, (N,)."""
-    force = np.asarray(recording.specific_force)
-    runs = np.cumsum(np.append(False, np.any(differ(force[1:], force[:-1]), axis=1)))
-    steps = np.abs(np.diff(recording.wrench, axis=0, prepend=recording.wrench[:1]))
-    noise = np.array([noise_level([axis]) for axis in recording.wrench.T])
-    jumped = np.any(steps > SMALLEST_SIGMA * noise, axis=1)
-    cells, jumps = np.bincount(runs), np.bincount(runs, jumped)
-    frozen = (jumps > _JUMPING_SHARE * cells) & (cells * recording.period_s >= _FROZEN_S)
-    return np.asarray(frozen[runs])
+    frame = ForceFrame(bias=fit.x[:3], scale=1 / (1 - fit.x[3:6]))
+    return frame, fit.x[6:].reshape(-1, 3), covariance

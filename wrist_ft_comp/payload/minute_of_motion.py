@@ -14,7 +14,12 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY, LARGEST
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.accelerometer import CONTRAST, fit_norm, turning_speed
+from wrist_ft_comp.payload.accelerometer import (
+    CONTRAST,
+    fit_norm,
+    OUTLIER_SHARE,
+    turning_speed,
+)
 from wrist_ft_comp.payload.mass_and_center import LEVER_M
 from wrist_ft_comp.payload.payload_states import (
     bodies_of,
@@ -25,18 +30,15 @@ from wrist_ft_comp.payload.payload_states import (
     fit_again,
     with_new_noise,
 )
-from wrist_ft_comp.payload.weight import ForceFrame, Payload
+from wrist_ft_comp.payload.weight import ForceFrame, Payload, SAME_SHARE
 from wrist_ft_comp.series import FloatArray
 
 #: Numbers in a cell: wrench less drift, specific force, and speed of rotation.
-CHANNELS = len(AXES) + len(FORCE_CHANNELS) + 1
+CHANNELS = len((*AXES, *FORCE_CHANNELS, 'rotation_speed'))
 #: Shortest time in which the tool turns slowly, s.
 _LEAST_SLOW_S = 10.0
 #: Least share of these cells that has to be free of contact.
 LEAST_FREE = 0.4
-#: The calibrated bias and scale of the accelerometer are used while the norm that they give is
-#: within this share of gravity.
-_MOST_NORM_ERROR = 0.02
 #: Fits of which the best one is the start.
 _DRAWS = 300
 #: Cells whose directions differ by less, rad, are of one pose.
@@ -59,42 +61,32 @@ class Identified:
 
 def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> Identified:
     """
-    Identify the payload in a minute of motion.
+    Identify the payload in a minute of motion; CalibrationRefusedError where it is not determined.
 
-    Parameters
-    ----------
-    cells : ndarray, shape (n, CHANNELS)
-        Means in order of time: N and N m, m/s² as measured, and rad/s, or NaN where unknown.
-    period_s : float
-        Length of a cell, s.
-    sensor : ForceFrame or None
-        Bias and scale of the accelerometer by a calibration. Without them, or where the norm that
-        they give is not that of gravity, they are fitted to the minute.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When motion or wrenches do not determine a payload.
-
+    Cells, (n, CHANNELS), are means over ``period_s``, s, in order of time: N and N m, m/s² as
+    measured, and rad/s, or NaN where unknown. ``sensor`` has bias and scale of the accelerometer
+    by a calibration. Without it, or where the norm that it gives is not that of gravity, they are
+    fitted to the minute.
     """
     wrench, force, speed = cells[:, : len(AXES)], cells[:, len(AXES) : -1], cells[:, -1]
     finite = np.all(np.abs(cells[:, :-1]) < LARGEST, axis=1)
-    finite_force = np.where(finite[:, np.newaxis], force, 0.0)
-    by_force = turning_speed(finite_force, period_s)[: len(finite_force)]
+    force = np.where(finite[:, np.newaxis], force, 0.0)
+    by_force = turning_speed(force, period_s)[: len(force)]
     speed = np.where(np.isnan(speed), by_force, speed)
-    slow = finite & (np.linalg.norm(finite_force, axis=1) > CONTRAST) & (speed < FASTEST)
+    plausible = np.abs(np.linalg.norm(force, axis=1) / GRAVITY - 1) < OUTLIER_SHARE
+    slow = finite & plausible & (speed < FASTEST)
     if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
             f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
-            f'only, as far as wrench and gravity were felt; at least '
-            f'{_LEAST_SLOW_S:.0f} s are needed. Move more slowly, or rest in every '
-            'pose, and look whether the specific force is about 9.8 m/s² at rest.'
+            f'only, as far as wrench and gravity were felt; at least {_LEAST_SLOW_S:.0f} s are '
+            'needed. Move more slowly, or rest in every pose, and look whether the specific force '
+            'is about 9.8 m/s² at rest.'
         )
     wrench, force = wrench[slow], force[slow]
     fitted, _, scale = fit_norm(force, np.empty((len(force), 0)))
     if sensor is not None:
         norm = float(np.median(np.linalg.norm(sensor.turn(force), axis=1)))
-        sensor = sensor if abs(norm / GRAVITY - 1) < _MOST_NORM_ERROR else None
+        sensor = sensor if abs(norm / GRAVITY - 1) < SAME_SHARE else None
     frame = fitted if sensor is None else replace(sensor, rotation=np.eye(3))
     corrected = frame.turn(force)
     usable = np.ones((1, len(corrected)), dtype=bool)

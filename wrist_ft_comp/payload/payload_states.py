@@ -1,7 +1,7 @@
 """
 Find how many payloads there are, which one is mounted in every cell, and which cells are contacts.
 
-A recording's raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, with the gains a_k (A, 3)
+A recording's raw wrench is r(t) = c + o(T) + a_k f(t) + contact + noise, with the gains a_k (6, 3)
 of payload state k and the specific force f. Cells are cut into blocks of minutes, in which a
 parabola, the level, stands for o and c together: neither temperatures nor tares have to be
 understood before the payloads are. What remains are differences between poses, which only payloads
@@ -10,9 +10,9 @@ weight. Gains, states, levels and weights are fitted by turns, while the width o
 to WIDTH_SIGMA. Another state is added where it explains more of blocks that it was not fitted to.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import pairwise
 import math
 from typing import Any
@@ -23,12 +23,7 @@ from scipy.special import erfinv, gammaincinv
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.payload.accelerometer import CONTRAST, rotation_speed
-from wrist_ft_comp.payload.mass_and_center import (
-    information,
-    MISFIT,
-    rigid_bodies,
-    RigidBodies,
-)
+from wrist_ft_comp.payload.mass_and_center import MISFIT, rigid_bodies, RigidBodies
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 from wrist_ft_comp.steps import SMALLEST_SIGMA, WIDTH_SIGMA
@@ -38,9 +33,9 @@ from wrist_ft_comp.steps import SMALLEST_SIGMA, WIDTH_SIGMA
 BLOCK_S = 300.0
 #: Coefficients of the polynomial that is the level of a block: a parabola.
 POWERS = 3
-#: Ten cells for each coefficient: along 10 cells, a parabola fits cells in contact as well as free
-#: ones. Blocks are longer for that where cells are longer than 10 s.
-LEAST_CELLS_IN_BLOCK = 10 * POWERS
+#: Cells of a block for each coefficient: along 10 cells, a parabola fits cells in contact as well
+#: as free ones. Blocks are longer for that where cells are longer than 10 s.
+CELLS_PER_POWER = 10
 #: Cells that turn faster, rad/s, are left out: the payload's ω×(ω×c) is not measured. It is 0.1 N
 #: here at 2 kg and 0.1 m. At 0.5 too few cells of 10 s remain; at 1.0 as much drift is left.
 FASTEST = 0.7
@@ -50,11 +45,9 @@ COUNTS = 0.5
 #: 15 % of the time, half of the cells of 10 s are free; a share of 0.3 took contact for noise. A
 #: stretch with a smaller share of usable cells is left out: one contact would look like its level.
 LEAST_FREE_SHARE = 0.2
-#: The noise of cells is at most this many times the noise of differences between neighbours: what
-#: is larger is contact, or a specific force that is not the sensor's.
-_MOST_NOISE_RATIO = 4.0
-#: Rounds with WIDTH_SIGMA: cells of 10 s, half of which hold contact or motion, settle slowly.
-_ROUNDS = 5
+#: Rounds with WIDTH_SIGMA, and rounds in which steps and contacts are found by turns: cells of 10
+#: s, half of which hold contact or motion, settle slowly.
+ROUNDS = 5
 #: Share of the cells that another state was not fitted to, and has to explain. Where a payload is
 #: changed within a cell, the cell shows a mean of two. In 24 runs with cells of 10 s, such means
 #: gained up to 0.05, so that at 0.02 five runs had a payload too many; real payloads gain 0.13.
@@ -65,6 +58,8 @@ _SEARCHED_S = 21600.0
 #: Parts of a block whose medians are tried as its level: a contact does not fill them all. With
 #: twice as many nothing changes; with half as many, one contact of minutes fills both.
 _PARTS = 4
+#: Standard errors of gains come from the scatter of at least this many parts of the recordings.
+_LEAST_PARTS = 12
 #: Quantiles of weight by which a state is split in two. One at 0.5 overlooks what is mounted
 #: rarely.
 _SPLITS = (0.3, 0.7)
@@ -74,7 +69,7 @@ _SPLITS = (0.3, 0.7)
 class Cells:
     """All recordings in n blocks of up to B cells, filled up with unusable cells."""
 
-    #: Raw wrench of A axes, N and N m, shape (n, B, A).
+    #: Raw wrench, N and N m, axis order AXES, shape (n, B, 6).
     wrench: FloatArray
     #: Specific force, m/s², shape (n, B, 3).
     force: FloatArray
@@ -97,31 +92,30 @@ class Cells:
         joined[self.rows[self.rows >= 0]] = blocked[self.rows >= 0]
         return np.split(joined, np.cumsum(self.lengths)[:-1])
 
-    @property
-    def axes(self) -> int:
-        """Number of axes, A."""
-        return self.wrench.shape[2]
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """K payload states, and which of them every cell is in."""
 
-    #: Gains of specific force, kg and kg m, shape (K, 3, A).
+    #: Gains of specific force, kg and kg m, shape (K, 3, 6).
     gains: FloatArray
     #: State of every cell, shape (n, B).
     states: IntArray
     #: Robust weight of every cell, shape (n, B); near 0 in contact.
     weights: FloatArray
-    #: Level of every cell, N and N m, shape (n, B, A).
+    #: Level of every cell, N and N m, shape (n, B, 6).
     levels: FloatArray
-    #: Standard deviation of a cell without contact, N and N m, shape (A,).
+    #: Standard deviation of a cell without contact, N and N m, shape (6,).
     noise: FloatArray
 
+    def residuals(self, cells: Cells) -> FloatArray:
+        """Subtract the weight of each of K states, in units of the noise: (K, n, B, 6)."""
+        return np.asarray((cells.wrench - cells.force @ self.gains[:, None]) / self.noise)
 
-def axes_of(recordings: Sequence[Recording]) -> list[int]:
-    """List the columns of the wrench that every recording holds."""
-    return [n for n, axis in enumerate(AXES) if all(axis in r.axes_present for r in recordings)]
+    def rest(self, cells: Cells) -> FloatArray:
+        """Subtract levels and payloads from the wrench, N and N m, (n, B, 6)."""
+        weight = of_state(cells.force @ self.gains[:, None], self.states)
+        return np.asarray(cells.wrench - self.levels - weight)
 
 
 def cells_in(duration_s: float, period_s: float) -> int:
@@ -140,9 +134,9 @@ def cut(
     Cut recordings into blocks of ``block_s``, s; a block also ends at each of the cells ``ends``.
 
     Specific forces, (N, 3) per recording, are those of the calibrated accelerometer. Wrenches, N
-    and N m, (N, A), replace those that were recorded.
+    and N m, (N, 6), replace those that were recorded.
     """
-    longest = max(LEAST_CELLS_IN_BLOCK, cells_in(block_s, recordings[0].period_s))
+    longest = max(CELLS_PER_POWER * POWERS, cells_in(block_s, recordings[0].period_s))
     blocks, first = [], 0
     for recording, cells in zip(recordings, ends or [()] * len(recordings), strict=True):
         for begin, end in pairwise([0, *sorted(cells), len(recording)]):
@@ -153,8 +147,7 @@ def cut(
     rows = np.full((len(blocks), longest), -1)
     for row, block in zip(rows, blocks, strict=True):
         row[: len(block)] = block
-    axes = axes_of(recordings)
-    wrench = np.concatenate(wrenches or [recording.wrench[:, axes] for recording in recordings])
+    wrench = np.concatenate(wrenches or [recording.wrench for recording in recordings])
     force = np.concatenate(forces)
     speed = np.concatenate([rotation_speed(recording) for recording in recordings])
     holds = np.isfinite(wrench).all(axis=1) & np.isfinite(force).all(axis=1) & (speed < FASTEST)
@@ -174,7 +167,7 @@ def find_states(cells: Cells) -> Fit:
     spread = np.linspace(0, len(cells.wrench) - 1, count).astype(int)
     learnt, held_out = cells.part(spread[::2]), cells.part(spread[1::2])
     fit = _fit_states(learnt, np.zeros(learnt.usable.shape, dtype=np.int64), 1)
-    moved = contrast(cells, cells.usable.astype(float)) > CONTRAST
+    moved = bodies_of(learnt, fit).contrast[0] > CONTRAST
     while moved and (starts := _splits(learnt, fit)):
         candidates = [_fit_states(learnt, start, len(fit.gains) + 1, 1) for start in starts]
         noise = np.min([candidate.noise for candidate in candidates], axis=0)
@@ -183,7 +176,7 @@ def find_states(cells: Cells) -> Fit:
         noise = np.minimum(fit.noise, more.noise)
         gained = _unexplained(held_out, noise, fit) - _unexplained(held_out, noise, more)
         # A state also explains a press that returns in the same pose, but no rigid body does.
-        pressed = _misfit(learnt, more) > MISFIT >= _misfit(learnt, fit)
+        pressed = bodies_of(learnt, more).misfit > MISFIT >= bodies_of(learnt, fit).misfit
         if gained < _LEAST_GAIN or pressed:
             break
         fit = more
@@ -196,7 +189,14 @@ def fit_again(cells: Cells, fit: Fit) -> Fit:
 
     A long contact draws a block's level to itself, so that of every part of the block is tried.
     """
-    starts = [_present_levels(cells, fit), *_levels_of_parts(cells, fit)]
+    starts = [_present_levels(cells, fit)]
+    residuals = fit.residuals(cells)
+    for residual in residuals:
+        measured = np.where(cells.usable[..., None], residual, np.nan)
+        for part in np.array_split(measured, _PARTS, axis=1):
+            level = medians(part)[:, None]
+            states, weights = _assign_cells(residuals, cells.usable, level, 4 * WIDTH_SIGMA)
+            starts.append(fitted_levels(of_state(residuals, states), weights, cells.powers))
     return _settle(cells, _assign(cells, fit, WIDTH_SIGMA, starts, 4))
 
 
@@ -215,16 +215,16 @@ def _splits(cells: Cells, fit: Fit) -> list[IntArray]:
     return starts
 
 
-def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = _ROUNDS) -> Fit:
+def _fit_states(cells: Cells, states: IntArray, count: int, rounds: int = ROUNDS) -> Fit:
     """Fit ``count`` states by turns, from states to start with; ``rounds`` are as in _settle."""
     weights = cells.usable.astype(float)
     gains = solve(cells, states, weights, count)
-    fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(cells.axes))
+    fit = Fit(gains, states, weights, np.zeros_like(cells.wrench), np.ones(len(AXES)))
     fit = replace(fit, levels=_present_levels(cells, fit))
     return _settle(cells, fit, 10 * WIDTH_SIGMA, rounds)
 
 
-def _settle(cells: Cells, fit: Fit, widest: float = WIDTH_SIGMA, rounds: int = _ROUNDS) -> Fit:
+def _settle(cells: Cells, fit: Fit, widest: float = WIDTH_SIGMA, rounds: int = ROUNDS) -> Fit:
     """Fit states, weights, levels and gains by turns, in ever narrower widths and then rounds."""
     narrowing = math.ceil(math.log2(widest / WIDTH_SIGMA))
     for number in range(narrowing + rounds):
@@ -250,74 +250,46 @@ def _unexplained(cells: Cells, noise: FloatArray, fit: Fit) -> float:
     return float((cells.usable * robust_cost(weights)).sum() / max(cells.usable.sum(), 1))
 
 
-def _misfit(cells: Cells, fit: Fit) -> float:
-    """Compute the share of the weight that no rigid body explains; 0 without all six axes."""
-    return bodies_of(cells, fit).misfit if cells.axes == len(AXES) else 0.0
-
-
 def _present_levels(cells: Cells, fit: Fit) -> FloatArray:
     """Fit levels, in units of the noise, with the states and weights of a fit."""
-    residual = (cells.wrench - payload_wrench(cells, fit)) / fit.noise
-    return fitted_levels(residual, fit.weights, cells.powers)
+    return fitted_levels(of_state(fit.residuals(cells), fit.states), fit.weights, cells.powers)
 
 
 def _levels_by_state(cells: Cells, fit: Fit) -> list[FloatArray]:
     """Fit levels, in units of the noise, once per state, as if all cells were in that state."""
     weights = cells.usable.astype(float)
-    return [fitted_levels(residual, weights, cells.powers) for residual in _residuals(cells, fit)]
-
-
-def _levels_of_parts(cells: Cells, fit: Fit) -> Iterator[FloatArray]:
-    """Fit levels, in units of the noise, to what is near the median of a part of the block."""
-    residuals = _residuals(cells, fit)
-    for residual in residuals:
-        measured = np.where(cells.usable[..., None], residual, np.nan)
-        for part in np.array_split(measured, _PARTS, axis=1):
-            level = medians(part)[:, None]
-            states, weights = _assign_cells(residuals, cells.usable, level, 4 * WIDTH_SIGMA)
-            yield fitted_levels(of_state(residuals, states), weights, cells.powers)
-
-
-def _residuals(cells: Cells, fit: Fit) -> list[FloatArray]:
-    """Subtract the weight of every state: wrenches, (n, B, A), in units of the noise."""
-    return [(cells.wrench - cells.force @ gains) / fit.noise for gains in fit.gains]
+    return [fitted_levels(residual, weights, cells.powers) for residual in fit.residuals(cells)]
 
 
 def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], turns: int) -> Fit:
     """Choose states, weights and levels by turns; every block takes the start that costs least."""
-    residuals, usable = _residuals(cells, fit), cells.usable
-    best_states, best_weights, best_levels = fit.states, fit.weights, fit.levels / fit.noise
-    least_cost: FloatArray = np.full(len(cells.wrench), np.inf)
+    residuals, usable, found = fit.residuals(cells), cells.usable, []
     for start in starts:
         levels = start
         states, weights = _assign_cells(residuals, usable, levels, width)
         for _ in range(turns - 1):
             levels = fitted_levels(of_state(residuals, states), weights, cells.powers)
             states, weights = _assign_cells(residuals, usable, levels, width)
-        cost = (usable * robust_cost(weights)).sum(axis=1)
-        better = (cost < least_cost - 1.0)[:, None]
-        least_cost = np.where(better[:, 0], cost, least_cost)
-        best_states = np.where(better, states, best_states)
-        best_weights = np.where(better, weights, best_weights)
-        best_levels = np.where(better[..., None], levels, best_levels)
-    return replace(fit, states=best_states, weights=best_weights, levels=best_levels * fit.noise)
+        found.append((states, weights, levels))
+    states, weights, levels = map(np.stack, zip(*found, strict=True))
+    cost = (usable * robust_cost(weights)).sum(axis=2)
+    # The first start that costs hardly more than the best.
+    first = np.argmax(cost <= cost.min(axis=0) + 1.0, axis=0)
+    best = first, np.arange(len(usable))
+    states, weights, levels = states[best], weights[best], levels[best]
+    return replace(fit, states=states, weights=weights, levels=levels * fit.noise)
 
 
 def _assign_cells(
-    residuals: Sequence[FloatArray], usable: BoolArray, levels: FloatArray, width: float
+    residuals: FloatArray, usable: BoolArray, levels: FloatArray, width: float
 ) -> tuple[IntArray, FloatArray]:
     """Choose every cell's state, the one that explains it best, and its weight, (n, B) each."""
-    errors = (residual - levels for residual in residuals)
-    squares = [np.einsum('nbi,nbi->nb', error, error) for error in errors]
-    states, least = np.zeros(usable.shape, dtype=np.int64), squares[0]
-    for state, square in enumerate(squares[1:], 1):
-        states = np.where(square < least, state, states)
-        least = np.minimum(square, least)
-    return states, usable * robust_weight(least / (residuals[0].shape[2] * width**2))
+    squares = np.mean((residuals - levels) ** 2, axis=3)
+    return squares.argmin(axis=0), usable * robust_weight(squares.min(axis=0) / width**2)
 
 
 def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> FloatArray:
-    """Fit the gains, (K, 3, A), of ``count`` states to weighted cells, levels eliminated."""
+    """Fit the gains, (K, 3, 6), of ``count`` states to weighted cells, levels eliminated."""
     size = 3 * count
     columns = np.concatenate((_by_state(cells, states, count), cells.wrench), axis=2)
     weighted = weights[..., None] * columns
@@ -329,7 +301,7 @@ def solve(cells: Cells, states: IntArray, weights: FloatArray, count: int) -> Fl
     # Changes of the specific force below 0.001 m/s² do not determine a gain.
     ridge = (1e-6 * weights.sum() + 1e-30) * np.eye(size)
     gains = np.linalg.solve(normal[:size, :size] + ridge, normal[:size, size:])
-    return gains.reshape(count, 3, cells.axes)
+    return gains.reshape(count, 3, len(AXES))
 
 
 def _by_state(cells: Cells, states: IntArray, count: int) -> FloatArray:
@@ -345,43 +317,25 @@ def fitted_levels(values: FloatArray, weights: FloatArray, powers: int = POWERS)
 
 
 def _level_equations(weights: FloatArray, powers: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the polynomials of a level, (B, P), and their weighted products, (n, P, P)."""
-    phi, products = _polynomials(weights.shape[1], powers)
+    """Compute Legendre polynomials of blocks, (B, P), and their weighted products, (n, P, P)."""
+    share = (np.arange(weights.shape[1]) + 0.5) / weights.shape[1] * 2 - 1
+    phi = np.asarray(np.polynomial.legendre.legvander(share, powers - 1), dtype=float)
+    products = (phi[:, :, None] * phi[:, None]).reshape(len(phi), -1)
     inner = (weights @ products).reshape(-1, powers, powers)
     return phi, inner + 1e-8 * np.eye(powers)  # a block without weights has a level of 0
 
 
-@lru_cache(maxsize=8)
-def _polynomials(cells: int, powers: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the Legendre polynomials of a block, (B, P), and their products, (B, P²)."""
-    share = (np.arange(cells) + 0.5) / cells * 2 - 1
-    phi = np.asarray(np.polynomial.legendre.legvander(share, powers - 1), dtype=float)
-    return phi, (phi[:, :, None] * phi[:, None]).reshape(cells, -1)
-
-
 def medians(values: FloatArray) -> FloatArray:
-    """
-    Compute the medians, (n, A), of finite values, (n, B, A); 0 where none is finite.
-
-    That is numpy's nanmedian, but quicker. A cell is NaN in all axes or in none.
-    """
-    count = np.isfinite(values[..., 0]).sum(axis=1)
+    """Compute medians, (n, A), of finite values, (n, B, A), or 0, quicker than nanmedian."""
+    count = np.isfinite(values[..., 0]).sum(axis=1)  # a cell is NaN in all axes or in none
     block, values = np.arange(len(values)), np.sort(values, axis=1)
     middle = values[block, np.maximum(count - 1, 0) // 2] + values[block, count // 2]
     return np.asarray(np.where(count[:, None] > 0, middle / 2, 0.0))
 
 
-def of_state(by_state: Sequence[FloatArray] | FloatArray, states: IntArray) -> FloatArray:
-    """Take every cell's values from those of its state, (n, B, A) or (N, A)."""
-    chosen = by_state[0]
-    for state, values in enumerate(by_state[1:], 1):
-        chosen = np.where((states == state)[..., None], values, chosen)
-    return chosen
-
-
-def payload_wrench(cells: Cells, fit: Fit) -> FloatArray:
-    """Compute what every cell's payload weighs, N and N m, (n, B, A)."""
-    return of_state([cells.force @ gains for gains in fit.gains], fit.states)
+def of_state(by_state: FloatArray, states: IntArray) -> FloatArray:
+    """Take every cell's values, (…, A), from those of its state, (K, …, A)."""
+    return np.asarray(np.take_along_axis(by_state, states[None, ..., None], axis=0)[0])
 
 
 def with_new_noise(cells: Cells, fit: Fit) -> Fit:
@@ -390,42 +344,46 @@ def with_new_noise(cells: Cells, fit: Fit) -> Fit:
 
     The proportions of the axes come from cells free of contact, the scale from the quietest cells.
     """
-    residual = cells.wrench - fit.levels - payload_wrench(cells, fit)
+    residual = fit.rest(cells)
     square = np.einsum('nb,nbi->i', fit.weights, residual**2) / max(fit.weights.sum(), 1e-9)
     # Without a least share of the wrench, an axis without noise would decide all.
     least = 1e-4 * np.sqrt(np.mean(cells.wrench**2, axis=(0, 1))) + 1e-15
     square = square + least**2
-    norm = np.sqrt(np.sum(residual**2 / square, axis=2) / cells.axes)[cells.usable]
+    norm = np.sqrt(np.sum(residual**2 / square, axis=2) / len(AXES))[cells.usable]
     # The norm of standard normal variables, per axis, at the same quantile (of a χ² distribution).
-    expected = np.sqrt(2 * gammaincinv(cells.axes / 2, LEAST_FREE_SHARE) / cells.axes)
+    expected = np.sqrt(2 * gammaincinv(len(AXES) / 2, LEAST_FREE_SHARE) / len(AXES))
     noise = np.sqrt(square) * np.quantile(norm, LEAST_FREE_SHARE) / expected
     neighbours = cells.usable[:, 1:] & cells.usable[:, :-1]
     if neighbours.any():  # every second cell may turn too fast
         differences = np.abs(np.diff(residual, axis=1))[neighbours]
         quiet = np.quantile(differences, LEAST_FREE_SHARE, axis=0) / (2 * erfinv(LEAST_FREE_SHARE))
-        noise = np.minimum(noise, _MOST_NOISE_RATIO * quiet)
+        # What is larger is contact, or a specific force that is not the sensor's.
+        noise = np.minimum(noise, WIDTH_SIGMA * quiet)
     return replace(fit, noise=np.maximum(noise, least))
 
 
 def bodies_of(cells: Cells, fit: Fit, scale: FloatArray | None = None) -> RigidBodies:
     """
-    Fit rigid bodies to the gains of six axes.
+    Fit rigid bodies to the gains.
 
     ``scale`` is the covariance of the accelerometer's scale, (3, 3), relative.
     """
-    parts = _by_state(cells, fit.states, len(fit.gains)), cells.wrench - payload_wrench(cells, fit)
-    moved, residual = (
-        (part - fitted_levels(part, fit.weights, cells.powers)).reshape(-1, part.shape[2])
-        for part in parts
+    count, weights = len(fit.gains), fit.weights
+    moved, rest = (
+        (part - fitted_levels(part, weights, cells.powers)).reshape(-1, part.shape[2])
+        for part in (_by_state(cells, fit.states, count), fit.rest(cells) + fit.levels)
     )
-    return rigid_bodies(fit.gains, *information(moved, residual, fit.weights), scale)
-
-
-def contrast(cells: Cells, weights: FloatArray) -> float:
-    """Compute how far the specific force moves within blocks, RMS, m/s²."""
-    moved = cells.force - fitted_levels(cells.force, weights, cells.powers)
-    total = np.einsum('nb,nbi->', weights, moved**2)
-    return float(np.sqrt(total / max(weights.sum(), 1e-9)))
+    weighted = weights.reshape(-1, 1) * moved
+    normal = weighted.T @ moved
+    # Errors within a part of the recordings may depend on one another.
+    length = -(-weights.shape[1] // -(-_LEAST_PARTS // len(weights)))
+    products = weighted[:, :, None] * rest[:, None]
+    scores = np.add.reduceat(products, np.arange(0, len(moved), length), axis=0)
+    spread = np.einsum('nia,nja->aij', scores, scores)
+    inverse = np.linalg.pinv(normal, rcond=1e-6, hermitian=True)
+    rank = max(1, np.linalg.matrix_rank(normal, tol=1e-6 * np.trace(normal), hermitian=True))
+    variance = np.einsum('ij,aji->a', inverse, spread) / rank
+    return rigid_bodies(fit.gains, normal, variance, float(weights.sum()), scale)
 
 
 def unexplained_contrast(cells: Cells, fit: Fit) -> float:
@@ -433,12 +391,11 @@ def unexplained_contrast(cells: Cells, fit: Fit) -> float:
     used = cells.usable.any(axis=1)
     if not used.any():
         return 0.0
-    rest = cells.wrench - fit.levels - payload_wrench(cells, fit)
     whole = cells.wrench - np.median(cells.wrench, axis=1, keepdims=True)
     unexplained, changes = (
         np.nanmedian(np.where(cells.usable, norm, np.nan)[used], axis=1)
-        for norm in (np.linalg.norm(values / fit.noise, axis=2) for values in (rest, whole))
+        for norm in (np.linalg.norm(part / fit.noise, axis=2) for part in (fit.rest(cells), whole))
     )
     # Smaller differences between poses need no explanation.
-    least = SMALLEST_SIGMA * np.sqrt(cells.axes)
+    least = SMALLEST_SIGMA * np.sqrt(len(AXES))
     return float(np.median(unexplained / np.maximum(changes, least)))

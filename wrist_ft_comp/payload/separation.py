@@ -3,15 +3,13 @@ Separate payload, contacts and tares of the driver from the drift of recordings 
 
 1. Bias and scale of the accelerometer are fitted to its norm at rest.
 2. Payload states, gains of specific force and robust weights of cells are fitted.
-3. Steps that no payload explains are tares of the driver (``steps.py``), and are taken out. Every
-   step gives the later fit of the drift a constant of its own, so a step that was suspected
-   wrongly costs little.
+3. Steps that no payload explains are tares of the driver (``steps.py``), and are taken out. Each
+   gives the later fit of the drift a constant of its own, so a wrong suspicion costs little.
 4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
    payload's weight is the reference, from which gain drift is learnt.
 
-Steps 2 to 4 are done again when the drift is roughly known, from its slowness or from a model that
-was learnt from the first result. With that drift subtracted, sudden heat does not look like a
-step, and a long press does not look like drift.
+Steps 2 to 4 are done again when the drift is roughly known, from its slowness or from a model of
+the first result: sudden heat does not look like a step then, nor a long press like drift.
 """
 
 from collections.abc import Sequence
@@ -24,20 +22,21 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.payload_states import (
-    axes_of,
     BLOCK_S,
     bodies_of,
     Cells,
     cells_in,
+    CELLS_PER_POWER,
     COUNTS,
     cut,
     find_states,
     Fit,
     fit_again,
-    LEAST_CELLS_IN_BLOCK,
     LEAST_FREE_SHARE,
     medians,
     of_state,
+    POWERS,
+    ROUNDS,
 )
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
@@ -45,14 +44,8 @@ from wrist_ft_comp.steps import find_steps, Step
 
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
-#: Most rounds in which steps and contacts are found by turns.
-_MOST_ROUNDS = 4
 #: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
-#: Length of a bin of the slow drift, s; drift hardly moves within one. Its running median is that
-#: of ten bins on both sides: presses of up to 300 s in 15 % of the time do no harm then, a perfect
-#: model leaves as much as without presses.
-_BIN_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,39 +66,36 @@ class Separation:
         """Number of the payload in every cell, (N,) per recording; -1 where none counts."""
         return self.cells.join(np.where(self.fit.weights > COUNTS, self.fit.states, -1))
 
-    def bodies(self) -> RigidBodies | None:
-        """Fit rigid bodies, which RigidBodies.doubts judges; None without all six axes."""
-        if self.cells.axes < len(AXES):
-            return None
+    def bodies(self) -> RigidBodies:
+        """Fit rigid bodies, which RigidBodies.doubts judges."""
         return bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
 
 def separate(recordings: Sequence[Recording]) -> Separation:
     """
-    Separate payload, contacts, steps and drift; every recording has to hold specific force.
+    Separate payload, contacts, steps and drift.
 
-    CalibrationRefusedError when too few cells, or too few neighbours, hold both wrench and
-    specific force.
+    CalibrationRefusedError where a recording lacks an axis or specific force, or where too few
+    cells hold both.
     """
-    accelerometer = calibrated_by_norm(recordings)
-    for recording, force in zip(recordings, accelerometer.forces, strict=True):
-        rows = np.column_stack([recording.wrench[:, axes_of([recording])], force])
-        complete = np.isfinite(rows.sum(axis=1))
-        # Contacts show in neighbouring cells.
-        if 2 * np.sum(complete[1:] & complete[:-1]) < complete.sum():
-            apart_s = recording.period_s * float(np.median(np.diff(np.flatnonzero(complete))))
+    for recording in recordings:
+        lacking = [axis for axis in AXES if axis not in recording.axes_present]
+        if recording.specific_force is None:
+            lacking.append('specific force')
+        if lacking:
             raise CalibrationRefusedError(
-                f'{recording.name} holds wrench and specific force every {apart_s:g} s; the '
-                'reference payload needs them in most thermal cells, of '
-                f'{recording.period_s:g} s each. Set the thermal period to {apart_s:g} s, or '
-                'record more often.'
+                f'{recording.name} holds no {" and no ".join(lacking)}; the reference payload '
+                'needs six axes and specific force. Look whether the IMU, or TF, was recorded, '
+                'stamped by the clock of the wrench.'
             )
-    cells, least = cut(recordings, accelerometer.forces), 4 * LEAST_CELLS_IN_BLOCK
-    if cells.usable.sum() < least or not cells.axes:
+    accelerometer = calibrated_by_norm(recordings)
+    cells, least = cut(recordings, accelerometer.forces), 4 * CELLS_PER_POWER * POWERS
+    if cells.usable.sum() < least:
         raise CalibrationRefusedError(
             f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
-            'with wrench and specific force that turn slowly; at least '
-            f'{least} are needed for the reference payload. Record both at the same time.'
+            f'with wrench and specific force that turn slowly, close together; at least {least} '
+            'are needed for the reference payload. Record both at the same time, and more often '
+            'than in each thermal cell, or set a longer thermal period.'
         )
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
@@ -121,15 +111,16 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
     """
     Estimate the drift before there is a model of it: what is slow is drift.
 
-    A running median follows slow and sudden drift, but no press of a few minutes. Gives N and N m,
-    (N, 6) per recording; 0 on axes that are not held.
+    A running median follows slow and sudden drift, but no press of a few minutes: that over ten
+    bins on both sides is not harmed by presses of up to BLOCK_S in 15 % of the time. Drift hardly
+    moves within a bin, a fifth of BLOCK_S. Gives N and N m, (N, 6) per recording.
     """
-    axes, drifts = axes_of(separation.recordings), []
+    drifts = []
     for recording in separation.drift:
-        residual = (recording.wrench - recording.reference)[:, axes]
-        length = cells_in(_BIN_S, recording.period_s)
+        residual = recording.wrench - recording.reference
+        length = cells_in(BLOCK_S / 5, recording.period_s)
         bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
-        bins = bins.reshape(-1, length, len(axes))
+        bins = bins.reshape(-1, length, len(AXES))
         # A few free cells of a bin may be of a long press that looks like drift.
         free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_FREE_SHARE
         half = 10
@@ -137,20 +128,21 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
         bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
         measured = np.flatnonzero(np.isfinite(windows[:, 0]).any(axis=1))
-        drift, path = np.zeros_like(recording.wrench), medians(windows.transpose(0, 2, 1))
-        for axis, values in zip(axes if len(measured) else (), path[measured].T, strict=False):
-            middles = (measured + 0.5) * length
-            drift[:, axis] = np.interp(np.arange(len(drift)) + 0.5, middles, values)
-        drifts.append(drift)
+        path = medians(windows.transpose(0, 2, 1))[measured]
+        if not len(measured):
+            measured, path = np.zeros(1, dtype=np.int64), np.zeros((1, len(AXES)))
+        cells = np.arange(len(residual)) + 0.5
+        middles = (measured + 0.5) * length
+        drifts.append(np.stack([np.interp(cells, middles, axis) for axis in path.T], axis=1))
     return drifts
 
 
 def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -> Separation:
     """Find steps, states and weights by turns, with a known drift, (N, 6), taken off."""
     cells, fit, steps, forces = start.cells, start.fit, start.steps, start.accelerometer.forces
-    recordings, axes = start.recordings, axes_of(start.recordings)
-    wrenches = [(r.wrench - d)[:, axes] for r, d in zip(recordings, drift, strict=True)]
-    for number in range(1, _MOST_ROUNDS + 1):
+    recordings = start.recordings
+    wrenches = [r.wrench - d for r, d in zip(recordings, drift, strict=True)]
+    for number in range(1, ROUNDS + 1):
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
@@ -162,7 +154,7 @@ def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -
         weights = weights * cells.usable
         fit = fit_again(cells, replace(fit, states=states, weights=weights, levels=levels))
         mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
-        if number == _MOST_ROUNDS:
+        if number == ROUNDS:
             break  # states and contacts have to be those of the last steps
         # All steps are judged anew, by the contacts that are known by now.
         steps = [
@@ -178,17 +170,15 @@ def _separated(start: Separation, drift: Sequence[FloatArray], block_s: float) -
         unsure = cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
-        wrench, weight = (np.full_like(recording.wrench, np.nan) for _ in range(2))
-        stepless_raw = _without_steps(recording.wrench[:, axes], steps[n])
-        wrench[:, axes] = np.where(counts[n][:, None], stepless_raw, np.nan)
-        weight[:, axes] = of_state(forces[n] @ fit.gains, mounted[n])
+        wrench = np.where(counts[n][:, None], _without_steps(recording.wrench, steps[n]), np.nan)
+        weight = of_state(forces[n] @ fit.gains, mounted[n])
         cells_of_steps = tuple(step.cell for step in steps[n])
         drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
-    """Take steps out of a wrench, (N, A)."""
+    """Take steps out of a wrench, (N, 6)."""
     stepless = wrench.copy()
     for step in steps:
         stepless[step.cell :] -= step.jump

@@ -21,11 +21,8 @@ from wrist_ft_comp.series import FloatArray
 MOST_KG = 1000.0
 #: Largest distance of the centre of mass from the origin, along an axis, m.
 FARTHEST_M = 10.0
-#: A rotation by less counts as none, degrees.
-_LEAST_TURN_DEG = 3.0
-#: A smaller error of the accelerometer counts as none, m/s².
-_LEAST_ERROR = 0.02
-#: Two payloads may be the same where mass, or gains, differ by a smaller share.
+#: Two payloads, or accelerometers, may be the same where mass, gains or norm differ by a smaller
+#: share; a frame that changes forces by a smaller one does nothing.
 SAME_SHARE = 0.03
 
 
@@ -97,9 +94,8 @@ class ForceFrame:
     @property
     def does_nothing(self) -> bool:
         """Whether measured specific force is in the wrench's frame already, as that by TF is."""
-        turned = self.apart_deg(ForceFrame()) > _LEAST_TURN_DEG
-        error = np.abs(self.bias) + GRAVITY * np.abs(self.scale - 1)
-        return not (turned or error.max() > _LEAST_ERROR)
+        changed = np.abs(self.turn(GRAVITY * np.eye(3)) / GRAVITY - np.eye(3))
+        return bool(changed.max() < SAME_SHARE)
 
     def __str__(self) -> str:
         r = self.rotation

@@ -21,14 +21,13 @@ MOVED_N = 2.0
 _KEPT, _FEWEST = 24, 10
 #: Triples of changes that are tried.
 _TRIPLES = 40
-#: A smaller turn is none, degrees: an IMU that a person mounts is right within 3.
+#: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
+#: larger or smaller than the weight by as much, as a share of it, is that of another payload.
 _LEAST_TURN_DEG = 8.0
 #: A smaller distance is none, m.
 _LEAST_SHIFT_M = 0.01
 #: What is found must explain all but this share of the median difference.
 _UNEXPLAINED_SHARE = 0.4
-#: Forces that change by this share more or less than the weight are those of another payload.
-_LEAST_SCALE_ERROR = 0.15
 
 
 class WeightCheck:
@@ -82,7 +81,7 @@ class WeightCheck:
                     f'is mirrored or turned, by {turn_deg:.0f} degrees; mend the mount of the IMU '
                     'or the frame of the wrench, or call ~/identify_payload'
                 )
-            if abs(scale - 1) > _LEAST_SCALE_ERROR:
+            if abs(scale - 1) > np.radians(_LEAST_TURN_DEG):
                 return (
                     f'the force moves {scale:.3g} times as much as the weight of {self._name}: '
                     'its unit, payload.mass, or the payload is another one; mend that, or call '

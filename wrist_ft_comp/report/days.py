@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.learning.day_files import DAY_NS
 from wrist_ft_comp.learning.diary import (
     CONTACTS,
     DayEntry,
@@ -22,6 +21,7 @@ from wrist_ft_comp.learning.diary import (
     UNREADABLE,
     ZERO,
 )
+from wrist_ft_comp.learning.working_day import DAY_NS
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import Output

@@ -102,13 +102,10 @@ def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
     # capacity · dT/dt = conduction + convection + motor, of every node
     s, n = settings, settings.cells
     half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border
-
-    def series(a: float, b: float) -> float:
-        return a * b / (a + b)
-
     links = np.full(n + 1, n * s.body_w_per_k)
-    links[0] = series(s.contact_w_per_k, half_cell)
-    links[-1] = series(half_cell, s.tool_contact_w_per_k)
+    # Two conductances in series.
+    links[0] = 1 / (1 / s.contact_w_per_k + 1 / half_cell)
+    links[-1] = 1 / (1 / half_cell + 1 / s.tool_contact_w_per_k)
     convection = np.full(n + 2, s.body_convection_w_per_k / n)
     convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
     capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
@@ -135,32 +132,6 @@ def interpolation(cells: int, positions: FloatArray) -> FloatArray:
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class Gauges:
-    """The gauges that a seed has drawn: six bridges of four."""
-
-    #: Their temperatures from the M node temperatures of HeatFlow, shape (6, 4, M).
-    weights: FloatArray
-    #: Relative change of resistance with temperature, 1/K and 1/K², shape (6, 4).
-    per_k: FloatArray
-    per_k2: FloatArray
-
-
-def draw_gauges(settings: FtSensorSettings, rng: np.random.Generator) -> Gauges:
-    """Draw the places and coefficients of one specimen."""
-    s = settings
-    axes = s.gauge_position + s.axis_position_spread * rng.uniform(-1, 1, (6, 1))
-    places = axes + s.gauge_position_spread * rng.uniform(-1, 1, (6, 4))
-    # Gauges are sorted into bridges of a zero drift in a range. Near balance, eq. 1 is
-    # V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
-    drawn = s.gauge_mismatch_per_k * rng.standard_normal((6, 4))
-    wanted = rng.uniform(*s.zero_coefficient_per_k, 6) * rng.choice((-1.0, 1.0), 6)
-    excess = wanted - drawn @ GAUGE_SIGNS / 4
-    per_k = s.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS
-    per_k2 = s.gauge_coefficient_per_k2 + s.gauge_mismatch_per_k2 * rng.standard_normal((6, 4))
-    return Gauges(interpolation(s.cells, places), per_k, per_k2)
-
-
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
     """Compute V/V of Wheatstone bridges of R1 to R4 and their changes, (..., 4), by eq. 1."""
     r1, r2, r3, r4 = np.moveaxis(resistances + GAUGE_SIGNS * changes, -1, 0)
@@ -174,31 +145,39 @@ def per_axis(force: float, torque: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class FtSensor:
-    """One specimen: settings, and the gauges that a seed has drawn."""
+    """One specimen: six bridges of four gauges, which a seed has drawn."""
 
     settings: FtSensorSettings
     heat: HeatFlow = field(repr=False)
-    gauges: Gauges = field(repr=False)
+    #: Gauge temperatures from the M node temperatures of HeatFlow, shape (6, 4, M).
+    gauge_weights: FloatArray = field(repr=False)
+    #: Relative change of resistance with temperature, 1/K and 1/K², shape (6, 4).
+    per_k: FloatArray = field(repr=False)
+    per_k2: FloatArray = field(repr=False)
     #: Thermometer temperatures from node temperatures, shape (2, M); rows sum to 1.
     thermometer_weights: FloatArray = field(repr=False)
 
 
 def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
     """Build the specimen whose gauges a seed draws; another seed is another specimen."""
-    gauges = draw_gauges(settings, np.random.default_rng(seed))
-    weights = interpolation(settings.cells, np.array(settings.thermometer_positions))
-    return FtSensor(settings, build_heat_flow(settings), gauges, weights)
-
-
-def steady_state(sensor: FtSensor, duty_cycle: float, room_c: float) -> FloatArray:
-    """Find the node temperatures that duty cycle and room temperature end in, °C, shape (M,)."""
-    drive = sensor.heat.inputs @ np.array([duty_cycle, room_c])
-    return np.asarray(np.linalg.solve(sensor.heat.rates, -drive))
+    s, rng = settings, np.random.default_rng(seed)
+    axes = s.gauge_position + s.axis_position_spread * rng.uniform(-1, 1, (6, 1))
+    places = axes + s.gauge_position_spread * rng.uniform(-1, 1, (6, 4))
+    # Gauges are sorted into bridges of a zero drift in a range. Near balance, eq. 1 is
+    # V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
+    drawn = s.gauge_mismatch_per_k * rng.standard_normal((6, 4))
+    wanted = rng.uniform(*s.zero_coefficient_per_k, 6) * rng.choice((-1.0, 1.0), 6)
+    excess = wanted - drawn @ GAUGE_SIGNS / 4
+    per_k = s.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS
+    per_k2 = s.gauge_coefficient_per_k2 + s.gauge_mismatch_per_k2 * rng.standard_normal((6, 4))
+    thermometers = interpolation(s.cells, np.array(s.thermometer_positions))
+    gauges = interpolation(s.cells, places)
+    return FtSensor(s, build_heat_flow(s), gauges, per_k, per_k2, thermometers)
 
 
 def start(sensor: FtSensor, room_c: float) -> FloatArray:
-    """Give the state of a robot that was off for long: everything at room temperature."""
-    return steady_state(sensor, 0.0, room_c)
+    """Give the nodes of a robot that was off for long: all at room temperature, °C, (M,)."""
+    return np.full(sensor.settings.cells + 2, room_c)
 
 
 def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> FloatArray:
@@ -222,9 +201,9 @@ def thermometer_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArra
 
 def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:
     """Show wrenches, (..., 6), at nodes_c, °C, (..., M), without noise and quantisation."""
-    s, gauges = sensor.settings, sensor.gauges
-    warm = np.einsum('agm,...m->...ag', gauges.weights, nodes_c) - NOMINAL_C
-    resistances = 1.0 + gauges.per_k * warm + gauges.per_k2 * warm**2
+    s = sensor.settings
+    warm = np.einsum('agm,...m->...ag', sensor.gauge_weights, nodes_c) - NOMINAL_C
+    resistances = 1.0 + sensor.per_k * warm + sensor.per_k2 * warm**2
     falling = 1.0 + s.piezoresistive_per_k * warm + s.piezoresistive_per_k2 * warm**2
     stiffness = per_axis(s.force_stiffness_n, s.torque_stiffness_nm)
     strain = (np.asarray(wrench) / stiffness)[..., None]

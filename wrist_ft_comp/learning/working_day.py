@@ -27,10 +27,8 @@ from wrist_ft_comp.stored.own_file import beginning, writing
 DAY_NS = 86_400 * NANOSECONDS
 #: A longer silence ends a day, ns.
 SILENCE_NS = 7200 * NANOSECONDS
-#: A shorter day is not kept, ns.
+#: A shorter day is not kept, and how large the folder is is measured once in this time, ns.
 SHORTEST_NS = 600 * NANOSECONDS
-#: How large the folder is is measured once in this time of stamps, ns.
-_MEASURED_EVERY_NS = 60 * NANOSECONDS
 #: Largest day, bytes: ten times what 24 h of cells of 1 s and a dozen thermometers take. A larger
 #: file is no day.
 LARGEST_BYTES = 200_000_000
@@ -138,7 +136,8 @@ class DayFiles:
         self.full = False
         self._writer: _DayWriter | None = None
         #: First and last stamp of the day, and that of the last measurement, ns.
-        self._first_ns = self._last_ns = self._measured_ns = 0
+        self._first_ns = self._last_ns = 0
+        self._measured_ns = -SHORTEST_NS
         #: Whether the newest row was not later than the one before it.
         self._ran_back = False
 
@@ -152,7 +151,7 @@ class DayFiles:
 
     def append(self, stamp_ns: int, values: Sequence[float]) -> None:
         """Write a row into the day it belongs to."""
-        if self.full or abs(stamp_ns - self._measured_ns) >= _MEASURED_EVERY_NS:
+        if self.full or abs(stamp_ns - self._measured_ns) >= SHORTEST_NS:
             self.full = self.used() > self._max_bytes
             if self.full:
                 raise RecordingError(
