@@ -54,7 +54,7 @@ def log_of(bench):
         node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
         Parameters(node, TABLE)
         warnings = []
-        warn_of_unknown(node, ['/late'], SimpleNamespace(warning=warnings.append))
+        warn_of_unknown(node, SimpleNamespace(warning=warnings.append))
         return warnings
 
     return tell
@@ -64,7 +64,6 @@ def log_of(bench):
     ('given', 'meant'),
     [
         ('calibration_reference', 'calibration.reference'),
-        ('qos_overrides./lte.subscription.depth', 'qos_overrides./late.subscription.depth'),
     ],
 )
 def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(log_of, given, meant):

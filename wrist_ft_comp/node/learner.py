@@ -1,27 +1,25 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 import time
 from typing import Any
 
-from std_srvs.srv import Trigger
-
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
-from wrist_ft_comp.jobs.job_process import JobProcess
+from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Learning
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.node.jobs import CalibrateService, JobMaker, start_job
-from wrist_ft_comp.node.live_model import LiveModel, warned
+from wrist_ft_comp.node.jobs import CalibrateService, start_job
+from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
-from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Part
+from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start
-from wrist_ft_comp.ros.services import Reply, Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import day_of_choice
@@ -31,19 +29,6 @@ _LOOK_S = 1.0
 #: A job that could not run is started again, and a day is recorded again that the disk refused,
 #: after this time, s.
 _RETRY_S = 60.0
-
-
-def why_not(chosen: Mapping[str, Any]) -> str:
-    """Say why the parameters do not allow learning; empty when they do."""
-    if chosen['learning.mode'] == 'off':
-        return 'learning is off: set the parameter learning.mode to propose or auto at start-up.'
-    reference, source = chosen['calibration.reference'], chosen['gravity.source']
-    if reference == 'payload' and source != 'none':
-        return ''
-    return (
-        'nothing is learnt: that needs calibration.reference payload, and gravity.source imu or '
-        f'tf; they are {reference} and {source}.'
-    )
 
 
 class DiaryKeeper:
@@ -56,14 +41,16 @@ class DiaryKeeper:
         self._recorder, self._log = recorder, log
         #: When to try again, and when the last row was written, by the steady clock.
         self._wait_until = self._written = time.monotonic()
-        self._recording: OwnRecording | None = recorder.begin(files, self._fail)
+        self._recording: OwnRecording | None = recorder.begin_recording(files)
 
     def poll(self) -> None:
         """Go on recording, unless the disk refused just now; a silence ends the day."""
         now, recording = time.monotonic(), self._recording
         if recording is None:
             if now >= self._wait_until:
-                self._recording = self._recorder.begin(self.files, self._fail)
+                self._recording = self._recorder.begin_recording(self.files)
+        elif recording.error is not None:
+            self._fail(recording.error)
         elif recording.rows:
             recording.rows, self._written, self.problem = 0, now, ''
         if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
@@ -85,21 +72,49 @@ class DiaryKeeper:
         except RecordingError as error:
             self._fail(error)
         else:
-            self._recording = self._recorder.begin(self.files, self._fail)
+            self._recording = self._recorder.begin_recording(self.files)
 
     def end(self) -> None:
         """Write all rows, and close; the day goes on with the next recording."""
         recording, self._recording = self._recording, None
-        if recording is not None:
-            try:
-                self._recorder.finish(recording)
-                self.files.close()
-            except RecordingError as error:
-                self._fail(error)
+        if recording is None:
+            return
+        self._recorder.finish(recording)
+        try:
+            if recording.error is not None:
+                raise recording.error
+            self.files.close()
+        except RecordingError as error:
+            self._fail(error)
 
 
+@dataclass(eq=False, kw_only=True)
 class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
+
+    live: LiveModel
+    calibration: CalibrateService
+    recorder: Recorder
+    hub: Hub = field(init=False)
+    mode: str = 'off'
+    #: Why parameters do not allow learning; empty when they do.
+    why_not: str = ''
+    #: Why a model could not be made live, or what is remembered could not be saved.
+    problem: str = ''
+    memory: Memory = field(default_factory=Memory)
+    diary: DiaryKeeper | None = None
+    _process: JobProcess | None = None
+    #: Newest day of the running job, and when it was started, by the steady clock.
+    _judging: str = ''
+    _begun_s: float = 0.0
+    #: When to look for a day to judge, by the steady clock.
+    _wait_until: float = 0.0
+    #: Newest day of the last job that was started to make room.
+    _crowded: str = ''
+    #: The model that the last job found: reading its file again would hold up wrenches.
+    _found: StoredModel | None = None
+    #: File of an offered model that could not be made live; it is only offered from then on.
+    _failed: str = ''
 
     title = 'learning'
     parameters = (
@@ -114,66 +129,47 @@ class Learner(Part):
             'Most room on the disk for the days of a sensor.', 'MB', 50.0, 1e6),
     )  # fmt: skip
 
-    def __init__(
-        self, chosen: Mapping[str, Any], live: LiveModel, calibration: CalibrateService,
-        jobs: JobMaker, log: NodeLog,
-    ) -> None:  # fmt: skip
-        self.mode: str = chosen['learning.mode']
-        #: Why parameters do not allow learning; empty when they do.
-        self.why_not = why_not(chosen)
-        #: Why a model could not be made live, or what is remembered could not be saved.
-        self.problem = ''
-        self.memory = Memory()
-        self.diary: DiaryKeeper | None = None
-        self._max_bytes = 1e6 * chosen['learning.max_mb']
-        self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
-        live.end_day = self._end_day
-        self._directory = jobs.store.directory
-        self._process: JobProcess | None = None
-        #: Newest day of the running job, and when it was started, by the steady clock.
-        self._judging, self._begun_s = '', 0.0
-        #: When to look for a day to judge, by the steady clock.
-        self._wait_until = 0.0
-        #: Newest day of the last job that was started to make room.
-        self._crowded = ''
-        #: The model that the last job found: reading its file again would hold up wrenches.
-        self._found: StoredModel | None = None
-        #: File of an offered model that could not be made live; it is only offered from then on.
-        self._failed = ''
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/adopt."""
-        purpose = 'makes the better model live that learning offers; refused when there is none'
-        return (Service(Trigger, '~/adopt', purpose, cls.adopt),)
-
     def start(self) -> None:
         """Say what does not allow learning."""
-        if self.mode != 'off' and self.why_not:
-            self._log.warning(self.why_not)
+        chosen = self.hub.chosen()
+        self.mode = chosen['learning.mode']
+        reference, source = chosen['calibration.reference'], chosen['gravity.source']
+        if self.mode == 'off':
+            self.why_not = (
+                'learning is off: set the parameter learning.mode to propose or auto at start-up.'
+            )
+        elif reference != 'payload' or source == 'none':
+            self.why_not = (
+                'nothing is learnt: that needs calibration.reference payload, and gravity.source '
+                f'imu or tf; they are {reference} and {source}.'
+            )
+            self.hub.log.warning(self.why_not)
 
-    def on_model(self) -> None:
-        """Load the memory, and begin to record, when the first model is chosen."""
-        if self.why_not or self.diary is not None:
-            return  # ``poll`` notices later models
-        memory, broken = None, ''
+    def begin(self) -> None:
+        """Load the memory, and begin to record."""
+        if self.why_not:
+            return
+        directory, recorder, memory, broken = self._directory, self.recorder, None, ''
         try:
-            memory = load_memory(self._directory)
+            memory = load_memory(directory)
         except StateFileError as error:
             broken = (
                 'It is forgotten what the newest day said, and which model was offered: '
                 f'{error} learning.json.kept is the first such file.'
             )
-            self._log.warning(broken)
-        self.memory = memory or Memory(self._live.sha256, incident=broken)
-        newest = max(self.memory.judged, day_of_choice(self._live.history))
-        recorder = self._jobs.recorder
-        files = DayFiles(
-            self._directory, recorder.channels, self._max_bytes, newest, recorder.sensor
-        )
-        self.diary = DiaryKeeper(recorder, files, self._log)
+            self.hub.log.warning(broken)
+        self.memory = memory or Memory(self.live.sha256, incident=broken)
+        newest = max(self.memory.judged, day_of_choice(self.live.history))
+        most_bytes = 1e6 * self.hub.chosen()['learning.max_mb']
+        files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
+        self.diary = DiaryKeeper(recorder, files, self.hub.log)
+        self.live.end_day = self._end_day
         if memory is None:
             self._remember()
+
+    @property
+    def _directory(self) -> Path:
+        return self.live.store.directory
 
     @property
     def running_s(self) -> float | None:
@@ -191,7 +187,7 @@ class Learner(Part):
             return
         self._follow_live()
         self.diary.poll()
-        if self._calibration.running_s is not None:
+        if self.calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._process is not None:
             if outcome := self._process.poll():
@@ -208,26 +204,31 @@ class Learner(Part):
                 self._crowded = self._judging = newest
                 self._begun_s = time.monotonic()
                 try:
-                    self._process = start_job(self._jobs.learning(days, self._live.history))
+                    self._process = start_job(self._job(days))
                 except OSError as error:
                     self._wait_until = time.monotonic() + _RETRY_S
                     self.problem = f'Learning cannot be started: {error}.'
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
-            why = f'the node made {memory.offered} live: {memory.why}'
             try:
-                self._adopt(why, self._note, memory.judged)
+                self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
             except SettingsError as error:
                 self._failed, self.problem = memory.offered, str(error)
-                self._log.error(self.problem)
+                self.hub.log.write(ERROR, self.problem)
 
-    def _note(self, problem: str) -> None:
-        """Keep why the model that was made live could not be remembered."""
-        self.problem = self.problem or problem
+    def _job(self, days: Sequence[Path]) -> CalibrationJob:
+        """Ask for what can be learnt from days."""
+        kept_mb = (
+            0.8 * self.hub.chosen()['learning.max_mb']
+        )  # leaves room for the day that goes on
+        learning = Learning(tuple(self.live.history), kept_mb)
+        return self.calibration.make_job(
+            days, reference='payload', skip_unusable=True, learning=learning
+        )
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
-        live, memory = self._live, self.memory
+        live, memory = self.live, self.memory
         if live.sha256 == memory.champion or (live.stored is None and live.problem):
             return
         changes = {'champion': live.sha256, 'offered': '', 'sha256': '', 'why': ''}
@@ -243,29 +244,29 @@ class Learner(Part):
         if not outcome['success']:
             trouble = f'{self._judging} could not be judged: {message}'
             self._remember(**judged, incident=trouble)
-            self._log.warning(trouble)
+            self.hub.log.warning(trouble)
             return
         judged |= {'paused': outcome['paused'], 'incident': outcome['incident']}
-        self._log.info(f'{self._judging}: {message}')
+        self.hub.log.info(f'{self._judging}: {message}')
         if outcome['learnt']:
             path, sha256 = Path(outcome['path']), outcome['sha256']
             self._found = restore_model(path, sha256, outcome['document'])
             judged |= {'offered': path.name, 'sha256': sha256, 'why': message}
             if self.mode == 'propose':
-                self._log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
+                self.hub.log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
         self._remember(**judged)
 
-    def adopt(self, _: Any, reply: Reply) -> None:
+    @service(
+        '~/adopt',
+        'makes the better model live that learning offers; refused when there is none',
+    )
+    def adopt(self, _: Any) -> Work:
         """Make the offered model live because a person asked for it; say which."""
-        now = f'compensating with {self.offered}: {self.memory.why}'
+        now, why = f'compensating with {self.offered}: {self.memory.why}', self.memory.why
+        self._adopt(f'a person called ~/adopt: {why}')
+        return (yield from self.live.kept(now))
 
-        def answer(problem: str) -> None:
-            self._note(problem)
-            reply(success=True, message=warned(now, problem))
-
-        self._adopt(f'a person called ~/adopt: {self.memory.why}', answer)
-
-    def _adopt(self, why: str, then: Callable[[str], None], judged: str = '') -> None:
+    def _adopt(self, why: str, judged: str = '') -> None:
         """Make the offered model live, as LiveModel.take does; SettingsError refuses."""
         memory = self.memory
         try:
@@ -275,13 +276,13 @@ class Learner(Part):
                 raise SettingsError(self.why_not or none)
             stored = self._found
             if stored is None or stored.sha256 != memory.sha256 or not judged:
-                stored = self._live.load(self.offered)
+                stored = self.live.load(self.offered)
             if stored.sha256 != memory.sha256:
                 raise SettingsError(
                     f'{stored.path} has changed since it was judged. Set model_file to it if you '
                     'want it live all the same.'
                 )
-            self._live.take(stored, why, judged, then)
+            self.live.take(stored, why, judged)
         except WristFtCompError as error:
             raise SettingsError(f'{error} The running model stays.') from error
         self._follow_live()
@@ -296,18 +297,18 @@ class Learner(Part):
         """Save changes of the memory; delete the file of a model that is not offered any more."""
         before, offered = self.memory, self.offered
         self.memory, self.problem = replace(before, **changes), ''
-        was_live = any(entry.sha256 == before.sha256 for entry in self._live.history)
+        was_live = any(entry.sha256 == before.sha256 for entry in self.live.history)
         is_over = before.offered not in {'', self.memory.offered} and not was_live
 
         def note(problem: str) -> None:
             if problem:
                 self.problem = problem
-                self._log.error(problem)
+                self.hub.log.error(problem)
             elif is_over:
-                self._jobs.store.discard(offered)
+                self.live.store.discard(offered)
 
         write = partial(save_memory, self._directory, self.memory)
-        self._live.writer.put('learning.json', write, note)
+        self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
         if self._process is not None:
@@ -322,7 +323,7 @@ class Learner(Part):
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
-            'last_change': last_change(self._live.history) or 'none yet',
+            'last_change': last_change(self.live.history) or 'none yet',
         }
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))
@@ -343,10 +344,9 @@ class Learner(Part):
             message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
 
-    def end(self) -> bool:
+    def end(self) -> None:
         """End the job, and write what was recorded."""
         self._end_job()
         diary, self.diary = self.diary, None
         if diary is not None:
             diary.end()
-        return False

@@ -22,12 +22,13 @@ import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu, Temperature
 
 from wrist_ft_comp.ros.parameters import at_start as _row
 from wrist_ft_comp.ros.parameters import Parameters, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
-from wrist_ft_comp.ros.topics import opening, overridable, SLOW_SENSOR
+from wrist_ft_comp.ros.topics import opening, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, NOMINAL_C
@@ -126,14 +127,17 @@ class SimulatedSensor(Node):
             self._advertise(Temperature, topic) for topic in ('temperature', 'temperature_2')
         ]
         logger = cast('Any', self).get_logger()
-        warn_of_unknown(self, (), logger)
+        warn_of_unknown(self, logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
 
     def _advertise(self, message_type: Any, topic: str) -> Any:
         """Make a publisher, best effort as real drivers' and deep enough for one wake-up."""
         with opening(topic):
             return self.create_publisher(
-                message_type, topic, copy(SLOW_SENSOR), qos_overriding_options=overridable()
+                message_type,
+                topic,
+                copy(SLOW_SENSOR),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
 
     def _wake(self) -> None:

@@ -1,21 +1,21 @@
 """The part that answers ~/tare and ~/reset_tare."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import time
 from typing import Any
 
 import numpy as np
-from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import warned
+from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import WrenchInput
-from wrist_ft_comp.ros.hub import Hub, LongService, Work
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.services import Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -26,28 +26,24 @@ _DISK_S = 5.0
 
 
 @dataclass(eq=False, kw_only=True)
-class TareService(LongService):
+class TareService(Part):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
 
-    ``save`` keeps the tare over a restart, and tells what it is given why that failed, or ''.
+    A service of its name; ``state_keeper`` keeps the tare over a restart.
     """
 
     compensator: Compensator
     external: ExternalWrench
     wrenches: WrenchInput
-    save: Callable[..., None]
+    state_keeper: StateKeeper
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
     hub: Hub = field(init=False)
 
-    title, name = 'tare', '~/tare'
-    purpose = (
-        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
-        'while the load moves'
-    )
+    title = 'tare'
     parameters = (
         Parameter(
             'tare.duration', 1.0,
@@ -57,33 +53,28 @@ class TareService(LongService):
             'A tare is refused when a force moves by more, or a torque by more than a tenth of it '
             'in N m.', 'N', 0.001, 1e6),
     )  # fmt: skip
-    not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
-    def _busy(self) -> str:
-        return 'A tare is running'
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/tare and ~/reset_tare."""
-        reset = Service(Trigger, '~/reset_tare', 'forgets both tares', cls.reset)
-        return (*super().services(), reset)
-
+    @service('~/reset_tare', 'forgets both tares')
     def reset(self, *_: Any) -> str:
         """Forget the tare."""
         self.compensator.reset_tare()
-        self.save()
+        self.state_keeper.save()
         return 'the tare is zero again'
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
-        """Take one wrench, N and N m; answer when there are enough."""
+        """Take one wrench, N and N m, until there are enough."""
         if self._collector is None:
             return
         self._weights.append(self.external.weight_at(stamp_ns))
         if self._collector.add(stamp_ns, raw):
             self._collector = None
-            self.poll()
 
-    def _work(self) -> Work:
+    @service(
+        '~/tare',
+        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
+        'while the load moves',
+    )
+    def tare(self, _: Any) -> Work:
         """Collect wrenches for the whole time, of a living sensor, and tare."""
         self._refuse_sick()
         chosen, payload = self.hub.chosen(), self.external.payload
@@ -126,7 +117,7 @@ class TareService(LongService):
             weight = np.asarray(np.mean(weights, axis=0))
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         problems: list[str] = []
-        self.save(problems.append)
+        self.state_keeper.save(problems.append)
         asked_s = time.monotonic()
         while not problems and time.monotonic() - asked_s < _DISK_S:
             yield

@@ -16,6 +16,8 @@ _PATIENCE_REPORTS = 5
 #: The log says that a trouble is over after this many reports without it. Trouble that returns
 #: sooner is logged once.
 _QUIET_REPORTS = 10
+#: Growth counts as late for this time, s.
+_LATELY_S = 10.0
 #: Numbers that change from report to report, but not those of thermometers, which are names.
 _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
 #: Letters of a refusal that are kept: a request may be of any length, and diagnostics repeat it.
@@ -44,18 +46,25 @@ def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]
 
 
 class Growth:
-    """Measures by how much counts have grown since the last report."""
+    """Measures by how much counts have grown since the last report, and remembers which did."""
 
     def __init__(self) -> None:
         self._at_s, self._counts = time.monotonic(), dict[str, int]()
+        #: When each count grew last, by the steady clock.
+        self._grew_s: dict[str, float] = {}
 
     def since(self, **counts: int) -> tuple[dict[str, int], float]:
         """Give the growth of each count since the last call, and how long ago that was, s."""
         now_s = time.monotonic()
         elapsed_s = max(now_s - self._at_s, 1e-9)
         grown = {name: count - self._counts.get(name, 0) for name, count in counts.items()}
+        self._grew_s |= {name: now_s for name, more in grown.items() if more > 0}
         self._at_s, self._counts = now_s, counts
         return grown, elapsed_s
+
+    def lately(self) -> set[str]:
+        """Name the counts that had grown at a report of the last ten seconds."""
+        return {name for name, at_s in self._grew_s.items() if at_s > self._at_s - _LATELY_S}
 
 
 def diagnostic_array(

@@ -97,18 +97,12 @@ def _initialise(context: Context, words: list[str]) -> None:
     except RuntimeError as error:
         # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
         reason = str(error).split(', at /')[0].rstrip('.')
-        # It has no types of errors: what is wrong with arguments comes from where they are parsed,
-        # and those that it does not know come alone.
-        if '/arguments.c' in str(error) or reason.startswith('['):
-            raise SettingsError(
-                f'The arguments behind --ros-args cannot be read: {reason}. Write '
-                '-p NAME:=VALUE, -r FROM:=TO or --params-file FILE. In an array, all numbers must '
-                'be written with or all without a decimal point, and texts with a colon or '
-                'brackets need quotes: \'["/state:data[0]"]\'.'
-            ) from error
         raise SettingsError(
-            f'ROS 2 does not begin: {reason}. Look at the environment: ROS_LOG_DIR or ROS_HOME '
-            'must be a folder that can be written, and ROS_DOMAIN_ID a number.'
+            f'ROS 2 does not begin: {reason}. Arguments behind --ros-args are -p NAME:=VALUE, '
+            '-r FROM:=TO or --params-file FILE. In an array, all numbers must be written with or '
+            'all without a decimal point, and texts with a colon or brackets need quotes: '
+            '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a folder '
+            'that can be written, and ROS_DOMAIN_ID a number.'
         ) from error
 
 

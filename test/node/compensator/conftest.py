@@ -197,7 +197,7 @@ class Rig:
         for _ in range(int(TIMEOUT_S / PAUSE_S)):
             if condition():
                 return
-            self.node.broadcast('poll')
+            self.node.housekeep()
             pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
@@ -222,7 +222,7 @@ class Rig:
     def _report(self):
         """Give the statuses of now."""
         self._statuses.clear()
-        self.node.broadcast('poll')
+        self.node.housekeep()
         self.node._diagnose()
         return self._statuses
 

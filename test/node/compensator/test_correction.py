@@ -83,7 +83,7 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
         controller.node.ask_output(START, CONTACT)
     controller.run(range(30))
     assert controller.reference[2] < -1.0
-    controller.node.node.live.swap(None)
+    controller.node.node.compensator.go_live(None)
     controller.node.node.compensator.reset_tare()
     controller.correct()
     np.testing.assert_array_equal(controller.reference, np.zeros(6))

@@ -51,7 +51,7 @@ def test_gravity_by_tf_is_recorded_beside_the_wrench(wired, bench, messages):
     force = mount.inv().apply([0, 0, GRAVITY])
     np.testing.assert_allclose(recording.specific_force[:CELLS], [force] * CELLS, atol=1e-9)
     np.testing.assert_allclose(recording.rotation_speed[:CELLS], 0.5, atol=1e-6)
-    topics = node.node.jobs.calibration().topics
+    topics = node.node.calibration.job().topics
     assert (topics.imu, topics.gravity_frame) == ('', 'base')
 
 

@@ -83,14 +83,6 @@ class TestRollback:
         assert live(node) is None
 
 
-def test_parts_that_follow_the_model_see_the_new_one(rig, make_model):
-    node, model, seen = rig(), make_model('a.yaml'), []
-    node.node.state_keeper.on_model = lambda: seen.append(node.node.live.sha256)
-    assert node.set('model_file', 'models/a.yaml').successful
-    assert node.call('rollback').success
-    assert seen == [model.sha256, None]
-
-
 class TestRestart:
     def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd):
         model = make_model('a.yaml')

@@ -82,7 +82,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     folder.mkdir(parents=True)
     for name in ('a.csv', 'b.csv'):
         (folder / name).write_text('')
-    job = node.node.jobs.calibration()
+    job = node.node.calibration.job()
     assert job.recordings == (folder / 'a.csv', folder / 'b.csv')
     assert job.skip_unusable
     assert job.period_s == 1.0
@@ -96,7 +96,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     assert job.topics.reference == node.topic('wrench_reference')
     assert node.set('calibration.recordings', ['recordings/b.csv', '']).successful
     assert node.set('calibration.reference', 'recorded').successful
-    job = node.node.jobs.calibration()
+    job = node.node.calibration.job()
     assert job.recordings == (folder / 'b.csv',)
     assert not job.skip_unusable
     assert job.settings.reference == 'recorded'

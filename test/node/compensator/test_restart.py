@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.node.state_keeper import StateKeeper
+from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -46,11 +48,11 @@ class Restarted:
         self.compensator = Compensator(1, StreamSettings())
         self.compensator.go_live(stored.model)
         self.keeper = StateKeeper(
-            compensator=self.compensator, live_sha256=lambda: stored.sha256,
-            writer=FileWriter(), path=path,
+            compensator=self.compensator, live=SimpleNamespace(sha256=stored.sha256),
+            counts=Counts(), writer=FileWriter(), path=path,
         )  # fmt: skip
         self.hub = fake_hub(self.keeper, **chosen)
-        self.keeper.on_model()
+        self.keeper.begin()
 
     def warm(self, seconds, celsius=warming):
         """Send a temperature a second."""
@@ -172,7 +174,7 @@ def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, w
     state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',))
     restarted = restart(state)
     assert restarted.compensator.zero_doubts == ['the frame was moved']
-    assert restarted.keeper.drivers == {'abc'}
+    assert restarted.keeper.counts.drivers == {'abc'}
 
 
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
