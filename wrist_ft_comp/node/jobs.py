@@ -33,15 +33,10 @@ COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.entry')
 _PATIENCE_S = 10.0
 
 
-def start_job(job: CalibrationJob) -> JobProcess:
-    """Start a process that runs a job; OSError when it cannot be started."""
-    return JobProcess(COMMAND, job)
-
-
 def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
     """Run a job in a process, and wait; CalibrationRefusedError where it refuses or fails."""
     try:
-        process = start_job(job)
+        process = JobProcess(COMMAND, job)
     except OSError as error:
         raise CalibrationRefusedError(
             f'The calibration cannot be started: {error}. Mend that, then call again.'

@@ -1,6 +1,6 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -9,11 +9,17 @@ import time
 from typing import Any
 
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
-from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Learning
+from wrist_ft_comp.errors import (
+    CalibrationRefusedError,
+    RecordingError,
+    SettingsError,
+    StateFileError,
+    WristFtCompError,
+)
+from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.node.jobs import CalibrateService, start_job
+from wrist_ft_comp.node.jobs import CalibrateService, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, Status, WARN
@@ -26,66 +32,51 @@ from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
-#: A job that could not run is started again, and a day is recorded again that the disk refused,
-#: after this time, s.
+#: A day that the disk refused is recorded again after this time, s.
 _RETRY_S = 60.0
 
 
 class DiaryKeeper:
-    """Records days; tries again later when the disk refuses."""
+    """Writes the days; where the disk refuses, rows are lost for a minute."""
 
-    def __init__(self, recorder: Recorder, files: DayFiles, log: NodeLog) -> None:
+    def __init__(self, files: DayFiles, log: NodeLog) -> None:
         #: Why nothing is being recorded; empty while all is well.
         self.problem = ''
-        self.files = files
-        self._recorder, self._log = recorder, log
-        #: When to try again, and when the last row was written, by the steady clock.
-        self._wait_until = self._written = time.monotonic()
-        self._recording: OwnRecording | None = recorder.begin_recording(files)
+        self.files, self._log = files, log
+        #: When to try again, and when the last row came, by the steady clock.
+        self._wait_until = self._heard = time.monotonic()
 
-    def poll(self) -> None:
-        """Go on recording, unless the disk refused just now; a silence ends the day."""
-        now, recording = time.monotonic(), self._recording
-        if recording is None:
-            if now >= self._wait_until:
-                self._recording = self._recorder.begin_recording(self.files)
-        elif recording.error is not None:
-            self._fail(recording.error)
-        elif recording.rows:
-            recording.rows, self._written, self.problem = 0, now, ''
-        if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
-            self.end_day()
-
-    def _fail(self, error: RecordingError) -> None:
-        with suppress(RecordingError):  # what the disk took stays, the rest is lost
-            self.files.close()
-        self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
-        if not self.problem:
-            self._log.error(f'The day is not recorded any more: {error}')
-        self.problem = f'{error} The day is not recorded; the node tries again every minute'
+    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Write a row, unless the disk refused just now."""
+        self._heard = time.monotonic()
+        if self._heard >= self._wait_until:
+            self._do(self.files.append, stamp_ns, values)
 
     def end_day(self) -> None:
         """End the day, if one goes on; the next row begins another."""
-        self.end()
-        try:
-            self.files.leave()
-        except RecordingError as error:
-            self._fail(error)
-        else:
-            self._recording = self._recorder.begin_recording(self.files)
+        self._do(self.files.leave)
 
-    def end(self) -> None:
-        """Write all rows, and close; the day goes on with the next recording."""
-        recording, self._recording = self._recording, None
-        if recording is None:
-            return
-        self._recorder.finish(recording)
+    def poll(self) -> None:
+        """End the day after a silence."""
+        silence_s = time.monotonic() - self._heard
+        if self.files.path is not None and silence_s > SILENCE_NS / NANOSECONDS:
+            self.end_day()
+
+    def _do(self, action: Callable[..., None], *arguments: Any) -> None:
         try:
-            if recording.error is not None:
-                raise recording.error
-            self.files.close()
+            action(*arguments)
+            self.problem = ''
         except RecordingError as error:
-            self._fail(error)
+            with suppress(RecordingError):  # what the disk took stays, the rest is lost
+                self.files.close()
+            self._wait_until = time.monotonic() + _RETRY_S
+            if not self.problem:
+                self._log.write(ERROR, f'The day is not recorded any more: {error}')
+            self.problem = f'{error} The day is not recorded; the node tries again every minute'
+
+    def close(self) -> None:
+        """Close the file; the day goes on when the node starts again."""
+        self._do(self.files.close)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -103,14 +94,14 @@ class Learner(Part):
     problem: str = ''
     memory: Memory = field(default_factory=Memory)
     diary: DiaryKeeper | None = None
-    _process: JobProcess | None = None
-    #: Newest day of the running job, and when it was started, by the steady clock.
-    _judging: str = ''
+    _recording: OwnRecording | None = None
+    #: Waits for the job that runs, and when that was started, by the steady clock.
+    _judging: Generator[None, None, None] | None = None
     _begun_s: float = 0.0
     #: When to look for a day to judge, by the steady clock.
     _wait_until: float = 0.0
-    #: Newest day of the last job that was started to make room.
-    _crowded: str = ''
+    #: Newest day of the last job.
+    _judged_last: str = ''
     #: The model that the last job found: reading its file again would hold up wrenches.
     _found: StoredModel | None = None
     #: File of an offered model that could not be made live; it is only offered from then on.
@@ -162,7 +153,8 @@ class Learner(Part):
         newest = max(self.memory.judged, day_of_choice(self.live.history))
         most_bytes = 1e6 * self.hub.chosen()['learning.max_mb']
         files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
-        self.diary = DiaryKeeper(recorder, files, self.hub.log)
+        self.diary = DiaryKeeper(files, self.hub.log)
+        self._recording = recorder.begin_recording(self.diary)
         self.live.end_day = self._end_day
         if memory is None:
             self._remember()
@@ -174,7 +166,7 @@ class Learner(Part):
     @property
     def running_s(self) -> float | None:
         """How long a job has been running, s; None when none is."""
-        return None if self._process is None else time.monotonic() - self._begun_s
+        return None if self._judging is None else time.monotonic() - self._begun_s
 
     @property
     def offered(self) -> Path:
@@ -189,25 +181,19 @@ class Learner(Part):
         self.diary.poll()
         if self.calibration.running_s is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
-        elif self._process is not None:
-            if outcome := self._process.poll():
-                self._process = None
-                self._take(outcome)
+        elif self._judging is not None:
+            if next(self._judging, self) is self:  # it has ended
+                self._judging = None
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
             # A job starts where the newest day is not judged; without room, once per day.
             files = self.diary.files
             days = files.ended()
             newest = days[-1].name if days else ''
-            is_crowded = files.full and newest not in {'', self._crowded}
-            if newest > self.memory.judged or is_crowded:
-                self._crowded = self._judging = newest
+            is_judged_last = files.full and newest not in {'', self._judged_last}
+            if newest > self.memory.judged or is_judged_last:
                 self._begun_s = time.monotonic()
-                try:
-                    self._process = start_job(self._job(days))
-                except OSError as error:
-                    self._wait_until = time.monotonic() + _RETRY_S
-                    self.problem = f'Learning cannot be started: {error}.'
+                self._judged_last, self._judging = newest, self._judge(days)
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
             try:
@@ -215,16 +201,6 @@ class Learner(Part):
             except SettingsError as error:
                 self._failed, self.problem = memory.offered, str(error)
                 self.hub.log.write(ERROR, self.problem)
-
-    def _job(self, days: Sequence[Path]) -> CalibrationJob:
-        """Ask for what can be learnt from days."""
-        kept_mb = (
-            0.8 * self.hub.chosen()['learning.max_mb']
-        )  # leaves room for the day that goes on
-        learning = Learning(tuple(self.live.history), kept_mb)
-        return self.calibration.make_job(
-            days, reference='payload', skip_unusable=True, learning=learning
-        )
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
@@ -237,24 +213,33 @@ class Learner(Part):
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _take(self, outcome: Mapping[str, Any]) -> None:
-        """Remember the outcome of a job, and offer the model that it found."""
-        message: str = outcome['message']
-        judged = {'judged': self._judging, 'verdict': message}
-        if not outcome['success']:
-            trouble = f'{self._judging} could not be judged: {message}'
-            self._remember(**judged, incident=trouble)
-            self.hub.log.warning(trouble)
+    def _judge(self, days: Sequence[Path]) -> Generator[None, None, None]:
+        """Let a job judge the newest day, remember what it says, and offer the model it found."""
+        newest, log = days[-1].name, self.hub.log
+        kept_mb = 0.8 * self.hub.chosen()['learning.max_mb']  # leaves room for the present day
+        job = self.calibration.make_job(
+            days, reference='payload', skip_unusable=True,
+            learning=Learning(tuple(self.live.history), kept_mb),
+        )  # fmt: skip
+        try:
+            outcome = yield from run_job(job)
+        except CalibrationRefusedError as error:
+            trouble = f'{newest} could not be judged: {error}'
+            self._remember(judged=newest, verdict=str(error), incident=trouble)
+            log.warning(trouble)
             return
-        judged |= {'paused': outcome['paused'], 'incident': outcome['incident']}
-        self.hub.log.info(f'{self._judging}: {message}')
+        message, news = outcome['message'], dict[str, str]()
+        log.info(f'{newest}: {message}')
         if outcome['learnt']:
             path, sha256 = Path(outcome['path']), outcome['sha256']
             self._found = restore_model(path, sha256, outcome['document'])
-            judged |= {'offered': path.name, 'sha256': sha256, 'why': message}
+            news = {'offered': path.name, 'sha256': sha256, 'why': message}
             if self.mode == 'propose':
-                self.hub.log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
-        self._remember(**judged)
+                log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
+        self._remember(
+            judged=newest, verdict=message, paused=outcome['paused'],
+            incident=outcome['incident'], **news,
+        )  # fmt: skip
 
     @service(
         '~/adopt',
@@ -311,9 +296,9 @@ class Learner(Part):
         self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
-        if self._process is not None:
-            self._process.end()
-            self._process = None
+        if self._judging is not None:
+            self._judging.close()
+            self._judging = None
 
     def statuses(self) -> Iterator[Status]:
         """Report what learning does, and its last results; nothing where it is off."""
@@ -339,7 +324,9 @@ class Learner(Part):
         elif memory.offered:
             message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
         elif self.running_s is not None:
-            message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
+            message = (
+                f'models have been compared on {self._judged_last} for {self.running_s:.0f} s'
+            )
         else:
             message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
@@ -347,6 +334,7 @@ class Learner(Part):
     def end(self) -> None:
         """End the job, and write what was recorded."""
         self._end_job()
-        diary, self.diary = self.diary, None
-        if diary is not None:
-            diary.end()
+        if self.diary is not None and self._recording is not None:
+            self.recorder.finish(self._recording)
+            self.diary.close()
+            self.diary = None
