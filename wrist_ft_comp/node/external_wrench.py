@@ -59,7 +59,7 @@ class PayloadFiles:
         """Read all payloads, oldest first; of two with the same name, the node's own one."""
         stored, own = self._live.stored, load_payloads(self.own_path)
         beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**{name: learnt for name, learnt in beside.items() if name not in own}, **own}
+        return {**beside, **own}
 
     def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
         """
@@ -278,11 +278,8 @@ class ExternalWrench(Part):
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
-        forces, newest, payload = self.specific_force.forces, self.counts.newest, self.payload
-        grown, elapsed_s = self._growth.since(forces=forces.count, missed=self.missed)
-        apart_s = 0.0
-        if newest is not None and forces.newest is not None:
-            apart_s = abs(newest[0] - forces.newest[0]) / NANOSECONDS
+        payload, count = self.payload, self.specific_force.forces.count
+        grown, elapsed_s = self._growth.since(forces=count, missed=self.missed)
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
@@ -295,12 +292,13 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        yield doubtful(self.title, self._doubts(apart_s, grown), well, numbers)
+        yield doubtful(self.title, self._doubts(grown), well, numbers)
 
-    def _doubts(self, apart_s: float, grown: Mapping[str, int]) -> Iterator[str]:
+    def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
-        newest, payload = self.specific_force.forces.newest, self.payload
+        forces, payload, wrench = self.specific_force.forces, self.payload, self.counts.newest
+        newest = forces.newest
         if not self.wanted:
             return
         rests = 'wrench_external rests'
@@ -311,7 +309,8 @@ class ExternalWrench(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if grown['missed']:
+        if grown['missed'] and wrench is not None:
+            apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
@@ -333,9 +332,7 @@ class ExternalWrench(Part):
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        wrench = self.counts.newest
-        at_stamp = wrench and self.specific_force.forces.at(wrench[0])
-        if wrench is not None and at_stamp is not None:
+        if wrench is not None and (at_stamp := forces.at(wrench[0])) is not None:
             corrected = self.compensator.correct(*wrench[:2], external=True)
             self.check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         yield from filter(None, [self.check.found])

@@ -45,8 +45,8 @@ class StateKeeper(Part):
     outcome: str = 'there was no saved state'
     #: The bytes of the tares in the file, where they are known.
     _written: tuple[bytes, bytes] = b'', b''
-    #: The saved state, until the first thermal cell decides whether it is used.
-    _loaded: SavedState | None = None
+    #: When the state was saved that the first thermal cell decides about, ns.
+    _loaded_ns: int = 0
     #: When to save next, by the steady clock.
     _due: float = 0.0
     #: What was saved last, as ``_present`` collects it; None before the first model is live.
@@ -57,7 +57,7 @@ class StateKeeper(Part):
     def begin(self) -> None:
         """Continue from the saved state, and begin to save."""
         self._due = time.monotonic() + SAVE_PERIOD_S
-        self._logged_origin = self.compensator.tracker.origin
+        self._origin = self.compensator.tracker.origin
         if why := self._restore():
             self.outcome = f'{why}; the drift starts at the steady state of the first temperatures'
             self.hub.log.warning(self.outcome)
@@ -91,7 +91,7 @@ class StateKeeper(Part):
         # With simulated time, the system's clock does not show how long a restart took.
         simulated = self.hub.get_parameter('use_sim_time').value
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
-        self._loaded = state
+        self._loaded_ns = state.saved_ns
         self.compensator.resume(memory, gap_s)
         self.outcome = self.compensator.tracker.origin
         return ''
@@ -110,16 +110,14 @@ class StateKeeper(Part):
         tracker = self.compensator.tracker
         if self._saved is None:
             return
-        if tracker.origin != self._logged_origin:
-            self._logged_origin = tracker.origin
-            if self._loaded is not None:
-                self.outcome = self._logged_origin
-                if not tracker.awaiting_gap:
-                    self._loaded = None
+        if tracker.origin != self._origin:
+            self._origin = tracker.origin
+            if self._loaded_ns:
+                self.outcome = tracker.origin
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         present = self._present()
-        due = time.monotonic() >= self._due and present != self._saved
-        if due or present[0] != self._saved[0]:
+        is_due = time.monotonic() >= self._due and present != self._saved
+        if is_due or present[0] != self._saved[0]:
             self.save()
 
     def save(self, then: Callable[[str], None] | None = None) -> None:
@@ -127,9 +125,8 @@ class StateKeeper(Part):
         stream = self.compensator
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
-        saved_ns = time.time_ns()
-        if self._loaded is not None and stream.tracker.awaiting_gap:
-            saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
+        # A state that is not yet used does not get younger.
+        saved_ns = self._loaded_ns if stream.tracker.awaiting_gap else time.time_ns()
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
             tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),

@@ -120,14 +120,9 @@ class Parameters:
         """Convert the parameters of a set request, as far as possible."""
         wanted = list(given)
         for place, parameter in enumerate(given):
-            row, value = self._rows.get(parameter.name), parameter.value
-            if row is None:
-                continue
-            with suppress(SettingsError):
-                # An integer for a double has the right type: a refusal is about its range.
-                whole = row.ros_type == _Type.DOUBLE and type(value) is int
-                number = float(value) if whole else converted(row, value)
-                wanted[place] = _ros_parameter(row, number)
+            with suppress(SettingsError, KeyError):
+                row = self._rows[parameter.name]
+                wanted[place] = _ros_parameter(row, converted(row, parameter.value))
         return wanted
 
     def _check(self, wanted: Sequence[RosParameter]) -> SetParametersResult:
@@ -188,10 +183,9 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     return result
 
 
-def _ros_parameter(row: Parameter, value: Value) -> RosParameter:
-    untyped: Any = RosParameter
+def _ros_parameter(row: Parameter, value: Value) -> Any:
     plain = list(value) if isinstance(value, tuple) else value
-    return cast('RosParameter', untyped(row.name, row.ros_type, plain))
+    return cast('Any', RosParameter)(row.name, row.ros_type, plain)
 
 
 def usage(

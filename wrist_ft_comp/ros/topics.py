@@ -143,13 +143,12 @@ def unpublished(node: Node, topic: str, wanted: str = '') -> str:
     others = [
         name
         for name, types in node.get_topic_names_and_types()
-        if name not in own and (not wanted or wanted in types)
+        if name not in own and (not wanted or wanted in types) and node.count_publishers(name)
     ]
     similarity = 0.0 if wanted else _LEAST_SIMILARITY
-    alike = difflib.get_close_matches(topic, others, max(len(others), 1), similarity)
-    meant = next(filter(node.count_publishers, alike), '')
+    alike = difflib.get_close_matches(topic, others, 1, similarity)
     what = f', a {short(wanted)},' if wanted else ''
-    question = f', or is {meant}{what} meant' if meant else ''
+    question = f', or is {alike[0]}{what} meant' if alike else ''
     return f'{topic} has no publisher (is the driver running{question}?)'
 
 

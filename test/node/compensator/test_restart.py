@@ -98,10 +98,6 @@ def test_the_first_cell_gives_the_length_of_the_gap(restart, warm):
     assert said in restarted.hub.logged
     before, now = warm.thermal.compensation.zero, restarted.compensator.compensation.zero
     assert now[2] == pytest.approx(before[2], rel=0.05)
-    for model in (None, restarted.compensator.model):
-        restarted.compensator.go_live(model)
-        restarted.keeper.poll()
-    assert restarted.keeper.outcome == said, 'also after a change of model'
 
 
 @pytest.mark.parametrize(
