@@ -39,7 +39,7 @@ def test_an_answer_may_come_at_once(bench):
     node = bench.start(Example)
     answer = bench.call(Trigger, '/example/at_once', Trigger.Request())
     assert (answer.success, answer.message) == (True, 'first')
-    bench.wait_until(lambda: not node.at_once._replies, 'that no reply is kept')
+    bench.wait_until(lambda: not node.at_once._asked, 'that no reply is kept')
 
 
 @pytest.mark.parametrize('executor', ['default', 'events'])

@@ -101,20 +101,19 @@ class TareService(Part):
                 'never change, needs no tare: do not call it there. Where the steps of the sensor '
                 'are coarse, raise tare.duration.'
             )
-        weight, after = None, self.external.payload
-        if after is not None or payload is not None:
-            weights = [weight for weight in self._weights if weight is not None]
-            if after is None or after is not payload or len(weights) < len(self._weights):
-                why = 'payload.active changed meanwhile'
-                if after is payload:
-                    count = len(self._weights)
-                    why = f'specific force was fresh for {len(weights)} of {count} wrenches'
-                raise TareRefusedError(
-                    f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look '
-                    'at the status payload and call again; with payload.active empty, wrench is '
-                    'tared alone.'
-                )
+        weights, why, weight = [one for one in self._weights if one is not None], '', None
+        if self.external.payload is not payload:
+            why = 'payload.active changed meanwhile'
+        elif payload is not None and len(weights) < len(self._weights):
+            why = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
+        elif payload is not None:
             weight = np.asarray(np.mean(weights, axis=0))
+        if why:
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
+                'the status payload and call again; with payload.active empty, wrench is tared '
+                'alone.'
+            )
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         problems: list[str] = []
         self.state_keeper.save(problems.append)

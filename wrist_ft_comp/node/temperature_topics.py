@@ -63,22 +63,17 @@ class TemperatureTopic:
         self._type = ''
         self._definitions: Definitions = {}
         self._subscription: Any = None
-        self._publishers = 0
         if self._is_plain:
             self._subscribe(TEMPERATURE)
 
     def poll(self) -> None:
-        """Take what came, and look as soon as publishers came or went; ten times a second."""
-        publishers = self._hub.count_publishers(self._topic)
-        if publishers != self._publishers:
-            self._publishers = publishers
-            self.look()
+        """Take what came; ten times a second."""
         if self._subscription is not None and not self._is_plain:
             for data in waiting(self._subscription):
                 self.read(data)
 
     def look(self) -> None:
-        """Ask which type the topic has, and subscribe when that is new; takes half a ms."""
+        """Ask which type the topic has, and subscribe when that is new; once a second."""
         types = types_on(self._hub, self._topic)
         if not types:
             self._misread.clear()

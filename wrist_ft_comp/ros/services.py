@@ -12,6 +12,8 @@ from wrist_ft_comp.ros.topics import SERVICE
 
 #: Goes on from yield to yield, and returns the answer; a WristFtCompError refuses.
 Work: TypeAlias = Generator[None, None, str]
+#: Takes ``success`` and ``message``, once.
+Reply: TypeAlias = Callable[..., None]
 _Handler = TypeVar('_Handler', bound=Callable[..., str | Work])
 
 
@@ -42,44 +44,26 @@ def service(name: str, purpose: str, kind: Any = Trigger) -> Callable[[_Handler]
     return offer
 
 
-class Reply:
-    """The answer to one request: call it once, now or later."""
-
-    def __init__(self, response: Any, send: Callable[[Any, Any], None]) -> None:
-        self._response, self._send = response, send
-        self._header: Any = None
-        self._answered = False
-
-    def __call__(self, *, success: bool, message: str) -> None:
-        """Answer."""
-        self._answered = True
-        self._response.success, self._response.message = success, message
-        if self._header is not None:
-            self._send(self._response, self._header)
-
-    def arrive(self, header: Any) -> None:
-        """Take the header, which comes after the callback has returned."""
-        self._header = header
-        if self._answered:
-            self._send(self._response, header)
-
-
 class DeferredService:
-    """Offers a service on a node; ``handle`` takes each request and its Reply."""
+    """Offers a service; ``handle`` takes a request, and what is called with its answer, later."""
 
     def __init__(self, node: Node, offer: Service, handle: Callable[[Any, Reply], None]) -> None:
-        self._handle, self._replies = handle, dict[int, Reply]()
+        self._handle, self._asked = handle, dict[int, Any]()
         self.service: Any = node.create_service(
             offer.kind, offer.name, self._on_request, qos_profile=SERVICE
         )
         self._send = intercept_answers(self.service, self._on_header)
 
     def _on_request(self, request: Any, response: Any) -> Any:
-        """Hand the request on; the executor then asks to send what is returned."""
-        reply = Reply(response, self._send)
-        self._handle(request, reply)
-        self._replies[id(response)] = reply  # it keeps the response, so no other gets its id
+        """Keep a request; the executor then asks to send what is returned."""
+        self._asked[id(response)] = request
         return response
 
     def _on_header(self, response: Any, header: Any) -> None:
-        self._replies.pop(id(response)).arrive(header)
+        """Hand the request on, now that it is known whom to answer."""
+
+        def reply(*, success: bool, message: str) -> None:
+            response.success, response.message = success, message
+            self._send(response, header)
+
+        self._handle(self._asked.pop(id(response)), reply)
