@@ -32,11 +32,11 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Every feature of the node, in the order of the diagnostics; at the end the files are written
-#: (StateKeeper) before the folder is left (LiveModel). Their constructors are called in
-#: ``CompensatorNode._make_parts``.
+#: Every feature of the node, in the order of their start and of the diagnostics: the folder is
+#: taken and the first model goes live (LiveModel) before its thermal state goes on (StateKeeper).
+#: Their constructors are called in ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, StateKeeper, LiveModel, Recorder, RecordService,
+    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
     CalibrateService, DriftTopic, TareService, SpecificForceInput,
     ExternalWrench, IdentifyService, Learner,
 )  # fmt: skip
@@ -130,7 +130,7 @@ class CompensatorNode(Hub):
         warn_of_unknown(self, self.log)
 
     def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
-        """Make one of each of PARTS; they meet here, and begin in ``run``."""
+        """Make one of each of PARTS; they meet here, and start in ``run``."""
         store, stream, counts = self.store, self.compensator, self.counts
         source, writer = chosen['gravity.source'], FileWriter()
         self.writer = writer
@@ -166,7 +166,7 @@ class CompensatorNode(Hub):
         self.learning = Learner(live=live, calibration=self.calibration, recorder=self.recorder)
         self.drift_topic = DriftTopic(stream, counts)
         return (
-            self.wrench_input, self.inputs, self.state_keeper, live, self.recorder,
+            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
             self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip

@@ -130,12 +130,9 @@ class ExternalWrench(Part):
     topics = (('wrench_external', 'what the world does to the tool, while a payload is active'),)
 
     def start(self) -> None:
-        """Offer the topic wrench_external."""
+        """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
-
-    def begin(self) -> None:
-        """Choose the payload; a refusal ends the node."""
         self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:

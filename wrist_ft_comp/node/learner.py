@@ -121,7 +121,7 @@ class Learner(Part):
     )  # fmt: skip
 
     def start(self) -> None:
-        """Say what does not allow learning."""
+        """Load the memory, and begin to record, or say what does not allow learning."""
         chosen = self.hub.chosen()
         self.mode = chosen['learning.mode']
         reference, source = chosen['calibration.reference'], chosen['gravity.source']
@@ -135,9 +135,6 @@ class Learner(Part):
                 f'imu or tf; they are {reference} and {source}.'
             )
             self.hub.log.warning(self.why_not)
-
-    def begin(self) -> None:
-        """Load the memory, and begin to record."""
         if self.why_not:
             return
         directory, recorder, memory, broken = self._directory, self.recorder, None, ''
@@ -151,7 +148,7 @@ class Learner(Part):
             self.hub.log.warning(broken)
         self.memory = memory or Memory(self.live.sha256, incident=broken)
         newest = max(self.memory.judged, day_of_choice(self.live.history))
-        most_bytes = 1e6 * self.hub.chosen()['learning.max_mb']
+        most_bytes = 1e6 * chosen['learning.max_mb']
         files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
         self.diary = DiaryKeeper(files, self.hub.log)
         self._recording = recorder.begin_recording(self.diary)

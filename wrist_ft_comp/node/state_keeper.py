@@ -54,7 +54,7 @@ class StateKeeper(Part):
 
     title = 'state'
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Continue from the saved state, and begin to save."""
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._origin = self.compensator.tracker.origin

@@ -190,15 +190,13 @@ class TemperatureInput(Part):
             self._last_unusable = thermometer, temperature_c
             return
         at_ns, newest = stamp_ns or self.hub.now_ns(), self.counts.newest
+        arrival_ns = self._arrival_ns()
         if stamp_ns:
             topic, cell_ns = self.thermometers[thermometer].topic, self._tracker.grid.period_ns
-            self._comparison.note(topic, stamp_ns, self._now_ns(), cell_ns / NANOSECONDS)
+            came_ns = arrival_ns or self.hub.now_ns()
+            self._comparison.note(topic, stamp_ns, came_ns, cell_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self.specific_force, self.specific_force.poll)
-        # The clock of the time since the boot is never set, and goes on while the machine sleeps.
-        # With simulated time, stamps have nothing to do with it.
-        simulated = self.hub.get_parameter('use_sim_time').value
-        arrival_ns = None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME)
         cells = self.compensator.add_temperature(
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
@@ -214,15 +212,14 @@ class TemperatureInput(Part):
         newest, before_ns = self.counts.newest, self._compared_ns
         if newest is not None and newest[0] != before_ns:
             self._compared_ns = newest[0]
-            self._comparison.note_wrench(newest[0], self._now_ns())
+            self._comparison.note_wrench(newest[0], self._arrival_ns() or self.hub.now_ns())
         for topic in self.by_topic:
             topic.poll()
 
-    def _now_ns(self) -> int:
-        """Time of arrival: of the simulation, or by a clock that nobody sets."""
-        if self.hub.get_parameter('use_sim_time').value:
-            return self.hub.now_ns()
-        return time.monotonic_ns()
+    def _arrival_ns(self) -> int | None:
+        """Time since the boot, ns, which nobody sets; None where time is simulated."""
+        simulated = self.hub.get_parameter('use_sim_time').value
+        return None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""

@@ -39,7 +39,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 FAREWELL_S = 0.5
 #: Verbs that the hub calls only for parts that define them.
 _VERBS = (
-    'begin', 'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
+    'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
 )  # fmt: skip
 #: Three numbers of the axes x, y and z.
 Vector: TypeAlias = tuple[float, float, float]
@@ -50,8 +50,8 @@ class Part:
     One feature of a node; a part defines the attributes and verbs that it needs.
 
     A constructor only stores. In ``start``, when all parts exist, a part asks the hub for what it
-    needs of the node. The order of parts decides only the order of their diagnostics. Methods are
-    services by the decorator ``service``.
+    needs of the node. Parts start in their order, and end in the reverse one. Methods are services
+    by the decorator ``service``.
     """
 
     #: Its name in the log and the diagnostics.
@@ -73,10 +73,7 @@ class Part:
         return [method.service for method in vars(cls).values() if hasattr(method, 'service')]
 
     def start(self) -> None:
-        """Get ready; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
-
-    def begin(self) -> None:
-        """Go on where all parts have started, and the first model is live; may refuse, too."""
+        """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Any) -> None:
         """Take a raw wrench, N and N m, that was published; only after the hub's ``listen``."""
@@ -163,8 +160,6 @@ class Hub(Node):
         try:
             for part in parts:
                 self.call(part, part.start)
-            for part in self._hearing['begin']:
-                self.call(part, part.begin)
         except WristFtCompError:
             self._end_parts()  # one of them has locked its folder
             raise
@@ -382,5 +377,5 @@ class Hub(Node):
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> None:
-        for part in self.parts:
+        for part in reversed(self.parts):
             self.do(part, part.end)

@@ -62,7 +62,6 @@ class Held:
         self.force.frames = lambda: FrameIds('imu', self.hub.frame)
         self.force.poll = lambda: None
         self.part.start()
-        self.part.begin()
 
     def feel(self, stamp, force):
         """Tell a specific force in the wrench's frame, as the IMU has it."""

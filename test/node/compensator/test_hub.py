@@ -98,17 +98,6 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
     assert capfd.readouterr().err.count('not today') == 1
 
 
-@pytest.mark.parametrize('order', [list, lambda parts: list(reversed(parts))])
-def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
-    run = Hub.run
-    monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, order(parts)))
-    node = rig(model=make_model('m.yaml'))
-    node.warm_up(30.0)
-    (_, _, force_z, *_) = node.ask_output(START + 3 * SECOND, [100.0] * 6)
-    assert force_z == pytest.approx(80.0)  # 2 N/K over 20 °C
-    assert node.diagnosis('model', 'compensating 1 axis').values['file'].endswith('m.yaml')
-
-
 def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):
     (code,) = re.findall(r'```python\n(.+?)```', ARCHITECTURE.read_text('utf-8'), re.DOTALL)
     names = {}

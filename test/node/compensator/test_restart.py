@@ -52,7 +52,7 @@ class Restarted:
             counts=Counts(), writer=FileWriter(), path=path,
         )  # fmt: skip
         self.hub = fake_hub(self.keeper, **chosen)
-        self.keeper.begin()
+        self.keeper.start()
 
     def warm(self, seconds, celsius=warming):
         """Send a temperature a second."""

@@ -36,8 +36,12 @@ def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
     fake_hub, tmp_path, chosen, state, level, words
 ):
     given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
-    live = SimpleNamespace(history=[], store=SimpleNamespace(directory=tmp_path))
-    part = Learner(live=live, calibration=None, recorder=None)
+    live = SimpleNamespace(
+        history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
+        writer=SimpleNamespace(put=lambda *_: None),
+    )  # fmt: skip
+    recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda _: None)
+    part = Learner(live=live, calibration=None, recorder=recorder)
     fake_hub(part, **{**given, 'calibration.reference': 'payload', **chosen})
     part.start()
     vars(part).update(state)
