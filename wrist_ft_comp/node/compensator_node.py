@@ -101,7 +101,8 @@ class CompensatorNode(Hub):
                 'temperature_topics must name at least one topic; got none. The first is the '
                 'thermometer inside the sensor.'
             )
-        sources = parse_sources(chosen['temperature_topics'], self._full_name)
+        with opening('temperature_topics'):
+            sources = parse_sources(chosen['temperature_topics'], self.resolve_topic_name)
         self.thermometers = [
             Thermometer(source, self.resolve_topic_name(source.topic)) for source in sources
         ]
@@ -170,10 +171,6 @@ class CompensatorNode(Hub):
             self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip
-
-    def _full_name(self, topic: str) -> str:
-        with opening(topic):
-            return self.resolve_topic_name(topic)
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""

@@ -277,31 +277,21 @@ class TemperatureInput(Part):
                 f'thermometer {_numbers(out)} outside the calibrated range; drift is less certain '
                 f'there, and held further out{hint}'
             )
-        yield from self._events_of_samples()
+        lately = self._growth.lately()
+        for j, spikes in enumerate(self._tracker.spikes):
+            if spikes.leaves_out or f'spike {j}' in lately:
+                yield (
+                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
+                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                )
+        if 'leapt' in lately:
+            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         for j, thermometer in enumerate(self.thermometers, start=1):
             if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
         if unstamped := [j for j, t in enumerate(self.thermometers) if t.stamped is False]:
             time_taken = arrival(self._stamp_ns)
             yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {time_taken}'
-
-    def _events_of_samples(self) -> Iterator[str]:
-        """Say what has happened to samples lately: spikes, jumps, stamps that leapt."""
-        lately = self._growth.lately()
-        jumps_k = self._tracker.remembered_jumps_k
-        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
-            if spikes.leaves_out or f'spike {j}' in lately:
-                yield (
-                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
-                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
-                )
-            if jump_k:
-                yield (
-                    f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
-                    'stayed; is it loose? The correction follows at max_drift_rate'
-                )
-        if 'leapt' in lately:
-            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
 
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""

@@ -68,8 +68,6 @@ class WrenchInput(Part):
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator
         self.sensor = SensorWatch()
-        #: Stamp of the newest wrench that was looked at, ns; None before the first.
-        self.stamp_ns: int | None = None
         self._heard_s: float | None = None
         #: By axis, how many looks in a row read exactly 0, how many others there were, and how
         #: many of those were the same as the one before.
@@ -78,10 +76,6 @@ class WrenchInput(Part):
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
         self._growth = Growth()
-
-    def start(self) -> None:
-        """Learn what the topic is called."""
-        self.topic = self.hub.resolve_topic_name('wrench_raw')
 
     def admits(self, raw: Sequence[float]) -> bool:
         """
@@ -108,19 +102,23 @@ class WrenchInput(Part):
         if newest is None or number == self._looked_at:
             return
         self._looked_at, self._heard_s = number, time.monotonic()
-        self.stamp_ns, raw, data = newest
+        stamp_ns, raw, data = newest
         is_stamped = locate(data, WRENCH_DOUBLES).decode(data)[0] != 0
         reading = np.array(raw)
         self._zeros = np.where(reading == 0, self._zeros + 1, 0)
         self._others += reading != 0
         self._repeats += (reading != 0) & (reading == self._last_raw)
         self._last_raw = reading
-        self.sensor.look(self.stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
+        self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
-        counts, topic, sensor = self._counts, self.topic, self.sensor
+        counts, sensor, topic = (
+            self._counts,
+            self.sensor,
+            self.hub.resolve_topic_name('wrench_raw'),
+        )
         publishers = self.hub.count_publishers(topic)
         drivers = {
             bytes(end.endpoint_gid).hex() for end in self.hub.get_publishers_info_by_topic(topic)
@@ -198,8 +196,8 @@ class WrenchInput(Part):
             yield 'stamps ran back; was a clock set, or a simulation restarted?'
         if 'leapt' in lately:
             yield 'stamps leapt ahead; was a clock set?'
-        if sensor.unstamped and self.stamp_ns is not None:
-            yield f'wrenches come without stamps; {arrival(self.stamp_ns)}'
+        if sensor.unstamped and self._counts.newest is not None:
+            yield f'wrenches come without stamps; {arrival(self._counts.newest[0])}'
 
 
 class DriftTopic(Part):

@@ -82,9 +82,7 @@ class Parameter:
         if self.choices:
             return f'one of {", ".join(self.choices)}'
         limits = range_words(self.minimum, self.maximum)
-        finite = 'a finite number' if self.element_type is float and not limits else ''
-        words = finite or _TYPES[self.element_type][2], limits, self.unit
-        return ' '.join(filter(None, words))
+        return ' '.join(filter(None, (_TYPES[self.element_type][2], limits, self.unit)))
 
 
 class Parameters:

@@ -9,7 +9,8 @@ from typing import Any
 
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
@@ -69,11 +70,6 @@ def run_node(
 
 def make_executor(context: Context) -> Executor:
     """Make an executor for a context's nodes: of those there are, the one that costs least."""
-    try:
-        # Inside the function because rclpy before 7.1 lacks it.
-        from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
 
 
