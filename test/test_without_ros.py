@@ -75,7 +75,7 @@ def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site):
     for words, sentence in (
         (
             ['-c', 'from wrist_ft_comp.node import executables; executables.compensator()'],
-            'compensator: a node needs ROS 2, but this Python',
+            'A node needs ROS 2, but this Python',
         ),
         (['-m', 'wrist_ft_comp', 'demo'], 'The demonstration needs rclpy'),
     ):

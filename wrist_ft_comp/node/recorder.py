@@ -185,7 +185,7 @@ class RecordService(Part):
     def record(self, request: Any) -> Work:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
         if request.data:
-            return self.open()
+            return self.begin()
         if (recording := self.current) is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
         problems: list[str] = []
@@ -199,7 +199,7 @@ class RecordService(Part):
             f'({recording.rows * self.recorder.period_s:.0f} s) into {self.path}'
         )
 
-    def open(self) -> str:
+    def begin(self) -> str:
         """Start recording; say where to."""
         from wrist_ft_comp.recordings import table_form  # noqa: PLC0415 -- rare
         from wrist_ft_comp.recordings.read_options import origin_column  # noqa: PLC0415

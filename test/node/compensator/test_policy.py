@@ -64,7 +64,7 @@ def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_pat
     node = bench.start(
         CompensatorNode, parameters={'data_directory': str(tmp_path), 'use_sim_time': True}
     )
-    node.recording.open()  # which subscribes to the reference
+    node.recording.begin()  # which subscribes to the reference
     me = (node.get_name(), node.get_namespace())
     profile = profile_of(policy, 'wrist_ft_comp')
 

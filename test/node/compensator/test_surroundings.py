@@ -32,7 +32,7 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
-    node.recording.open()
+    node.recording.begin()
     job_topics = node.calibration.job().topics
     assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
