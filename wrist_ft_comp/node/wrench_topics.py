@@ -156,11 +156,15 @@ class WrenchInput(Part):
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'
-            if absent := ', '.join(AXES[i] for i in np.flatnonzero(np.isnan(self._last_raw))):
+            if absent := ', '.join(self._absent()):
                 well += f'; {absent} never had a number'
             if unused := ', '.join(self._dead(lived=False)):
                 well += f'; {unused} never read anything but 0'
             yield doubtful(self.title, self._doubts(publishers), well, numbers)
+
+    def _absent(self) -> list[str]:
+        """List axes of which the newest wrench had no number."""
+        return [AXES[i] for i in np.flatnonzero(np.isnan(self._last_raw))]
 
     def _dead(self, *, lived: bool) -> list[str]:
         """List axes that read exactly 0, and read something else before, or never did."""
@@ -185,10 +189,10 @@ class WrenchInput(Part):
             yield sick
         elif dead := ', '.join(self._dead(lived=True)):
             yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
-        elif model and (lost := [axis for axis in self._dead(lived=False) if axis in model.axes]):
+        elif model and (lost := model.axes.keys() & (*self._absent(), *self._dead(lived=False))):
             yield (
-                f'{", ".join(lost)} never read anything but 0, and the model knows it as an axis '
-                'that lives; is it dead?'
+                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
+                'it as an axis that lives; is it dead?'
             )
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'

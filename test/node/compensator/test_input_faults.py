@@ -101,7 +101,8 @@ LOOKED_AT = {
     'frozen': ([RAW] * 80, STAMPS, 'tool0', WARN, 'not changed by a bit for seconds; is the sens'),
     'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z stays at its extreme'),
     'dies': (held(3, 0.0, 20, 80), STAMPS, 'tool0', WARN, 'torque_x reads exactly 0 for seconds'),
-    'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but 0, and'),
+    'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but'),
+    'not there': (held(2, math.nan, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything'),
     'missing': (held(3, 0.0, 0, 80), STAMPS, 'tool0', OK, '; torque_x never read anything but 0'),
     'unstamped': (noisy(40), 0 * STAMPS, 'tool0', WARN, 'without stamps; the time of arrival is'),
     'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
@@ -117,7 +118,7 @@ LOOKED_AT = {
 def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # noqa: ARG001
     wrenches, stamps, frame, level, words = LOOKED_AT[name]
     counts = Counts()
-    part = WrenchInput(counts, SimpleNamespace(model=SimpleNamespace(axes=('force_z',))))
+    part = WrenchInput(counts, SimpleNamespace(model=SimpleNamespace(axes={'force_z': 1})))
     fake_hub(part).publishers = 2 if name == 'two drivers' else 1
     part.start()
     for k, (wrench, stamp) in enumerate(zip(wrenches, stamps.tolist(), strict=False)):
