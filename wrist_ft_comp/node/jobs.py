@@ -79,11 +79,6 @@ class CalibrateService(Part):
             choices=get_args(Reference)),
     )  # fmt: skip
 
-    @property
-    def running_s(self) -> float | None:
-        """How long a calibration has been running, s; None when none is."""
-        return self.hub.running_s('~/calibrate')
-
     def make_job(self, recordings: Sequence[Path], **more: Any) -> CalibrationJob:
         """Ask for a model of recordings, with more fields of the job; by ``reference``, too."""
         output = self.live.store.new_model_path()
@@ -121,14 +116,13 @@ class CalibrateService(Part):
         """Report recording, running calibration, and last outcome."""
         recording = self.recording.current
         answer, is_refused = self.hub.answers.get('~/calibrate', ('none yet', False))
-        refusal = self.hub.log.last_refusal or 'none yet'
-        numbers = {'last': answer, 'last_refusal': refusal}
+        numbers = {'last': answer}
         level, message = OK, 'recording' if recording else 'idle'
         if recording is not None:
             numbers['recording'] = str(self.recording.path)
             numbers |= {'recorded_cells': str(recording.rows), **self.recording.spans()}
-        if self.running_s is not None:
-            message = f'running for {self.running_s:.0f} s'
+        if (running_s := self.hub.running_s('~/calibrate')) is not None:
+            message = f'running for {running_s:.0f} s'
         elif trouble := self.recording.failure or self.recording.recorder.doubt():
             level, message = WARN, trouble
         elif is_refused:

@@ -176,7 +176,7 @@ class Learner(Part):
             return
         self._follow_live()
         self.diary.poll()
-        if self.calibration.running_s is not None:
+        if self.hub.running_s('~/calibrate') is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._judging is not None:
             if next(self._judging, self) is self:  # it has ended

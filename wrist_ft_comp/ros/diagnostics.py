@@ -20,8 +20,6 @@ _QUIET_REPORTS = 10
 _LATELY_S = 10.0
 #: Numbers that change from report to report, but not those of thermometers, which are names.
 _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
-#: Letters of a refusal that are kept: a request may be of any length, and diagnostics repeat it.
-_REFUSAL_LETTERS = 1000
 
 
 @dataclass(frozen=True)
@@ -88,8 +86,6 @@ class NodeLog:
 
     def __init__(self, logger: Any) -> None:
         self.info, self.warning, self.error = logger.info, logger.warning, logger.error
-        #: What was refused last, and why; empty before the first refusal.
-        self.last_refusal = ''
         self._reports = 0
         #: Sentences that were logged since a status was well, by its name.
         self._logged: dict[str, set[str]] = defaultdict(set)
@@ -105,10 +101,6 @@ class NodeLog:
             self.error(line)
         else:
             self.warning(line)
-
-    def note_refusal(self, what: str, why: str) -> None:
-        """Remember, for the diagnostics, what was refused and why."""
-        self.last_refusal = f'{what}: {why}'[:_REFUSAL_LETTERS]
 
     def report(self, statuses: Iterable[Status]) -> None:
         """Log what is new in statuses, and what has been well for long."""

@@ -299,9 +299,7 @@ class Hub(Node):
 
         if (running_s := self.running_s(offer.name)) is not None:
             why = f'{offer.name} has been running for {running_s:.0f} s'
-            message = f'{why}; wait for its answer, then call again.'
-            self.log.note_refusal(offer.name, message)
-            reply(success=False, message=message)
+            reply(success=False, message=f'{why}; wait for its answer, then call again.')
             return
         self._requests[offer.name] = _Request(part, work(), reply)
         self._go_on(offer.name)
@@ -330,10 +328,8 @@ class Hub(Node):
         self.answers[name] = message, not success
         if success:
             self.log.info(f'{name}: {message}')
-        else:
-            self.log.note_refusal(name, message)
-            if not request.part.stopped:
-                self.log.warning(f'{name} was refused: {message}')
+        elif not request.part.stopped:  # which has been logged
+            self.log.warning(f'{name} was refused: {message}')
         request.reply(success=success, message=message)
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
@@ -341,7 +337,7 @@ class Hub(Node):
             for part in self._hearing['check_parameters']:
                 self.call(part, part.check_parameters, parameters)
         except WristFtCompError as error:
-            self.log.note_refusal('set_parameters', str(error))
+            self.log.warning(f'Parameters were not set: {error}')
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

@@ -1,7 +1,7 @@
 """How a node runs: until a signal or an error, on one executor."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import gc
 import signal
 import sys
@@ -42,21 +42,22 @@ def run_node(
     if not {'-h', '--help'}.isdisjoint(words[1:]):
         sys.stdout.write(usage())
         return 0
-    context = Context()
+    context, stop = Context(), Stop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     try:
-        with _stop_flag() as stop:
-            _initialise(context, words)
-            with ExitStack() as stack:  # taken down in the order that does not abort
-                node: Any = factory(context=context)
-                stack.callback(node.destroy_node)
-                executor = make_executor(context)
-                stack.callback(executor.shutdown)
-                executor.add_node(node)
-                # What start-up made lives as long as the node: the garbage collector need not walk
-                # it, which takes tens of milliseconds and delays messages.
-                gc.freeze()
-                gc.enable()
-                spin(executor, context, stop)
+        _initialise(context, words)
+        with ExitStack() as stack:  # taken down in the order that does not abort
+            node: Any = factory(context=context)
+            stack.callback(node.destroy_node)
+            executor = make_executor(context)
+            stack.callback(executor.shutdown)
+            executor.add_node(node)
+            # What start-up made lives as long as the node: the garbage collector need not walk
+            # it, which takes tens of milliseconds and delays messages.
+            gc.freeze()
+            gc.enable()
+            spin(executor, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except USER_ERRORS as error:
@@ -100,18 +101,3 @@ def _initialise(context: Context, words: list[str]) -> None:
             '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a folder '
             'that can be written, and ROS_DOMAIN_ID a number.'
         ) from error
-
-
-@contextmanager
-def _stop_flag() -> Iterator[Stop]:
-    """Yield a flag that SIGINT and SIGTERM set, however often."""
-    stop = Stop()
-    before: dict[int, Any] = {
-        number: signal.signal(number, lambda *_: stop.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

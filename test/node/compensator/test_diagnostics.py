@@ -100,9 +100,6 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
 def test_names_of_any_length_do_not_fill_the_diagnostics(rig):
     node = rig()
     node.refused_value('model_file', '/' + 'm' * 100_000)
-    refusal = node.diagnosis('calibration').values['last_refusal']
-    assert refusal.startswith('set_parameters: model_file set at run time must lie inside')
-    assert len(refusal) == 1000
     for frame in ('tool0', 'wrist_3_link', '', 'f' * 60_000):
         node.put(START, LOAD, frame=frame)
         (message,) = node.take()

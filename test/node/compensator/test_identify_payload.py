@@ -94,7 +94,6 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     assert 'No drift model runs, and drift would be taken for weight' in bare.refusal(
         'identify_payload'
     )
-    assert 'identify_payload: No drift' in bare.diagnosis('calibration').values['last_refusal']
     assert working.node.external.collector is None
 
 

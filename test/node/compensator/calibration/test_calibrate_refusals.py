@@ -16,8 +16,7 @@ COMMAND = 'wrist_ft_comp.node.jobs.COMMAND'
 def begin(node):
     """Call calibrate; return where the answer comes, and the process."""
     answers = node.ask('calibrate')
-    control = node.node.calibration
-    node.wait_until(lambda: control.running_s is not None, 'the calibration')
+    node.wait_until(lambda: node.node.running_s('~/calibrate') is not None, 'the calibration')
     job = node.node._requests['~/calibrate'].work.gi_yieldfrom.gi_yieldfrom
     return answers, job.gi_frame.f_locals['process']
 
