@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
-from importlib.util import find_spec
 from math import floor
 from operator import attrgetter, itemgetter
 import sys
 import time
 from typing import Any, cast
 
-from geometry_msgs.msg import TransformStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -65,8 +63,8 @@ PARAMETERS = (
          'come and go; a robot at work has others.'),
     _row('tool_mass', 0.0,
          'Mass of a tool on a robot at work: it moves, picks up a part, presses on things, and '
-         'publishes imu, /tf (where tf2_msgs is installed) and wrench_external_reference; 0 is a '
-         'robot that stands still.', 'kg', 0.0, 100.0),
+         'publishes imu and wrench_external_reference; 0 is a robot that stands still.',
+         'kg', 0.0, 100.0),
     _row('duty_cycle.start_s', _RUN.duty_start_s,
          'Ascending times at which the duty cycle of the motor changes.', 'simulated s', 0.0),
     _row('duty_cycle.level', _RUN.duty_level, 'Duty cycle from each of these times on.',
@@ -94,11 +92,10 @@ class _Topic:
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )  # fmt: skip
         self._message = message
-        stamped = message.transforms[0] if name == '/tf' else message
-        self._stamp = stamped.header.stamp
+        self._stamp = message.header.stamp
         paths = (path.rpartition('.') for path in numbers)
         self._places = [
-            (attrgetter(owner)(stamped) if owner else stamped, number)
+            (attrgetter(owner)(message) if owner else message, number)
             for owner, _, number in paths
         ]
 
@@ -164,12 +161,6 @@ class SimulatedSensor(Node):
             imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
             self._imu = _Topic(self, 'imu', imu, *_xyz('linear_acceleration', 'angular_velocity'))
             self._contact = _Topic(self, 'wrench_external_reference', wrench(), *six)
-            self._tf: _Topic | None = None
-            if find_spec('tf2_msgs'):  # wheels of ROS 2 lack it; a system's installation has it
-                pose = TransformStamped(header=Header(frame_id='world'), child_frame_id=_FRAME)
-                transforms = import_module('tf2_msgs.msg').TFMessage(transforms=[pose])
-                turn = 'transform.rotation'
-                self._tf = _Topic(self, '/tf', transforms, *_xyz(turn), f'{turn}.w')
         logger = cast('Any', self).get_logger()
         warn_of_unknown(self, logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
@@ -225,8 +216,6 @@ class SimulatedSensor(Node):
             contact = true + motion.contact
             true = contact + motion.weight
             streams += [(self._imu, wrench_ns, felt), (self._contact, wrench_ns, contact)]
-            if self._tf is not None:
-                streams.append((self._tf, wrench_ns, motion.pose.as_quat()))
         ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
         raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
         streams += [(self._reference, wrench_ns, true), (self._raw, wrench_ns, raw)]
@@ -248,7 +237,7 @@ the compensator on:
     -p loaded:=false
 
 publishes  wrench_raw, wrench_reference (the true wrench), temperature, and
-           temperature_2; with -p tool_mass:=1.4 also imu, /tf, and
+           temperature_2; with -p tool_mass:=1.4 also imu and
            wrench_external_reference (what pushes on the tool)
 """
 

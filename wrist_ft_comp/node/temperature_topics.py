@@ -54,8 +54,8 @@ class TemperatureTopic:
         self.sources = sources
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
-        #: Why nothing can be read, and why a thermometer could not be.
-        self._problem, self._misread = '', dict[int, str]()
+        #: Why temperatures cannot be read, by thermometer, and whether none can be.
+        self.problems, self._is_deaf = dict[int, str](), False
         self._hub: Hub = part.hub
         self._part, self._topic, self._take = part, topic, take
         self._is_plain = not all(source.path for source in sources.values())
@@ -74,20 +74,24 @@ class TemperatureTopic:
 
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new; once a second."""
-        types = types_on(self._hub, self._topic)
-        if not types:
-            self._misread.clear()
-            self._problem = '' if self._type else unpublished(self._hub, self._topic)
-        elif not self._type:
+        types, problem = types_on(self._hub, self._topic), ''
+        if types and not self._type:
             try:
                 self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
             except WristFtCompError as error:
-                self._problem = str(error).rstrip('.')
-        if types and self._type:
-            wrong = wrong_type(self._hub, self._topic, self._type)
+                problem = str(error).rstrip('.')
+        if not types and not self._type:
+            problem = unpublished(self._hub, self._topic)
+        elif types and self._type:
+            problem = wrong_type(self._hub, self._topic, self._type)
             if self._is_plain:
-                wrong = no_temperature(self._hub, self._topic)
-            self._problem = wrong or other_version(self._hub, self._topic)
+                problem = no_temperature(self._hub, self._topic)
+            problem = problem or other_version(self._hub, self._topic)
+        if problem:
+            self.problems = dict.fromkeys(self.sources, problem)
+        elif self._is_deaf or not types:
+            self.problems = {}
+        self._is_deaf = bool(problem)
 
     def _subscribe(self, name: str) -> None:
         """Subscribe to messages of a type; WristFtCompError where they cannot be had."""
@@ -104,7 +108,7 @@ class TemperatureTopic:
 
     def read(self, data: bytes) -> None:
         """Take the temperatures of one message."""
-        if self._problem:
+        if self._is_deaf:
             return
         try:
             (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
@@ -114,7 +118,7 @@ class TemperatureTopic:
                 f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
                 'here of the same version as where it comes from?'
             )
-            self._misread = dict.fromkeys(self.sources, sentence)
+            self.problems = dict.fromkeys(self.sources, sentence)
             return
         stamped = stamp_ns if self._reader.has_header else None
         for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
@@ -122,16 +126,10 @@ class TemperatureTopic:
                 layout = follow(self._definitions, self._type, data)
                 if layout.find(source.number) is None:
                     self.unreadable += 1
-                    self._misread[thermometer] = source.missing(layout).rstrip('.')
+                    self.problems[thermometer] = source.missing(layout).rstrip('.')
                     continue
-            self._misread.pop(thermometer, None)
+            self.problems.pop(thermometer, None)
             self._take(thermometer, stamped, source.celsius(number))
-
-    def problems(self) -> dict[int, str]:
-        """Say why temperatures cannot be read, by thermometer."""
-        if self._problem:
-            return dict.fromkeys(self.sources, self._problem)
-        return self._misread
 
 
 @dataclass
@@ -296,7 +294,7 @@ class TemperatureInput(Part):
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
         limit_s = self.compensator.settings.temperature_timeout_s
-        problems = {j: why for topic in self.by_topic for j, why in topic.problems().items()}
+        problems = {j: why for topic in self.by_topic for j, why in topic.problems.items()}
         drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
         silent, seldom = [], self.compensator.seldom_reports()
         for j, thermometer in enumerate(self.thermometers):

@@ -337,7 +337,6 @@ class Hub(Node):
             for part in self._hearing['check_parameters']:
                 self.call(part, part.check_parameters, parameters)
         except WristFtCompError as error:
-            self.log.warning(f'Parameters were not set: {error}')
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

@@ -64,7 +64,7 @@ class Listening:
             self.topic.poll()
 
     def problem(self):
-        return self.topic.problems().get(0, '')
+        return self.topic.problems.get(0, '')
 
 
 @pytest.fixture
