@@ -76,7 +76,6 @@ class TareService(Part):
     )
     def tare(self, _: Any) -> Work:
         """Collect wrenches for the whole time, of a living sensor, and tare."""
-        self._refuse_sick()
         chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         lasted_ns, went_on_s = 0, time.monotonic()
@@ -91,8 +90,12 @@ class TareService(Part):
         finally:
             self._collector = None
             self.hub.listen(self, wanted=False)
+        if sick := self.wrenches.sickness():
+            raise TareRefusedError(
+                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
+                'again when the sensor lives.'
+            )
         mean, stamp_ns = collector.result()
-        self._refuse_sick()
         if collector.unchanged:
             reading = ', '.join(f'{value:.4g}' for value in mean)
             raise TareRefusedError(
@@ -102,7 +105,9 @@ class TareService(Part):
                 'are coarse, raise tare.duration.'
             )
         weights, why, weight = [one for one in self._weights if one is not None], '', None
-        if self.external.payload is not payload:
+        if otherwise := self.external.check.found:
+            why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
+        elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'
         elif payload is not None and len(weights) < len(self._weights):
             why = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
@@ -127,16 +132,3 @@ class TareService(Part):
         also = '' if weight is None else '; wrench_external is tared, too'
         lost = f'A restart loses this tare: {unsaved}' if unsaved else ''
         return warned(f'tared: {offsets}{also}', lost)
-
-    def _refuse_sick(self) -> None:
-        """Refuse where the sensor is frozen or saturated."""
-        if sick := self.wrenches.sickness():
-            raise TareRefusedError(
-                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
-                'again when the sensor lives.'
-            )
-        if otherwise := self.external.check.found:
-            raise TareRefusedError(
-                f'wrench_external cannot be tared: {otherwise}. Both tares stay as they were; '
-                'when that is mended, turn the tool about until the status payload says so.'
-            )

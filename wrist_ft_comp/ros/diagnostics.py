@@ -1,4 +1,4 @@
-"""What a node says of its state: statuses and their doubts, their message, and the log of them."""
+"""What a node says of its state: statuses and their doubts, and the log of them."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ import re
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -63,22 +63,6 @@ class Growth:
     def lately(self) -> set[str]:
         """Name the counts that had grown at a report of the last ten seconds."""
         return {name for name, at_s in self._grew_s.items() if at_s > self._at_s - _LATELY_S}
-
-
-def diagnostic_array(
-    node_name: str, hardware_id: str, stamp: Any, statuses: Iterable[Status]
-) -> DiagnosticArray:
-    """Write statuses, each named "node: status" (REP-107); a stamp is a Time of ROS."""
-    array = DiagnosticArray()
-    array.header.stamp = stamp
-    array.status = [
-        DiagnosticStatus(
-            level=status.level, name=f'{node_name.lstrip("/")}: {status.name}',
-            message=status.message, hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=text) for key, text in status.values.items()])
-        for status in statuses
-    ]  # fmt: skip
-    return array
 
 
 class NodeLog:

@@ -15,7 +15,7 @@ import time
 import traceback
 from typing import Any, cast, ClassVar, TypeAlias
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -25,7 +25,7 @@ from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, NodeLog, Status
+from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
 from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
@@ -345,7 +345,7 @@ class Hub(Node):
         return ''
 
     def _diagnose(self) -> None:
-        """Publish diagnostics, and log what is new in those of parts that want it."""
+        """Publish diagnostics (REP-107), and log what is new in those of parts that want it."""
         statuses, logged = list[Status](), list[Status]()
         for part in self.parts:
             found = self.do(part, lambda part=part: list(part.statuses())) or []
@@ -354,8 +354,17 @@ class Hub(Node):
             statuses += found
             logged += found if part.logged else []
         self.log.report(logged)
-        stamp, name = self.get_clock().now().to_msg(), self.get_fully_qualified_name()
-        self._diagnostics.publish(diagnostic_array(name, self.hardware_id(), stamp, statuses))
+        array, device = DiagnosticArray(), self.hardware_id()
+        array.header.stamp = self.get_clock().now().to_msg()
+        name = self.get_fully_qualified_name().lstrip('/')
+        array.status = [
+            DiagnosticStatus(
+                level=status.level, name=f'{name}: {status.name}', message=status.message,
+                hardware_id=device,
+                values=[KeyValue(key=key, value=text) for key, text in status.values.items()])
+            for status in statuses
+        ]  # fmt: skip
+        self._diagnostics.publish(array)
 
     def destroy_node(self) -> None:
         """End all parts and the node; callers that wait for an answer get one."""
