@@ -1,6 +1,7 @@
 """Services whose answer comes later: the callback returns at once, the work goes on."""
 
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
@@ -64,6 +65,7 @@ class DeferredService:
 
         def reply(*, success: bool, message: str) -> None:
             response.success, response.message = success, message
-            self._send(response, header)
+            with suppress(RuntimeError):  # rclpy's, where who asked has gone
+                self._send(response, header)
 
         self._handle(self._asked.pop(id(response)), reply)
