@@ -68,7 +68,7 @@ def test_the_command_line_gives_its_results(site, tmp_path):
     [
         (
             ['-c', 'from wrist_ft_comp.node import executables; executables.compensator()'],
-            'compensator: a node needs ROS 2, but this Python',
+            'A node needs ROS 2, but this Python',
         ),
         (['-m', 'wrist_ft_comp', 'demo'], 'The demonstration needs rclpy'),
     ],

@@ -56,7 +56,7 @@ def work_of(
             lambda: node.compensator.go_live(stored.model), 5,
         ),
         'model: remember it (callback)': (lambda: node.store.activate(history), 50),
-        'housekeeping, 10 times a second': (lambda: node.broadcast('poll'), 200),
+        'housekeeping, 10 times a second': (node.housekeep, 200),
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip
 

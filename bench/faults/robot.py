@@ -314,7 +314,7 @@ class Robot:
             self._send_temperature(j, second)
         self._noise = self.rng.normal(0, 1, 6) * NOISE
         self._send_wrench(ZERO + self.bias + self._drift[second] + self._load + self._noise)
-        self.node.broadcast('poll')
+        self.node.housekeep()
         if is_second:
             self.node._diagnose()
 

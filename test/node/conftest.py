@@ -156,7 +156,7 @@ class FakeHub:
     def get_publishers_info_by_topic(self, topic):
         version = SimpleNamespace(version=0)
         return [
-            SimpleNamespace(topic_type=kind, topic_type_hash=version)
+            SimpleNamespace(topic_type=kind, topic_type_hash=version, endpoint_gid=b'1')
             for kind in self.types.get(topic, ())
         ]
 

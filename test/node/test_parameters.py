@@ -105,7 +105,7 @@ def test_describe_shows_unit_range_and_time_of_change(make):
     shown = {d.name: d for d in descriptors}
     assert shown['speed'].description == 'How fast. Unit: m/s. May change at run time.'
     assert shown['positive'].floating_point_range[0].to_value == float('inf')
-    assert shown['count'].integer_range[0].from_value == 1
+    assert 'from 1 to 9' in shown['count'].additional_constraints
     assert 'slow, fast' in shown['mode'].additional_constraints
     assert shown['files'].type == RosParameter.Type.STRING_ARRAY.value
     assert [d.name for d in descriptors if d.read_only] == ['label', 'files']

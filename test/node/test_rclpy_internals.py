@@ -7,7 +7,6 @@ from sensor_msgs.msg import Temperature
 from wrist_ft_comp.ros.rclpy_internals import (
     given_parameters,
     keep_from_executors,
-    QuickLogger,
     return_to_node,
     waiting,
 )
@@ -40,16 +39,3 @@ def test_a_subscription_is_kept_from_executors_and_read_by_its_owner(bench):
     executor.shutdown()
     return_to_node(node, kept)
     assert node.destroy_subscription(kept)
-
-
-def test_a_line_is_logged_at_its_level_without_a_look_for_its_caller(bench, capfd, monkeypatch):
-    monkeypatch.setattr('inspect.getframeinfo', None)
-    node = bench.make(Node, node_name='example')
-    log = QuickLogger(node.get_logger())
-    log.warning('a line')
-    node.get_logger().set_level(50)
-    log.error('a line below the level')
-    written = ''.join(capfd.readouterr())
-    assert '[WARN]' in written
-    assert '[example]: a line' in written
-    assert 'below the level' not in written

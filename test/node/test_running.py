@@ -72,7 +72,7 @@ def refuse(_):
         (pytest.fail, ['-p', 'speed:=fast'], "speed must be a number of at least 0; got 'fast'"),
         (pytest.fail, ['-p', 'speed:=[1, 2.5]'], 'decimal point'),
         (pytest.fail, ['-p', 'topics:=[/state:data:K]'], 'quotes: \'["/state:data[0]"]\'.'),
-        (pytest.fail, ['--nonsense'], "cannot be read: ['--nonsense']"),
+        (pytest.fail, ['--nonsense'], "['--nonsense']"),
         (refuse, [], 'The sensor is gone.'),
     ],
 )

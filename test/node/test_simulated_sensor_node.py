@@ -37,11 +37,11 @@ def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench):
     remap = {'wrench_raw': '/arm/ft', 'temperature': '/arm/heat'}
     queues = [bench.listen(WrenchStamped, topic) for topic in ('/arm/ft', 'wrench_reference')]
     queues += [bench.listen(Temperature, topic) for topic in ('/arm/heat', 'temperature_2')]
-    bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, remap=remap)
+    bench.start(SimulatedSensor, remap=remap)
     messages = [topic.get(timeout=TIMEOUT_S) for topic in queues]
     assert before_ns <= stamp_ns(messages[0])
     assert stamp_ns(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
-    assert {message.header.frame_id for message in messages} == {'tool0'}
+    assert {message.header.frame_id for message in messages} == {'wrist_ft'}
     assert np.isfinite([six(message) for message in messages[:2]]).all()
     assert all(15 < message.temperature < 30 for message in messages[2:])
     assert all(message.variance > 0 for message in messages[2:])
@@ -54,13 +54,14 @@ def simulate(ros_context, monkeypatch):
     def run(**parameters):
         sent, now = defaultdict(dict), [0.0]
 
-        def advertise(_, _kind, topic):
+        def advertise(_, _kind, topic, *_qos, **_options):
             def publish(message):
-                sent[topic][stamp_ns(message)] = deepcopy(message)
+                if hasattr(message, 'header'):
+                    sent[topic][stamp_ns(message)] = deepcopy(message)
 
             return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
 
-        monkeypatch.setattr(SimulatedSensor, '_advertise', advertise)
+        monkeypatch.setattr(SimulatedSensor, 'create_publisher', advertise)
         monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
         chosen = [Parameter(name, value=value) for name, value in {**FAST, **parameters}.items()]
         node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
@@ -111,7 +112,8 @@ def unspun(ros_context, monkeypatch):
     monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
     chosen = [Parameter(name, value=value) for name, value in FAST.items()]
     node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
-    monkeypatch.setattr(node, '_send_wrench', lambda *arguments: sent.append(arguments[2]))
+    for topic in (node._raw, node._reference):
+        monkeypatch.setattr(topic, 'send', lambda stamp_ns, _: sent.append(stamp_ns))
 
     def wake(*times_s):
         for now[0] in times_s:
@@ -123,19 +125,19 @@ def unspun(ros_context, monkeypatch):
 
 def test_run_waits_until_its_subscribers_have_come(unspun, monkeypatch):
     node, wake, sent = unspun
-    subscribers = dict.fromkeys(('_to_raw', '_to_reference'), 0)
+    subscribers = dict.fromkeys(('_raw', '_reference'), 0)
     for name in tuple(subscribers):
-        publisher = getattr(node, name)
+        publisher = getattr(node, name).publisher
         monkeypatch.setattr(publisher, 'get_subscription_count', lambda k=name: subscribers[k])
     wake(0.0, 5.0, 10.0)
-    subscribers['_to_raw'] = 1
+    subscribers['_raw'] = 1
     wake(15.0, 15.0 + 0.9 * SETTLE_S)
-    subscribers['_to_reference'] = 1
+    subscribers['_reference'] = 1
     wake(16.0, 16.0 + 0.9 * SETTLE_S)
     assert sent == []
     wake(16.0 + SETTLE_S)
-    assert sent == [0, 0]
-    subscribers.update(_to_raw=0, _to_reference=0)
+    assert sent == [START_S * 10**9] * 2
+    subscribers.update(_raw=0, _reference=0)
     wake(16.0 + SETTLE_S + LONGEST_WAKE_S)
     assert len(sent) > 2
 

@@ -49,7 +49,6 @@ def test_help_names_what_the_node_has_and_exits(bench, capsys, module, node, nam
     ('given', 'meant'),
     [
         ('calibration_reference', 'calibration.reference'),
-        ('qos_overrides./lte.subscription.depth', 'qos_overrides./late.subscription.depth'),
     ],
 )
 def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(bench, given, meant):
@@ -59,7 +58,7 @@ def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(bench, given, m
     node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
     Parameters(node, TABLE)
     warnings = []
-    warn_of_unknown(node, ['/late'], SimpleNamespace(warning=warnings.append))
+    warn_of_unknown(node, SimpleNamespace(warning=warnings.append))
     assert warnings == [
         f'There is no parameter {given}, so its value is ignored. Did you mean {meant}?'
     ]

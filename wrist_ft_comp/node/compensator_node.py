@@ -12,7 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
-from wrist_ft_comp.node.jobs import CalibrateService, IdentifyService, JobMaker
+from wrist_ft_comp.node.jobs import CalibrateService, IdentifyService
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import Recorder, RecordService
@@ -20,12 +20,7 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
-from wrist_ft_comp.node.wrench_topics import (
-    Counts,
-    DriftTopic,
-    Newest,
-    WrenchInput,
-)
+from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, WrenchInput
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -37,11 +32,11 @@ from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-#: Every feature of the node, in the order of the diagnostics; at the end the files are written
-#: (StateKeeper) before the folder is left (LiveModel). Their constructors are called in
-#: ``CompensatorNode._make_parts``.
+#: Every feature of the node, in the order of their start and of the diagnostics: the folder is
+#: taken and the first model goes live (LiveModel) before its thermal state goes on (StateKeeper).
+#: Their constructors are called in ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, StateKeeper, LiveModel, Recorder, RecordService,
+    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
     CalibrateService, DriftTopic, TareService, SpecificForceInput,
     ExternalWrench, IdentifyService, Learner,
 )  # fmt: skip
@@ -106,7 +101,8 @@ class CompensatorNode(Hub):
                 'temperature_topics must name at least one topic; got none. The first is the '
                 'thermometer inside the sensor.'
             )
-        sources = parse_sources(chosen['temperature_topics'], self._full_name)
+        with opening('temperature_topics'):
+            sources = parse_sources(chosen['temperature_topics'], self.resolve_topic_name)
         self.thermometers = [
             Thermometer(source, self.resolve_topic_name(source.topic)) for source in sources
         ]
@@ -117,7 +113,6 @@ class CompensatorNode(Hub):
                     f'wrench_raw and {name} are both {self._raw_topic}: the node would hear '
                     f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
                 )
-        self._newest: Newest | None = None
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
         self.counts = Counts()
@@ -131,63 +126,51 @@ class CompensatorNode(Hub):
         )
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
         self._raw = self.subscribe(WrenchStamped, 'wrench_raw', self._on_wrench, FAST_SENSOR)
+        self.log.info(f'{len(sources)} thermometers; files are kept in {self.store.directory}')
         self.run(self._make_parts(chosen))
-        topics = (thermometer.topic for thermometer in self.thermometers)
-        later = (self.resolve_topic_name('wrench_reference'), self._raw_topic, *topics)
-        warn_of_unknown(self, later, self.log)
+        warn_of_unknown(self, self.log)
 
     def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
-        """Make one of each of PARTS; they meet here, and begin in ``run``."""
-        store, compensator, counts = self.store, self.compensator, self.counts
-        writer, drivers = FileWriter(), set[str]()
+        """Make one of each of PARTS; they meet here, and start in ``run``."""
+        store, stream, counts = self.store, self.compensator, self.counts
+        source, writer = chosen['gravity.source'], FileWriter()
         self.writer = writer
         self.live = live = LiveModel(
-            store=store,
-            sensor=self.sensor,
-            swap=lambda model: compensator.go_live(model, self._newest and self._newest[:2]),
-            writer=writer,
+            store=store, sensor=self.sensor, compensator=stream, counts=counts, writer=writer
         )
         self.state_keeper = StateKeeper(
-            compensator=compensator, live_sha256=lambda: live.sha256, writer=writer,
-            path=store.directory / 'state.json', drivers=drivers,
+            compensator=stream, live=live, counts=counts, writer=writer,
+            path=store.directory / 'state.json',
         )  # fmt: skip
         self.specific_force = SpecificForceInput(chosen)
-        self.wrench_input = WrenchInput(
-            counts, self.newest, lambda: compensator.model.axes if compensator.model else ()
-        )
+        self.wrench_input = WrenchInput(counts, stream)
         self.inputs = TemperatureInput(
-            thermometers=self.thermometers, compensator=compensator, wrenches=self.wrench_input,
+            thermometers=self.thermometers, compensator=stream, counts=counts,
             specific_force=self.specific_force, live=live, state_keeper=self.state_keeper,
         )  # fmt: skip
-        source = chosen['gravity.source']
-        self.recorder = Recorder(compensator, self.sensor, with_force=source != 'none')
+        self.recorder = Recorder(stream, self.sensor, with_force=source != 'none')
         self.recording = RecordService(recorder=self.recorder, store=store, writer=writer)
         files = PayloadFiles(store.directory / 'models', live, source)
         self.external = ExternalWrench(
-            compensator=compensator, files=files, specific_force=self.specific_force,
-            newest=self.newest,
-        )  # fmt: skip
-        jobs = self.jobs = JobMaker(store, self.chosen, self._full_topics, self.recorder)
+            compensator=stream, files=files, specific_force=self.specific_force, counts=counts
+        )
         self.identification = IdentifyService(
-            compensator=compensator, external=self.external, files=files, jobs=jobs
+            compensator=stream, external=self.external, files=files, full_topics=self.full_topics
         )
         self.tare = TareService(
-            compensator=compensator, external=self.external, wrenches=self.wrench_input,
-            save=self.state_keeper.save,
+            compensator=stream, external=self.external, wrenches=self.wrench_input,
+            state_keeper=self.state_keeper,
         )  # fmt: skip
-        calibrated = partial(live.take, why='a person called ~/calibrate')
-        self.calibration = CalibrateService(jobs.calibration, calibrated, self.recording, self.log)
-        self.learning = Learner(chosen, live, self.calibration, jobs, self.log)
-        self.drift_topic = DriftTopic(compensator, counts, self.newest, drivers)
+        self.calibration = CalibrateService(
+            live=live, recording=self.recording, full_topics=self.full_topics
+        )
+        self.learning = Learner(live=live, calibration=self.calibration, recorder=self.recorder)
+        self.drift_topic = DriftTopic(stream, counts)
         return (
-            self.wrench_input, self.inputs, self.state_keeper, live, self.recorder,
+            self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
             self.recording, self.calibration, self.drift_topic, self.tare,
             self.specific_force, self.external, self.identification, self.learning,
         )  # fmt: skip
-
-    def _full_name(self, topic: str) -> str:
-        with opening(topic):
-            return self.resolve_topic_name(topic)
 
     def _on_wrench(self, data: bytes) -> None:
         """Correct one wrench and send it on, then hand it to parts; its header stays as it is."""
@@ -208,7 +191,7 @@ class CompensatorNode(Hub):
                 self._output.publish(layout.encode(data, corrected))
                 counts.published += 1
             counts.wrenches += 1
-            self._newest = stamp_ns, raw, data
+            counts.newest = stamp_ns, raw, data
             for part in self._listeners:
                 self.do(part, part.on_wrench, stamp_ns, raw, data, layout)
         except Exception as error:  # the next wrench goes on; a new fault is logged once
@@ -224,14 +207,12 @@ class CompensatorNode(Hub):
         compensating = self.compensator.compensating
         return not compensating and self.get_parameter('uncalibrated').value == 'silent'
 
-    def newest(self) -> Newest | None:
-        """Give the newest raw wrench."""
-        return self._newest
-
     def hardware_id(self) -> str:
         """Give the sensor's frame; empty before the first wrench."""
-        data = self._newest and self._newest[2]
-        return locate(data, WRENCH_DOUBLES).frame_id(data) if data else ''
+        if self.counts.newest is None:
+            return ''
+        data = self.counts.newest[2]
+        return locate(data, WRENCH_DOUBLES).frame_id(data)
 
     def sensor(self) -> SensorNames:
         """Give the names of the sensor."""
@@ -246,9 +227,10 @@ class CompensatorNode(Hub):
         }
         return {fact: answers for fact, answers in names.items() if any(answers)}
 
-    def _full_topics(self, chosen: dict[str, Any]) -> Topics:
+    def full_topics(self) -> Topics:
         """Collect the full names of topics, for a job."""
-        sensor, source = self.sensor(), chosen['gravity.source']
+        sensor, chosen = self.sensor(), self.chosen()
+        source = chosen['gravity.source']
         return Topics(
             sensor['wrench_topic'][0],
             tuple(sensor['temperature_topics']),

@@ -7,15 +7,15 @@ import sys
 
 def compensator() -> int:
     """Run the node that compensates; returns the exit code."""
-    return _run('compensator', 'compensator_node')
+    return _run('compensator_node')
 
 
 def simulated_sensor() -> int:
     """Run the simulated sensor; returns the exit code."""
-    return _run('simulated_sensor', 'simulated_sensor')
+    return _run('simulated_sensor')
 
 
-def _run(name: str, module_name: str) -> int:
+def _run(module_name: str) -> int:
     """Run the main function of an executable's module, or say why there can be no node."""
     gc.disable()  # what start-up makes lives as long as the node (running.py enables it)
     try:
@@ -24,8 +24,8 @@ def _run(name: str, module_name: str) -> int:
         if (error.name or '').startswith('wrist_ft_comp'):
             raise
         sys.exit(
-            f'{name}: a node needs ROS 2, but this Python ({sys.executable}) has no '
-            f'{error.name}. Source a ROS 2 installation, or install the package with its extra '
-            '"ros". The command wrist_ft_comp works without.'
+            f'A node needs ROS 2, but this Python ({sys.executable}) has no {error.name}. Source '
+            'a ROS 2 installation, or install the package with its extra "ros". The command '
+            'wrist_ft_comp works without.'
         )
     return int(module.main())

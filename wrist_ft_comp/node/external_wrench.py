@@ -1,7 +1,7 @@
 """The part that publishes the wrench without drift and payload, and chooses the payload."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.wrench_topics import Newest
+from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
 from wrist_ft_comp.payload.weight_check import WeightCheck
@@ -33,19 +33,13 @@ _CONTRADICTION_DEG = 5.0
 #: An IMU is polled where its newest sample is older, ns. Polled for each wrench at 1 kHz, it would
 #: cost a third of the wrench itself; this age causes 0.03 N at 1 rad/s and 1.5 kg.
 _FRESH_NS = 2_000_000
-#: Least norm of specific force at rest, m/s²; in g it is smaller.
-_LEAST_NORM = 0.5 * GRAVITY
-#: Largest norm of specific force at rest, m/s²; in ft/s² it is larger.
-_LARGEST_NORM = 2.0 * GRAVITY
 #: Specific force that comes farther than this from the wrench, s, is stamped by another clock.
 _APART_S = 5.0
-#: An IMU is frozen where this many reports are the same to the last bit.
-_FROZEN_REPORTS = 6
-#: The norm of a calibrated accelerometer deviates from gravity by less than this share of it.
+#: Specific force is judged over this many reports in a row: motion changes it in some of them.
+_REPORTS = 10
+#: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
+#: by more to both sides, as motion makes it.
 _NORM_DEVIATION = 0.03
-#: It is doubted after this many reports in a row with such a deviation to the same side: motion
-#: makes larger ones, but to both sides.
-_DEVIATION_REPORTS = 10
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
@@ -59,13 +53,13 @@ class PayloadFiles:
     """
 
     def __init__(self, models: Path, live: LiveModel, source: str) -> None:
-        self._own, self._live, self.source = models / PAYLOADS, live, source
+        self.own_path, self._live, self.source = models / PAYLOADS, live, source
 
     def payloads(self) -> Learnt:
         """Read all payloads, oldest first; of two with the same name, the node's own one."""
-        stored, own = self._live.stored, load_payloads(self._own)
+        stored, own = self._live.stored, load_payloads(self.own_path)
         beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**{name: learnt for name, learnt in beside.items() if name not in own}, **own}
+        return {**beside, **own}
 
     def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
         """
@@ -74,7 +68,7 @@ class PayloadFiles:
         Those are the frames learnt with the live model, or by this node under the same frame_ids.
         An empty frame_id is not compared.
         """
-        stored, own = self._live.stored, load_payloads(self._own)
+        stored, own = self._live.stored, load_payloads(self.own_path)
         stem = None if stored is None else stored.path.stem
         return {
             name: frame
@@ -94,16 +88,12 @@ def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
 
 @dataclass(eq=False, kw_only=True)
 class ExternalWrench(Part):
-    """
-    Subtracts the weight of the active payload from every wrench; judges payload and force.
-
-    ``newest`` gives the newest raw wrench.
-    """
+    """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
     compensator: Compensator
     files: PayloadFiles
     specific_force: SpecificForceInput
-    newest: Callable[[], Newest | None]
+    counts: Counts
     #: Wrenches that were not published because specific force was too old.
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
@@ -113,14 +103,13 @@ class ExternalWrench(Part):
     hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
     check: WeightCheck = field(default_factory=WeightCheck)
-    #: Whether the first model is live; the payload before the present one.
-    _begun: bool = False
+    #: The payload before the present one.
     _last: LivePayload | None = None
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
     #: The specific forces of the last reports, while new ones come.
-    _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_DEVIATION_REPORTS))
+    _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_REPORTS))
 
     title, logged = 'payload', True
     parameters = (
@@ -141,15 +130,10 @@ class ExternalWrench(Part):
     topics = (('wrench_external', 'what the world does to the tool, while a payload is active'),)
 
     def start(self) -> None:
-        """Offer the topic wrench_external."""
+        """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
-
-    def on_model(self) -> None:
-        """Choose the payload as soon as the first model is live; a refusal ends the node."""
-        if not self._begun:
-            self._begun = True
-            self._hold(self._choose(self.hub.chosen()))
+        self._hold(self._choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -283,20 +267,16 @@ class ExternalWrench(Part):
         if learnt_by != source:
             raise SettingsError(
                 f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '
-                f'is {source}: another frame. Learn it again with ~/identify_payload, or by '
-                'calibrate with --gravity-frame (tf) or --imu-topic (imu) where the file does not '
-                'say, or start the node with the source of then.'
+                f'is {source}: another frame. Learn it again with ~/identify_payload, or start '
+                'the node with the source of then.'
             )
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
-        forces, newest, payload = self.specific_force.forces, self.newest(), self.payload
-        grown, elapsed_s = self._growth.since(forces=forces.count, missed=self.missed)
-        apart_s = 0.0
-        if newest is not None and forces.newest is not None:
-            apart_s = abs(newest[0] - forces.newest[0]) / NANOSECONDS
+        payload, count = self.payload, self.specific_force.forces.count
+        grown, elapsed_s = self._growth.since(forces=count, missed=self.missed)
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
@@ -309,12 +289,13 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        yield doubtful(self.title, self._doubts(apart_s, grown), well, numbers)
+        yield doubtful(self.title, self._doubts(grown), well, numbers)
 
-    def _doubts(self, apart_s: float, grown: Mapping[str, int]) -> Iterator[str]:
+    def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
-        newest, payload = self.specific_force.forces.newest, self.payload
+        forces, payload, wrench = self.specific_force.forces, self.payload, self.counts.newest
+        newest = forces.newest
         if not self.wanted:
             return
         rests = 'wrench_external rests'
@@ -325,37 +306,30 @@ class ExternalWrench(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if grown['missed']:
+        if grown['missed'] and wrench is not None:
+            apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         frame = ForceFrame() if payload is None else payload.frame
-        norm = float(np.linalg.norm(frame.turn(np.array(newest[1]))))
-        if not _LEAST_NORM < norm < _LARGEST_NORM:
-            yield f'specific force is {norm:.3g} m/s², and {GRAVITY} at rest; check its unit'
-        last = list(self._felt)[-_FROZEN_REPORTS:]
-        is_frozen = len(last) == _FROZEN_REPORTS and len(set(last)) == 1
-        if is_frozen and self.files.source == 'imu':
-            yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
-        if payload is None:
-            return
-        if len(self._felt) == _DEVIATION_REPORTS:
+        if len(self._felt) == _REPORTS:
+            if len(set(self._felt)) == 1 and self.files.source == 'imu':
+                yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
             off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
             if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:
                 yield (
-                    f'specific force is {off[-1]:+.0%} off gravity by the accelerometer of '
-                    f'{payload.name}, and so is the weight that is taken off; call '
-                    '~/identify_payload'
+                    f'specific force is {off[-1]:+.0%} off gravity, and so is the weight that is '
+                    'taken off; check its unit, or call ~/identify_payload'
                 )
+        if payload is None:
+            return
         if changed := changed_frames(payload.frame, self.specific_force.frames()):
             yield (
                 f'{payload.name} was learnt under other frame_ids: {changed}; is it another '
                 'sensor?'
             )
-        wrench = self.newest()
-        at_stamp = wrench and self.specific_force.forces.at(wrench[0])
-        if wrench is not None and at_stamp is not None:
+        if wrench is not None and (at_stamp := forces.at(wrench[0])) is not None:
             corrected = self.compensator.correct(*wrench[:2], external=True)
             self.check.add(np.array(corrected), np.array(payload.weight(at_stamp)))
         yield from filter(None, [self.check.found])

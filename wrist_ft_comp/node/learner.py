@@ -1,105 +1,111 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 import time
 from typing import Any
 
-from std_srvs.srv import Trigger
-
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, SettingsError, StateFileError, WristFtCompError
-from wrist_ft_comp.jobs.job_process import JobProcess
+from wrist_ft_comp.errors import (
+    CalibrationRefusedError,
+    RecordingError,
+    SettingsError,
+    StateFileError,
+    WristFtCompError,
+)
+from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.learning.working_day import DayFiles, SILENCE_NS
-from wrist_ft_comp.node.jobs import CalibrateService, JobMaker, start_job
-from wrist_ft_comp.node.live_model import LiveModel, warned
+from wrist_ft_comp.node.jobs import CalibrateService, run_job
+from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
-from wrist_ft_comp.ros.diagnostics import NodeLog, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Part
+from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start
-from wrist_ft_comp.ros.services import Reply, Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
-#: A job that could not run is started again, and a day is recorded again that the disk refused,
-#: after this time, s.
+#: A day that the disk refused is recorded again after this time, s.
 _RETRY_S = 60.0
 
 
-def why_not(chosen: Mapping[str, Any]) -> str:
-    """Say why the parameters do not allow learning; empty when they do."""
-    if chosen['learning.mode'] == 'off':
-        return 'learning is off: set the parameter learning.mode to propose or auto at start-up.'
-    reference, source = chosen['calibration.reference'], chosen['gravity.source']
-    if reference == 'payload' and source != 'none':
-        return ''
-    return (
-        'nothing is learnt: that needs calibration.reference payload, and gravity.source imu or '
-        f'tf; they are {reference} and {source}.'
-    )
-
-
 class DiaryKeeper:
-    """Records days; tries again later when the disk refuses."""
+    """Writes the days; where the disk refuses, rows are lost for a minute."""
 
-    def __init__(self, recorder: Recorder, files: DayFiles, log: NodeLog) -> None:
+    def __init__(self, files: DayFiles, log: NodeLog) -> None:
         #: Why nothing is being recorded; empty while all is well.
         self.problem = ''
-        self.files = files
-        self._recorder, self._log = recorder, log
-        #: When to try again, and when the last row was written, by the steady clock.
-        self._wait_until = self._written = time.monotonic()
-        self._recording: OwnRecording | None = recorder.begin(files, self._fail)
+        self.files, self._log = files, log
+        #: When to try again, and when the last row came, by the steady clock.
+        self._wait_until = self._heard = time.monotonic()
 
-    def poll(self) -> None:
-        """Go on recording, unless the disk refused just now; a silence ends the day."""
-        now, recording = time.monotonic(), self._recording
-        if recording is None:
-            if now >= self._wait_until:
-                self._recording = self._recorder.begin(self.files, self._fail)
-        elif recording.rows:
-            recording.rows, self._written, self.problem = 0, now, ''
-        if self.files.path is not None and now - self._written > SILENCE_NS / NANOSECONDS:
-            self.end_day()
-
-    def _fail(self, error: RecordingError) -> None:
-        with suppress(RecordingError):  # what the disk took stays, the rest is lost
-            self.files.close()
-        self._recording, self._wait_until = None, time.monotonic() + _RETRY_S
-        if not self.problem:
-            self._log.error(f'The day is not recorded any more: {error}')
-        self.problem = f'{error} The day is not recorded; the node tries again every minute'
+    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
+        """Write a row, unless the disk refused just now."""
+        self._heard = time.monotonic()
+        if self._heard >= self._wait_until:
+            self._do(self.files.append, stamp_ns, values)
 
     def end_day(self) -> None:
         """End the day, if one goes on; the next row begins another."""
-        self.end()
+        self._do(self.files.leave)
+
+    def poll(self) -> None:
+        """End the day after a silence."""
+        silence_s = time.monotonic() - self._heard
+        if self.files.path is not None and silence_s > SILENCE_NS / NANOSECONDS:
+            self.end_day()
+
+    def _do(self, action: Callable[..., None], *arguments: Any) -> None:
         try:
-            self.files.leave()
+            action(*arguments)
+            self.problem = ''
         except RecordingError as error:
-            self._fail(error)
-        else:
-            self._recording = self._recorder.begin(self.files, self._fail)
-
-    def end(self) -> None:
-        """Write all rows, and close; the day goes on with the next recording."""
-        recording, self._recording = self._recording, None
-        if recording is not None:
-            try:
-                self._recorder.finish(recording)
+            with suppress(RecordingError):  # what the disk took stays, the rest is lost
                 self.files.close()
-            except RecordingError as error:
-                self._fail(error)
+            self._wait_until = time.monotonic() + _RETRY_S
+            if not self.problem:
+                self._log.write(ERROR, f'The day is not recorded any more: {error}')
+            self.problem = f'{error} The day is not recorded; the node tries again every minute'
+
+    def close(self) -> None:
+        """Close the file; the day goes on when the node starts again."""
+        self._do(self.files.close)
 
 
+@dataclass(eq=False, kw_only=True)
 class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
+
+    live: LiveModel
+    calibration: CalibrateService
+    recorder: Recorder
+    hub: Hub = field(init=False)
+    mode: str = 'off'
+    #: Why parameters do not allow learning; empty when they do.
+    why_not: str = ''
+    #: Why a model could not be made live, or what is remembered could not be saved.
+    problem: str = ''
+    memory: Memory = field(default_factory=Memory)
+    diary: DiaryKeeper | None = None
+    _recording: OwnRecording | None = None
+    #: Waits for the job that runs, and when that was started, by the steady clock.
+    _judging: Generator[None, None, None] | None = None
+    _begun_s: float = 0.0
+    #: When to look for a day to judge, by the steady clock.
+    _wait_until: float = 0.0
+    #: Newest day of the last job.
+    _judged_last: str = ''
+    #: The model that the last job found: reading its file again would hold up wrenches.
+    _found: StoredModel | None = None
+    #: File of an offered model that could not be made live; it is only offered from then on.
+    _failed: str = ''
 
     title = 'learning'
     parameters = (
@@ -114,71 +120,50 @@ class Learner(Part):
             'Most room on the disk for the days of a sensor.', 'MB', 50.0, 1e6),
     )  # fmt: skip
 
-    def __init__(
-        self, chosen: Mapping[str, Any], live: LiveModel, calibration: CalibrateService,
-        jobs: JobMaker, log: NodeLog,
-    ) -> None:  # fmt: skip
-        self.mode: str = chosen['learning.mode']
-        #: Why parameters do not allow learning; empty when they do.
-        self.why_not = why_not(chosen)
-        #: Why a model could not be made live, or what is remembered could not be saved.
-        self.problem = ''
-        self.memory = Memory()
-        self.diary: DiaryKeeper | None = None
-        self._max_bytes = 1e6 * chosen['learning.max_mb']
-        self._live, self._calibration, self._jobs, self._log = live, calibration, jobs, log
-        live.end_day = self._end_day
-        self._directory = jobs.store.directory
-        self._process: JobProcess | None = None
-        #: Newest day of the running job, and when it was started, by the steady clock.
-        self._judging, self._begun_s = '', 0.0
-        #: When to look for a day to judge, by the steady clock.
-        self._wait_until = 0.0
-        #: Newest day of the last job that was started to make room.
-        self._crowded = ''
-        #: The model that the last job found: reading its file again would hold up wrenches.
-        self._found: StoredModel | None = None
-        #: File of an offered model that could not be made live; it is only offered from then on.
-        self._failed = ''
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/adopt."""
-        purpose = 'makes the better model live that learning offers; refused when there is none'
-        return (Service(Trigger, '~/adopt', purpose, cls.adopt),)
-
     def start(self) -> None:
-        """Say what does not allow learning."""
-        if self.mode != 'off' and self.why_not:
-            self._log.warning(self.why_not)
-
-    def on_model(self) -> None:
-        """Load the memory, and begin to record, when the first model is chosen."""
-        if self.why_not or self.diary is not None:
-            return  # ``poll`` notices later models
-        memory, broken = None, ''
+        """Load the memory, and begin to record, or say what does not allow learning."""
+        chosen = self.hub.chosen()
+        self.mode = chosen['learning.mode']
+        reference, source = chosen['calibration.reference'], chosen['gravity.source']
+        if self.mode == 'off':
+            self.why_not = (
+                'learning is off: set the parameter learning.mode to propose or auto at start-up.'
+            )
+        elif reference != 'payload' or source == 'none':
+            self.why_not = (
+                'nothing is learnt: that needs calibration.reference payload, and gravity.source '
+                f'imu or tf; they are {reference} and {source}.'
+            )
+            self.hub.log.warning(self.why_not)
+        if self.why_not:
+            return
+        directory, recorder, memory, broken = self._directory, self.recorder, None, ''
         try:
-            memory = load_memory(self._directory)
+            memory = load_memory(directory)
         except StateFileError as error:
             broken = (
                 'It is forgotten what the newest day said, and which model was offered: '
                 f'{error} learning.json.kept is the first such file.'
             )
-            self._log.warning(broken)
-        self.memory = memory or Memory(self._live.sha256, incident=broken)
-        newest = max(self.memory.judged, day_of_choice(self._live.history))
-        recorder = self._jobs.recorder
-        files = DayFiles(
-            self._directory, recorder.channels, self._max_bytes, newest, recorder.sensor
-        )
-        self.diary = DiaryKeeper(recorder, files, self._log)
+            self.hub.log.warning(broken)
+        self.memory = memory or Memory(self.live.sha256, incident=broken)
+        newest = max(self.memory.judged, day_of_choice(self.live.history))
+        most_bytes = 1e6 * chosen['learning.max_mb']
+        files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
+        self.diary = DiaryKeeper(files, self.hub.log)
+        self._recording = recorder.begin_recording(self.diary)
+        self.live.end_day = self._end_day
         if memory is None:
             self._remember()
 
     @property
+    def _directory(self) -> Path:
+        return self.live.store.directory
+
+    @property
     def running_s(self) -> float | None:
         """How long a job has been running, s; None when none is."""
-        return None if self._process is None else time.monotonic() - self._begun_s
+        return None if self._judging is None else time.monotonic() - self._begun_s
 
     @property
     def offered(self) -> Path:
@@ -191,43 +176,32 @@ class Learner(Part):
             return
         self._follow_live()
         self.diary.poll()
-        if self._calibration.running_s is not None:
+        if self.hub.running_s('~/calibrate') is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
-        elif self._process is not None:
-            if outcome := self._process.poll():
-                self._process = None
-                self._take(outcome)
+        elif self._judging is not None:
+            if next(self._judging, self) is self:  # it has ended
+                self._judging = None
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
             # A job starts where the newest day is not judged; without room, once per day.
             files = self.diary.files
             days = files.ended()
             newest = days[-1].name if days else ''
-            is_crowded = files.full and newest not in {'', self._crowded}
-            if newest > self.memory.judged or is_crowded:
-                self._crowded = self._judging = newest
+            is_judged_last = files.full and newest not in {'', self._judged_last}
+            if newest > self.memory.judged or is_judged_last:
                 self._begun_s = time.monotonic()
-                try:
-                    self._process = start_job(self._jobs.learning(days, self._live.history))
-                except OSError as error:
-                    self._wait_until = time.monotonic() + _RETRY_S
-                    self.problem = f'Learning cannot be started: {error}.'
+                self._judged_last, self._judging = newest, self._judge(days)
         memory = self.memory
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
-            why = f'the node made {memory.offered} live: {memory.why}'
             try:
-                self._adopt(why, self._note, memory.judged)
+                self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
             except SettingsError as error:
                 self._failed, self.problem = memory.offered, str(error)
-                self._log.error(self.problem)
-
-    def _note(self, problem: str) -> None:
-        """Keep why the model that was made live could not be remembered."""
-        self.problem = self.problem or problem
+                self.hub.log.write(ERROR, self.problem)
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
-        live, memory = self._live, self.memory
+        live, memory = self.live, self.memory
         if live.sha256 == memory.champion or (live.stored is None and live.problem):
             return
         changes = {'champion': live.sha256, 'offered': '', 'sha256': '', 'why': ''}
@@ -236,36 +210,45 @@ class Learner(Part):
             changes |= {'judged': judged, 'paused': '', 'incident': ''}
         self._remember(**changes)
 
-    def _take(self, outcome: Mapping[str, Any]) -> None:
-        """Remember the outcome of a job, and offer the model that it found."""
-        message: str = outcome['message']
-        judged = {'judged': self._judging, 'verdict': message}
-        if not outcome['success']:
-            trouble = f'{self._judging} could not be judged: {message}'
-            self._remember(**judged, incident=trouble)
-            self._log.warning(trouble)
+    def _judge(self, days: Sequence[Path]) -> Generator[None, None, None]:
+        """Let a job judge the newest day, remember what it says, and offer the model it found."""
+        newest, log = days[-1].name, self.hub.log
+        kept_mb = 0.8 * self.hub.chosen()['learning.max_mb']  # leaves room for the present day
+        job = self.calibration.make_job(
+            days, reference='payload', skip_unusable=True,
+            learning=Learning(tuple(self.live.history), kept_mb),
+        )  # fmt: skip
+        try:
+            outcome = yield from run_job(job)
+        except CalibrationRefusedError as error:
+            trouble = f'{newest} could not be judged: {error}'
+            self._remember(judged=newest, verdict=str(error), incident=trouble)
+            log.warning(trouble)
             return
-        judged |= {'paused': outcome['paused'], 'incident': outcome['incident']}
-        self._log.info(f'{self._judging}: {message}')
+        message, news = outcome['message'], dict[str, str]()
+        log.info(f'{newest}: {message}')
         if outcome['learnt']:
             path, sha256 = Path(outcome['path']), outcome['sha256']
             self._found = restore_model(path, sha256, outcome['document'])
-            judged |= {'offered': path.name, 'sha256': sha256, 'why': message}
+            news = {'offered': path.name, 'sha256': sha256, 'why': message}
             if self.mode == 'propose':
-                self._log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
-        self._remember(**judged)
+                log.info(f'The better model {path} is offered. Adopt it with ~/adopt.')
+        self._remember(
+            judged=newest, verdict=message, paused=outcome['paused'],
+            incident=outcome['incident'], **news,
+        )  # fmt: skip
 
-    def adopt(self, _: Any, reply: Reply) -> None:
+    @service(
+        '~/adopt',
+        'makes the better model live that learning offers; refused when there is none',
+    )
+    def adopt(self, _: Any) -> Work:
         """Make the offered model live because a person asked for it; say which."""
-        now = f'compensating with {self.offered}: {self.memory.why}'
+        now, why = f'compensating with {self.offered}: {self.memory.why}', self.memory.why
+        self._adopt(f'a person called ~/adopt: {why}')
+        return (yield from self.live.kept(now))
 
-        def answer(problem: str) -> None:
-            self._note(problem)
-            reply(success=True, message=warned(now, problem))
-
-        self._adopt(f'a person called ~/adopt: {self.memory.why}', answer)
-
-    def _adopt(self, why: str, then: Callable[[str], None], judged: str = '') -> None:
+    def _adopt(self, why: str, judged: str = '') -> None:
         """Make the offered model live, as LiveModel.take does; SettingsError refuses."""
         memory = self.memory
         try:
@@ -275,13 +258,13 @@ class Learner(Part):
                 raise SettingsError(self.why_not or none)
             stored = self._found
             if stored is None or stored.sha256 != memory.sha256 or not judged:
-                stored = self._live.load(self.offered)
+                stored = self.live.load(self.offered)
             if stored.sha256 != memory.sha256:
                 raise SettingsError(
                     f'{stored.path} has changed since it was judged. Set model_file to it if you '
                     'want it live all the same.'
                 )
-            self._live.take(stored, why, judged, then)
+            self.live.take(stored, why, judged)
         except WristFtCompError as error:
             raise SettingsError(f'{error} The running model stays.') from error
         self._follow_live()
@@ -296,23 +279,23 @@ class Learner(Part):
         """Save changes of the memory; delete the file of a model that is not offered any more."""
         before, offered = self.memory, self.offered
         self.memory, self.problem = replace(before, **changes), ''
-        was_live = any(entry.sha256 == before.sha256 for entry in self._live.history)
+        was_live = any(entry.sha256 == before.sha256 for entry in self.live.history)
         is_over = before.offered not in {'', self.memory.offered} and not was_live
 
         def note(problem: str) -> None:
             if problem:
                 self.problem = problem
-                self._log.error(problem)
+                self.hub.log.error(problem)
             elif is_over:
-                self._jobs.store.discard(offered)
+                self.live.store.discard(offered)
 
         write = partial(save_memory, self._directory, self.memory)
-        self._live.writer.put('learning.json', write, note)
+        self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
-        if self._process is not None:
-            self._process.end()
-            self._process = None
+        if self._judging is not None:
+            self._judging.close()
+            self._judging = None
 
     def statuses(self) -> Iterator[Status]:
         """Report what learning does, and its last results; nothing where it is off."""
@@ -322,7 +305,7 @@ class Learner(Part):
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
-            'last_change': last_change(self._live.history) or 'none yet',
+            'last_change': last_change(self.live.history) or 'none yet',
         }
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))
@@ -338,15 +321,17 @@ class Learner(Part):
         elif memory.offered:
             message = f'a better model is offered, {memory.offered}; ~/adopt makes it live'
         elif self.running_s is not None:
-            message = f'models have been compared on {self._judging} for {self.running_s:.0f} s'
+            message = (
+                f'models have been compared on {self._judged_last} for {self.running_s:.0f} s'
+            )
         else:
             message = 'the day is being recorded; no better model is offered'
         yield Status(self.title, WARN if trouble else OK, message, numbers)
 
-    def end(self) -> bool:
+    def end(self) -> None:
         """End the job, and write what was recorded."""
         self._end_job()
-        diary, self.diary = self.diary, None
-        if diary is not None:
-            diary.end()
-        return False
+        if self.diary is not None and self._recording is not None:
+            self.recorder.finish(self._recording)
+            self.diary.close()
+            self.diary = None

@@ -5,22 +5,19 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
-
-from std_srvs.srv import Trigger
+from typing import Any
 
 from wrist_ft_comp.channels import SensorNames
-from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, DriftModel, StoredModel
+from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
+from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.services import Reply, Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, How, ModelStore
-
-#: Is told what went wrong, or '', when a change is on the disk.
-Then: TypeAlias = Callable[[str], None]
+from wrist_ft_comp.stream.compensator import Compensator
 
 
 @dataclass(eq=False, kw_only=True)
@@ -28,8 +25,7 @@ class LiveModel(Part):
     """
     Owns the live model and those before it.
 
-    ``sensor`` gives the names of the sensor; ``swap`` gives a model to the stream, or raises
-    without a change. ``writer`` keeps the history over a restart.
+    ``sensor`` gives the names of the sensor. ``writer`` keeps the history over a restart.
 
     It starts with the newest decision. A model_file with other content than at the last start is a
     new decision of the operator, and has to be usable. Otherwise the model goes on that a
@@ -38,7 +34,8 @@ class LiveModel(Part):
 
     store: ModelStore
     sensor: Callable[[], SensorNames]
-    swap: Callable[[DriftModel | None], None]
+    compensator: Compensator
+    counts: Counts
     writer: FileWriter
     hub: Hub = field(init=False)
     #: Why the right model is not live, or will not be live after a restart.
@@ -53,6 +50,8 @@ class LiveModel(Part):
     _given: str = ''
     #: Model of a model_file that was checked and goes live next; loading it takes tens of ms.
     _validated: StoredModel | None = None
+    #: How often the history is yet to be written.
+    _unwritten: int = 0
 
     title, logged = 'model', True
     parameters = (
@@ -63,12 +62,6 @@ class LiveModel(Part):
             'a calibration or rollback since then goes on. Set at run time, it must lie inside '
             'data_directory.'),
     )  # fmt: skip
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/rollback."""
-        purpose = 'goes back to the model before the last calibration or adoption'
-        return (Service(Trigger, '~/rollback', purpose, cls.roll_back),)
 
     def start(self) -> None:
         """Choose the first model: that of model_file, or the one that was live last."""
@@ -99,13 +92,11 @@ class LiveModel(Part):
                     'running, to go back.'
                 )
         if self.stored is not None:
-            self.swap(self.stored.model)
-            self._announce(self.stored)
+            self._make_live(self.stored)
 
-    def end(self) -> bool:
+    def end(self) -> None:
         """Leave the folder to other nodes."""
         self.store.release()
-        return False
 
     def statuses(self) -> Iterator[Status]:
         """Report the live model."""
@@ -130,9 +121,6 @@ class LiveModel(Part):
             )
         yield Status(self.title, WARN if trouble else OK, trouble or summary(stored), numbers)
 
-    def _announce(self, stored: StoredModel) -> None:
-        self.hub.log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
-
     @property
     def sha256(self) -> str | None:
         """Hash of the live model's file."""
@@ -145,29 +133,25 @@ class LiveModel(Part):
         check_sensor(stored, sensor)
         return stored
 
-    def take(
-        self, stored: StoredModel, why: str, judged: str = '', then: Then | None = None
-    ) -> None:
+    def take(self, stored: StoredModel, why: str, judged: str = '') -> None:
         """
-        Make a new model live; ``then`` gets why it could not be remembered, or ''.
+        Make a new model live; ``kept`` waits until that is remembered.
 
         ``why`` is the reason in a sentence, ``judged`` the newest day that was judged, where the
         node itself decided; empty where a person did.
         """
         self._make_live(stored)
         self.history = self.history or [HistoryEntry(None)]
-        self._write_down(why, 'learnt' if judged else 'chosen', judged, then)
+        self._write_down(why, 'learnt' if judged else 'chosen', judged)
 
     def _make_live(self, stored: StoredModel | None) -> None:
-        self.swap(None if stored is None else stored.model)
+        newest = self.counts.newest
+        self.compensator.go_live(stored.model if stored else None, newest and newest[:2])
         self.stored = stored
         if stored is not None:
-            self._announce(stored)
-        self.hub.broadcast('on_model')
+            self.hub.log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')
 
-    def _write_down(
-        self, why: str, how: How = 'chosen', judged: str = '', then: Then | None = None
-    ) -> None:
+    def _write_down(self, why: str, how: How = 'chosen', judged: str = '') -> None:
         """Remember that the live model is live from now on; no news where it was live before."""
         path, sha256 = (self.stored.path, self.stored.sha256) if self.stored else (None, '')
         last = self.history[-1] if self.history else None
@@ -179,19 +163,23 @@ class LiveModel(Part):
             since = datetime.now(timezone.utc).isoformat(timespec='seconds')
             day = judged or self.store.newest_day()
             self.history.append(HistoryEntry(path, sha256, since, why, how, day))
-        self._remember(then)
+        self._remember()
 
-    def _remember(self, then: Then | None = None) -> None:
-        """Have the history written; ``then`` gets what went wrong, or '', when that is known."""
+    def _remember(self) -> None:
+        """Have the history written."""
 
         def note(problem: str) -> None:
-            self.problem = problem
-            if then is not None:
-                then(problem)
+            self._unwritten, self.problem = self._unwritten - 1, problem
 
-        self.problem = ''
+        self._unwritten, self.problem = self._unwritten + 1, ''
         write = partial(self.store.activate, tuple(self.history), self._given)
         self.writer.put('active.json', write, note)
+
+    def kept(self, answer: str) -> Work:
+        """Wait until the history is on the disk; give an answer, perhaps with a warning."""
+        while self._unwritten:
+            yield
+        return warned(answer, self.problem)
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse files outside data_directory and unusable models; changes nothing that runs."""
@@ -215,7 +203,8 @@ class LiveModel(Part):
         if stored is not None and any(given.name == 'model_file' for given in parameters):
             self.take(stored, f'a person set model_file to {stored.path.name}')
 
-    def roll_back(self, _: Any, reply: Reply) -> None:
+    @service('~/rollback', 'goes back to the model before the last calibration or adoption')
+    def roll_back(self, _: Any) -> Work:
         """Go back to the model before the live one; say which."""
         history = self.history
         standing = [n for n, entry in enumerate(history) if not entry.withdrawn]
@@ -237,13 +226,13 @@ class LiveModel(Part):
         for n in (before, live):
             history[n] = replace(history[n], withdrawn=True)
         names = [one.name if one else 'no model' for one in (left, path)]
-        why = f'a person went back from {names[0]} to {names[1]} with ~/rollback'
+        self._write_down(
+            f'a person went back from {names[0]} to {names[1]} with ~/rollback', 'back'
+        )
         now = 'no model was live before: wrenches pass uncompensated'
         if path is not None:
             now = f'compensating with {path} again'
-        self._write_down(
-            why, 'back', then=lambda problem: reply(success=True, message=warned(now, problem))
-        )
+        return (yield from self.kept(now))
 
 
 def summary(stored: StoredModel) -> str:

@@ -21,7 +21,7 @@ from wrist_ft_comp.channels import (
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Hub, Part, Vector
-from wrist_ft_comp.ros.services import Reply, Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
@@ -41,13 +41,29 @@ class OwnRecording:
     averager: CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
-    #: Called when the disk refuses; nothing more is written after that.
-    on_failure: Callable[[RecordingError], None]
     rows: int = 0
+    #: Why the disk refused; nothing more is written after that. None while all is well.
+    error: RecordingError | None = None
     #: By channel, how many of the newest rows have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
     #: By channel, its least and its largest value.
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def write(self, channels: Sequence[str], rows: Sequence[Row]) -> None:
+        """Write rows, and note what they lack."""
+        try:
+            for stamp_ns, values in rows:
+                self.writer.append(stamp_ns, values)
+                self.rows += 1
+                for channel, value in zip(channels, values, strict=True):
+                    if math.isnan(value):
+                        self.lacking[channel] += 1
+                        continue
+                    self.lacking[channel] = 0
+                    least, most = self.spans.get(channel, (value, value))
+                    self.spans[channel] = min(least, value), max(most, value)
+        except RecordingError as error:
+            self.error = error
 
 
 class Recorder(Part):
@@ -68,76 +84,42 @@ class Recorder(Part):
         #: Names of a row's values.
         self.channels = row_channels(thermometers, with_force=with_force)
         self.sensor = sensor
-        #: Length of a row's cell, ns.
-        self.period_ns = round(NANOSECONDS * compensator.settings.thermal_period_s)
+        #: Length of a row's cell, s and ns.
+        self.period_s = compensator.settings.thermal_period_s
+        self.period_ns = round(NANOSECONDS * self.period_s)
         self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
-
-    @property
-    def thermal_period_ns(self) -> int:
-        """Length of the live model's thermal cells, ns; without a model, that of a row's cell."""
-        return self._compensator.tracker.grid.period_ns
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
         for recording in self._running:
-            rows, had_reference = recording.lacking, REFERENCE_CHANNELS[0] in recording.spans
-            lacking_s = min(rows[axis] for axis in AXES) * self.period_ns / NANOSECONDS
-            if lacking_s >= LACKING_S:
-                return (
-                    f'the last {lacking_s:.0f} s were recorded without raw wrenches: they are '
-                    'silent, or their stamps are of another clock than those of the temperatures. '
-                    'Nothing can be learnt from that; set one clock, then record again'
-                )
-            for channel, source, is_wanted in (
-                (FORCE_CHANNELS[0], 'specific force', self._with_force),
-                (REFERENCE_CHANNELS[0], 'wrench_reference', had_reference),
-            ):
-                lacking_s = rows[channel] * self.period_ns / NANOSECONDS
-                if is_wanted and lacking_s >= LACKING_S:
+            sources = {'raw wrenches': AXES, 'specific force': FORCE_CHANNELS}
+            if REFERENCE_CHANNELS[0] in recording.spans:
+                sources['wrench_reference'] = REFERENCE_CHANNELS
+            for source, channels in sources.items():
+                lacking_s = self.period_s * min(recording.lacking[name] for name in channels)
+                if lacking_s >= LACKING_S:
                     return (
-                        f'the last {lacking_s:.0f} s were recorded without {source}: it is '
-                        'silent, or its stamps are of another clock than those of the wrench'
+                        f'the last {lacking_s:.0f} s were recorded without {source}, and nothing '
+                        'can be learnt from that: it is silent, or its stamps are of another '
+                        'clock; mend that, then record again'
                     )
         return ''
 
-    def begin(self, writer: Any, on_failure: Callable[[RecordingError], None]) -> OwnRecording:
-        """Feed a new recording from now on."""
+    def begin_recording(self, writer: Any) -> OwnRecording:
+        """Feed a new recording from now on, until ``finish`` or until its disk refuses."""
         averager = CellAverager(self.period_ns, self.thermometers, with_force=self._with_force)
-        recording = OwnRecording(averager, writer, on_failure)
+        recording = OwnRecording(averager, writer)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
         return recording
 
     def finish(self, recording: OwnRecording) -> None:
-        """
-        Write all that a recording gets, and let go of it; its owner closes its writer.
-
-        RecordingError when the disk refuses.
-        """
-        self._leave(recording)
-        if error := self._write(recording, recording.averager.rows(final=True)):
-            raise error
-
-    def _leave(self, recording: OwnRecording) -> None:
-        self._running.remove(recording)
+        """Write all that a recording gets, and let go of it; its owner closes its writer."""
+        if recording in self._running:
+            self._running.remove(recording)
+            recording.write(self.channels, recording.averager.rows(final=True))
         self.hub.listen(self, wanted=bool(self._running))
-
-    def _write(self, recording: OwnRecording, rows: Sequence[Row]) -> RecordingError | None:
-        """Write rows into a recording, and note what they lack; give why the disk refuses."""
-        try:
-            for stamp_ns, values in rows:
-                recording.writer.append(stamp_ns, values)
-                recording.rows += 1
-                for channel, value in zip(self.channels, values, strict=True):
-                    count = recording.lacking[channel] + 1 if math.isnan(value) else 0
-                    recording.lacking[channel] = count
-                    if not count:
-                        least, most = recording.spans.get(channel, (value, value))
-                        recording.spans[channel] = min(least, value), max(most, value)
-        except RecordingError as error:
-            return error
-        return None
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
@@ -155,7 +137,7 @@ class Recorder(Part):
         """Take the temperatures of thermal cells, which the live model may have made longer."""
         if not self._running:
             return
-        thermal_ns = self.thermal_period_ns
+        thermal_ns = self._compensator.tracker.grid.period_ns
         if thermal_ns != self.period_ns:
             middles = [cell.number * thermal_ns + thermal_ns // 2 for cell in cells]
             cells = [
@@ -169,9 +151,10 @@ class Recorder(Part):
     def poll(self) -> None:
         """Write the rows there are; a full disk ends a recording, not the stream."""
         for recording in tuple(self._running):
-            if error := self._write(recording, recording.averager.rows()):
-                self._leave(recording)
-                recording.on_failure(error)
+            recording.write(self.channels, recording.averager.rows())
+            if recording.error is not None:
+                self._running.remove(recording)
+                self.hub.listen(self, wanted=bool(self._running))
 
 
 @dataclass(eq=False, kw_only=True)
@@ -196,20 +179,25 @@ class RecordService(Part):
     title = 'recording'
     topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/record."""
-        purpose = "starts (data: true) or ends (data: false) the node's own recording"
-        return (Service(SetBool, '~/record', purpose, cls.on_request),)
-
-    def on_request(self, request: Any, reply: Reply) -> str | None:
+    @service(
+        '~/record', "starts (data: true) or ends (data: false) the node's own recording", SetBool
+    )
+    def record(self, request: Any) -> Work:
         """Start or end the recording, as SetBool's data says; say where to, or what it holds."""
         if request.data:
             return self.begin()
-        if self.current is None:
+        if (recording := self.current) is None:
             raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
-        self._finish(self.current, reply)
-        return None
+        problems: list[str] = []
+        self._close(problems.append)
+        while not problems:
+            yield
+        if problem := str(recording.error or problems[0]):
+            raise RecordingError(self._ended(problem, recording.rows))
+        return (
+            f'recorded {recording.rows} thermal cells '
+            f'({recording.rows * self.recorder.period_s:.0f} s) into {self.path}'
+        )
 
     def begin(self) -> str:
         """Start recording; say where to."""
@@ -234,32 +222,29 @@ class RecordService(Part):
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
         self._reference, self.path, self.failure = reference, path, ''
-        self.current = self.recorder.begin(writer, self._fail)
+        self.current = self.recorder.begin_recording(writer)
         return f'recording into {path}'
 
-    def _finish(self, recording: OwnRecording, reply: Callable[..., None]) -> None:
-        """End the recording; answer what it holds when that is on the disk."""
-        path, problem = self.path, ''
-        self._forget()
-        try:
+    def _close(self, then: Callable[[str], None] | None = None) -> None:
+        """End the recording that runs; ``then`` gets why its file could not be closed, or ''."""
+        recording, self.current = self.current, None
+        if recording is not None:
+            self.hub.destroy_subscription(self._reference)
             self.recorder.finish(recording)
-        except RecordingError as error:
-            problem = str(error)
-        rows = recording.rows
-        seconds = rows * self.recorder.period_ns / NANOSECONDS
+            self.writer.put(str(self.path), recording.writer.close, then)
 
-        def answer(unwritten: str) -> None:
-            if why := problem or unwritten:
-                reply(success=False, message=_ended(why, rows))
-            else:
-                said = f'recorded {rows} thermal cells ({seconds:.0f} s) into {path}'
-                reply(success=True, message=said)
+    def _ended(self, problem: str, rows: int) -> str:
+        return (
+            f'{problem} The recording has ended after {rows} thermal cells. See that its file '
+            'stays and the disk has room, or choose another data_directory, then record again.'
+        )
 
-        self.writer.put(str(path), recording.writer.close, answer)
-
-    def _forget(self) -> None:
-        self.current = None
-        self.hub.destroy_subscription(self._reference)
+    def poll(self) -> None:
+        """End a recording that the disk refuses."""
+        if self.current is not None and (error := self.current.error):
+            self.failure = self._ended(str(error), self.current.rows)
+            self.hub.log.error(self.failure)
+            self._close()
 
     def on_reference(self, data: bytes) -> None:
         """Take one reference wrench."""
@@ -275,32 +260,18 @@ class RecordService(Part):
         """Give how long the present recording is, and which temperatures it spans."""
         if self.current is None or not self.current.rows:
             return {}
-        values = {'recording_s': f'{self.current.rows * self.recorder.period_ns / NANOSECONDS:g}'}
+        values = {'recording_s': f'{self.current.rows * self.recorder.period_s:g}'}
         for j in range(self.recorder.thermometers):
             if span := self.current.spans.get(temperature_channel(j)):
                 values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
         return values
 
-    def _fail(self, error: RecordingError) -> None:
-        if (recording := self.current) is not None:
-            self._forget()
-            self.writer.put(str(self.path), recording.writer.close)
-            self.failure = _ended(str(error), recording.rows)
-            self.hub.log.error(self.failure)
-
-    def end(self) -> bool:
+    def end(self) -> None:
         """Close the recording that runs, if one does, and log what it holds."""
+        if (recording := self.current) is not None:
 
-        def report(*, success: bool, message: str) -> None:
-            self.hub.log.write(OK if success else ERROR, message)
+            def report(problem: str) -> None:
+                said = f'recorded {recording.rows} thermal cells into {self.path}'
+                self.hub.log.write(ERROR if problem else OK, problem or said)
 
-        if self.current is not None:
-            self._finish(self.current, report)
-        return False
-
-
-def _ended(problem: str, rows: int) -> str:
-    return (
-        f'{problem} The recording has ended after {rows} thermal cells. See that its file stays '
-        'and the disk has room, or choose another data_directory, then record again.'
-    )
+            self._close(report)

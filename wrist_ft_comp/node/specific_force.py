@@ -198,9 +198,8 @@ class SpecificForceInput(Part):
     def doubt(self) -> str:
         """Say what is wrong with the messages since the last call; empty when nothing is."""
         unreadable, self._unreadable_before = self._unreadable_before, self.unreadable
-        for topic in ('imu', '/tf', '/tf_static'):
-            if policy := self.hub.incompatible.get(topic):
-                return f'{topic} is not heard: a publisher offers less {policy} than is asked for'
+        for topic in {'imu', '/tf', '/tf_static'} & self.hub.incompatible.keys():
+            return self.hub.incompatible[topic]
         if self._imu is not None:
             topic = self._imu.topic_name
             if other := wrong_type(self.hub, topic, IMU):

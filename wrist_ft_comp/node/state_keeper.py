@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 import time
 from typing import TypeAlias
 
 from wrist_ft_comp.errors import StateFileError
-from wrist_ft_comp.node.live_model import Then
+from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
@@ -32,33 +33,31 @@ class StateKeeper(Part):
     """
     Continues from the state that the last node saved, and saves the state of this one.
 
-    ``live_sha256`` gives the hash of the live model's file. Of the writer, which all parts share,
-    it hands out the outcomes, and waits for it at the end.
+    Of the writer, which all parts share, it hands out the outcomes, and waits for it at the end.
     """
 
     compensator: Compensator
-    live_sha256: Callable[[], str | None]
+    live: LiveModel
+    counts: Counts
     writer: FileWriter
     path: Path
-    #: The publishers of raw wrenches, which the part for the output keeps up to date.
-    drivers: set[str] = field(default_factory=set)
     #: What happened to the saved state.
     outcome: str = 'there was no saved state'
     #: The bytes of the tares in the file, where they are known.
     _written: tuple[bytes, bytes] = b'', b''
-    #: The saved state, until the first thermal cell decides whether it is used.
-    _loaded: SavedState | None = None
-    #: When to save next, by the steady clock; None before the first model is live.
-    _due: float | None = None
+    #: When the state was saved that the first thermal cell decides about, ns.
+    _loaded_ns: int = 0
+    #: When to save next, by the steady clock.
+    _due: float = 0.0
+    #: What was saved last, as ``_present`` collects it; None before the first model is live.
+    _saved: tuple[_Key, int | None] | None = None
 
     title = 'state'
 
-    def on_model(self) -> None:
-        """Continue from the saved state when the first model is live, and begin to save."""
-        if self._due is not None:
-            return
+    def start(self) -> None:
+        """Continue from the saved state, and begin to save."""
         self._due = time.monotonic() + SAVE_PERIOD_S
-        self._logged_origin = self.compensator.tracker.origin
+        self._origin = self.compensator.tracker.origin
         if why := self._restore():
             self.outcome = f'{why}; the drift starts at the steady state of the first temperatures'
             self.hub.log.warning(self.outcome)
@@ -72,7 +71,7 @@ class StateKeeper(Part):
             return str(error).removesuffix('.')
         if state is None:
             return ''
-        if state.model_sha256 != self.live_sha256():
+        if state.model_sha256 != self.live.sha256:
             return 'the saved state belongs to another model, and so does its tare'
         self._written = state.tare.tobytes(), state.external_tare.tobytes()
         memory, model = state.thermal, self.compensator.model
@@ -81,7 +80,7 @@ class StateKeeper(Part):
                 state.tare, state.external_tare, before_drift=memory is None
             )
             self.hub.log.info('the tare from before the restart is active')
-            self.drivers.update(state.drivers)
+            self.counts.drivers = set(state.drivers)
         for doubt in state.zero_doubts:
             self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
@@ -92,7 +91,7 @@ class StateKeeper(Part):
         # With simulated time, the system's clock does not show how long a restart took.
         simulated = self.hub.get_parameter('use_sim_time').value
         gap_s = 0.0 if simulated else (time.time_ns() - state.saved_ns) / NANOSECONDS
-        self._loaded = state
+        self._loaded_ns = state.saved_ns
         self.compensator.resume(memory, gap_s)
         self.outcome = self.compensator.tracker.origin
         return ''
@@ -101,39 +100,36 @@ class StateKeeper(Part):
         """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
         stream, tracker = self.compensator, self.compensator.tracker
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
-        doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.drivers))
-        key = (self.live_sha256(), *tares, doubts, drivers)
+        doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers))
+        key = (self.live.sha256, *tares, doubts, drivers)
         return key, tracker.end_ns if tracker.following else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
         self.writer.poll()
         tracker = self.compensator.tracker
-        if self._due is None:
+        if self._saved is None:
             return
-        if tracker.origin != self._logged_origin:
-            self._logged_origin = tracker.origin
-            if self._loaded is not None:
-                self.outcome = self._logged_origin
-                if not tracker.awaiting_gap:
-                    self._loaded = None
+        if tracker.origin != self._origin:
+            self._origin = tracker.origin
+            if self._loaded_ns:
+                self.outcome = tracker.origin
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         present = self._present()
-        due = time.monotonic() >= self._due and present != self._saved
-        if due or present[0] != self._saved[0]:
+        is_due = time.monotonic() >= self._due and present != self._saved
+        if is_due or present[0] != self._saved[0]:
             self.save()
 
-    def save(self, then: Then | None = None) -> None:
+    def save(self, then: Callable[[str], None] | None = None) -> None:
         """Have the present state saved; ``then`` gets why that failed, or '', when it is known."""
         stream = self.compensator
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
-        saved_ns = time.time_ns()
-        if self._loaded is not None and stream.tracker.awaiting_gap:
-            saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
+        # A state that is not yet used does not get younger.
+        saved_ns = self._loaded_ns if stream.tracker.awaiting_gap else time.time_ns()
         state = SavedState(
-            saved_ns, self.live_sha256(), stream.tare, stream.memory(), stream.external_tare,
-            tuple(stream.zero_doubts), tuple(sorted(self.drivers)),
+            saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
+            tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
         )  # fmt: skip
         self.writer.put(self.path.name, partial(self._write, state), then)
 
@@ -149,12 +145,12 @@ class StateKeeper(Part):
             raise
         self._written = tares
 
-    def end(self) -> bool:
-        """Save once more, and wait for the disk; True when a caller was answered just now."""
-        if self._due is not None and self._present() != self._saved:
+    def end(self) -> None:
+        """Save once more, and wait for the disk."""
+        if self._saved is not None and self._present() != self._saved:
             self.save()
         if not self.writer.end(_END_TIMEOUT_S):
             self.hub.log.error(f'{self.path} was not saved: the disk does not answer.')
         elif problem := self.writer.problems.get(self.path.name):
             self.hub.log.error(problem)
-        return self.writer.poll()
+        self.writer.poll()

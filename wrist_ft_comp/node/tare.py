@@ -1,21 +1,21 @@
 """The part that answers ~/tare and ~/reset_tare."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 import time
 from typing import Any
 
 import numpy as np
-from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import warned
+from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import WrenchInput
-from wrist_ft_comp.ros.hub import Hub, LongService, Work
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import Parameter
-from wrist_ft_comp.ros.services import Service
+from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -26,28 +26,24 @@ _DISK_S = 5.0
 
 
 @dataclass(eq=False, kw_only=True)
-class TareService(LongService):
+class TareService(Part):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
 
-    ``save`` keeps the tare over a restart, and tells what it is given why that failed, or ''.
+    A service of its name; ``state_keeper`` keeps the tare over a restart.
     """
 
     compensator: Compensator
     external: ExternalWrench
     wrenches: WrenchInput
-    save: Callable[..., None]
+    state_keeper: StateKeeper
     #: Collects wrenches; None when it has enough, or no tare runs.
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
     hub: Hub = field(init=False)
 
-    title, name = 'tare', '~/tare'
-    purpose = (
-        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
-        'while the load moves'
-    )
+    title = 'tare'
     parameters = (
         Parameter(
             'tare.duration', 1.0,
@@ -57,35 +53,29 @@ class TareService(LongService):
             'A tare is refused when a force moves by more, or a torque by more than a tenth of it '
             'in N m.', 'N', 0.001, 1e6),
     )  # fmt: skip
-    not_done, unchanged = 'not tared: ', '; the tare is unchanged'
 
-    def _busy(self) -> str:
-        return 'A tare is running'
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer ~/tare and ~/reset_tare."""
-        reset = Service(Trigger, '~/reset_tare', 'forgets both tares', cls.reset)
-        return (*super().services(), reset)
-
+    @service('~/reset_tare', 'forgets both tares')
     def reset(self, *_: Any) -> str:
         """Forget the tare."""
         self.compensator.reset_tare()
-        self.save()
+        self.state_keeper.save()
         return 'the tare is zero again'
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
-        """Take one wrench, N and N m; answer when there are enough."""
+        """Take one wrench, N and N m, until there are enough."""
         if self._collector is None:
             return
         self._weights.append(self.external.weight_at(stamp_ns))
         if self._collector.add(stamp_ns, raw):
             self._collector = None
-            self.poll()
 
-    def _work(self) -> Work:
+    @service(
+        '~/tare',
+        'makes the present wrench zero, and wrench_external of what payload.active names; refused '
+        'while the load moves',
+    )
+    def tare(self, _: Any) -> Work:
         """Collect wrenches for the whole time, of a living sensor, and tare."""
-        self._refuse_sick()
         chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         lasted_ns, went_on_s = 0, time.monotonic()
@@ -100,8 +90,12 @@ class TareService(LongService):
         finally:
             self._collector = None
             self.hub.listen(self, wanted=False)
+        if sick := self.wrenches.sickness():
+            raise TareRefusedError(
+                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
+                'again when the sensor lives.'
+            )
         mean, stamp_ns = collector.result()
-        self._refuse_sick()
         if collector.unchanged:
             reading = ', '.join(f'{value:.4g}' for value in mean)
             raise TareRefusedError(
@@ -110,23 +104,24 @@ class TareService(LongService):
                 'never change, needs no tare: do not call it there. Where the steps of the sensor '
                 'are coarse, raise tare.duration.'
             )
-        weight, after = None, self.external.payload
-        if after is not None or payload is not None:
-            weights = [weight for weight in self._weights if weight is not None]
-            if after is None or after is not payload or len(weights) < len(self._weights):
-                why = 'payload.active changed meanwhile'
-                if after is payload:
-                    count = len(self._weights)
-                    why = f'specific force was fresh for {len(weights)} of {count} wrenches'
-                raise TareRefusedError(
-                    f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look '
-                    'at the status payload and call again; with payload.active empty, wrench is '
-                    'tared alone.'
-                )
+        weights, why, weight = [one for one in self._weights if one is not None], '', None
+        if otherwise := self.external.check.found:
+            why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
+        elif self.external.payload is not payload:
+            why = 'payload.active changed meanwhile'
+        elif payload is not None and len(weights) < len(self._weights):
+            why = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
+        elif payload is not None:
             weight = np.asarray(np.mean(weights, axis=0))
+        if why:
+            raise TareRefusedError(
+                f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
+                'the status payload and call again; with payload.active empty, wrench is tared '
+                'alone.'
+            )
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         problems: list[str] = []
-        self.save(problems.append)
+        self.state_keeper.save(problems.append)
         asked_s = time.monotonic()
         while not problems and time.monotonic() - asked_s < _DISK_S:
             yield
@@ -137,16 +132,3 @@ class TareService(LongService):
         also = '' if weight is None else '; wrench_external is tared, too'
         lost = f'A restart loses this tare: {unsaved}' if unsaved else ''
         return warned(f'tared: {offsets}{also}', lost)
-
-    def _refuse_sick(self) -> None:
-        """Refuse where the sensor is frozen or saturated."""
-        if sick := self.wrenches.sickness():
-            raise TareRefusedError(
-                f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
-                'again when the sensor lives.'
-            )
-        if otherwise := self.external.check.found:
-            raise TareRefusedError(
-                f'wrench_external cannot be tared: {otherwise}. Both tares stay as they were; '
-                'when that is mended, turn the tool about until the status payload says so.'
-            )

@@ -8,11 +8,11 @@ import time
 from typing import Any
 
 from wrist_ft_comp.channels import is_plausible, temperature_channel
-from wrist_ft_comp.errors import RecordingError, SettingsError, WristFtCompError
+from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
-from wrist_ft_comp.node.wrench_topics import age, arrival, Events, WrenchInput
+from wrist_ft_comp.node.wrench_topics import age, arrival, Counts
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
@@ -24,6 +24,7 @@ from wrist_ft_comp.ros.topics import (
     SLOW_SENSOR,
     types_on,
     unpublished,
+    wrong_type,
 )
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
@@ -53,8 +54,8 @@ class TemperatureTopic:
         self.sources = sources
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
-        #: Why nothing can be read, and why a thermometer could not be.
-        self._problem, self._misread = '', dict[int, str]()
+        #: Why temperatures cannot be read, by thermometer, and whether none can be.
+        self.problems, self._is_deaf = dict[int, str](), False
         self._hub: Hub = part.hub
         self._part, self._topic, self._take = part, topic, take
         self._is_plain = not all(source.path for source in sources.values())
@@ -62,46 +63,38 @@ class TemperatureTopic:
         self._type = ''
         self._definitions: Definitions = {}
         self._subscription: Any = None
-        self._publishers = 0
-        #: Whether no message is taken until the next look: to say what is missing takes time.
-        self._is_resting = False
         if self._is_plain:
             self._subscribe(TEMPERATURE)
 
     def poll(self) -> None:
-        """Take what came, and look as soon as publishers came or went; ten times a second."""
-        publishers = self._hub.count_publishers(self._topic)
-        if publishers != self._publishers:
-            self._publishers = publishers
-            self.look()
-        if self._subscription is not None and not (self._is_plain or self._is_resting):
+        """Take what came; ten times a second."""
+        if self._subscription is not None and not self._is_plain:
             for data in waiting(self._subscription):
                 self.read(data)
 
     def look(self) -> None:
-        """Ask which type the topic has, and subscribe when that is new; takes half a ms."""
-        self._is_resting = False
-        types = types_on(self._hub, self._topic)
-        if not types:
-            self._misread.clear()
-            self._problem = '' if self._type else unpublished(self._hub, self._topic)
-        elif not self._type:
+        """Ask which type the topic has, and subscribe when that is new; once a second."""
+        types, problem = types_on(self._hub, self._topic), ''
+        if types and not self._type:
             try:
                 self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
             except WristFtCompError as error:
-                self._problem = str(error).rstrip('.')
-        elif self._type not in types:
-            # The new type comes at the next look: until the executor has let go, DDS has the old.
-            # In one process, DDS has one type per topic, which may be another sensor's, too.
-            self._hub.destroy_subscription(self._subscription)
-            self._subscription, self._type = None, ''
-        if self._type:
-            self._problem = other_version(self._hub, self._topic)
+                problem = str(error).rstrip('.')
+        if not types and not self._type:
+            problem = unpublished(self._hub, self._topic)
+        elif types and self._type:
+            problem = wrong_type(self._hub, self._topic, self._type)
+            if self._is_plain:
+                problem = no_temperature(self._hub, self._topic)
+            problem = problem or other_version(self._hub, self._topic)
+        if problem:
+            self.problems = dict.fromkeys(self.sources, problem)
+        elif self._is_deaf or not types:
+            self.problems = {}
+        self._is_deaf = bool(problem)
 
     def _subscribe(self, name: str) -> None:
         """Subscribe to messages of a type; WristFtCompError where they cannot be had."""
-        if self._is_plain and name != TEMPERATURE:
-            raise SettingsError(no_temperature(self._hub, self._topic))
         kind, (source, *_) = load_type(self._topic, name), self.sources.values()
         self._definitions = define_installed(self._topic, name)
         paths = [source.number for source in self.sources.values()]
@@ -115,7 +108,7 @@ class TemperatureTopic:
 
     def read(self, data: bytes) -> None:
         """Take the temperatures of one message."""
-        if self._problem:
+        if self._is_deaf:
             return
         try:
             (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
@@ -125,24 +118,18 @@ class TemperatureTopic:
                 f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
                 'here of the same version as where it comes from?'
             )
-            self._misread = dict.fromkeys(self.sources, sentence)
+            self.problems = dict.fromkeys(self.sources, sentence)
             return
         stamped = stamp_ns if self._reader.has_header else None
         for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
             if math.isnan(number):
                 layout = follow(self._definitions, self._type, data)
                 if layout.find(source.number) is None:
-                    self.unreadable, self._is_resting = self.unreadable + 1, True
-                    self._misread[thermometer] = source.missing(layout).rstrip('.')
+                    self.unreadable += 1
+                    self.problems[thermometer] = source.missing(layout).rstrip('.')
                     continue
-            self._misread.pop(thermometer, None)
+            self.problems.pop(thermometer, None)
             self._take(thermometer, stamped, source.celsius(number))
-
-    def problems(self) -> dict[int, str]:
-        """Say why temperatures cannot be read, by thermometer."""
-        if self._problem:
-            return dict.fromkeys(self.sources, self._problem)
-        return self._misread
 
 
 @dataclass
@@ -164,7 +151,7 @@ class TemperatureInput(Part):
 
     thermometers: Sequence[Thermometer]
     compensator: Compensator
-    wrenches: WrenchInput
+    counts: Counts
     specific_force: SpecificForceInput
     live: LiveModel
     state_keeper: StateKeeper
@@ -177,7 +164,6 @@ class TemperatureInput(Part):
     #: Stamp of the newest usable reading, ns.
     _stamp_ns: int = 0
     _growth: Growth = field(default_factory=Growth)
-    _events: Events = field(default_factory=Events)
     #: Stamp of the wrench that was compared last, ns.
     _compared_ns: int | None = None
 
@@ -201,16 +187,14 @@ class TemperatureInput(Part):
             self.unusable += 1
             self._last_unusable = thermometer, temperature_c
             return
-        at_ns, newest = stamp_ns or self.hub.now_ns(), self.wrenches.newest()
+        at_ns, newest = stamp_ns or self.hub.now_ns(), self.counts.newest
+        arrival_ns = self._arrival_ns()
         if stamp_ns:
             topic, cell_ns = self.thermometers[thermometer].topic, self._tracker.grid.period_ns
-            self._comparison.note(topic, stamp_ns, self._now_ns(), cell_ns / NANOSECONDS)
+            came_ns = arrival_ns or self.hub.now_ns()
+            self._comparison.note(topic, stamp_ns, came_ns, cell_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
         self.hub.do(self.specific_force, self.specific_force.poll)
-        # The clock of the time since the boot is never set, and goes on while the machine sleeps.
-        # With simulated time, stamps have nothing to do with it.
-        simulated = self.hub.get_parameter('use_sim_time').value
-        arrival_ns = None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME)
         cells = self.compensator.add_temperature(
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
@@ -222,35 +206,30 @@ class TemperatureInput(Part):
             self.hub.broadcast('on_cells', cells, at_ns)
 
     def poll(self) -> None:
-        """Take temperatures that are fields of messages, and note what several messages show."""
-        before, self._compared_ns = self._compared_ns, self.wrenches.stamp_ns
-        if self._compared_ns is not None and self._compared_ns != before:
-            self._comparison.note_wrench(self._compared_ns, self._now_ns())
+        """Take temperatures that are fields of messages, and compare clocks."""
+        newest, before_ns = self.counts.newest, self._compared_ns
+        if newest is not None and newest[0] != before_ns:
+            self._compared_ns = newest[0]
+            self._comparison.note_wrench(newest[0], self._arrival_ns() or self.hub.now_ns())
         for topic in self.by_topic:
             topic.poll()
-        clocks = self._tracker.clocks
-        self._events.note(
-            stray=clocks.strays,
-            leapt=clocks.leaps + clocks.restarts,
-            **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
-        )
 
-    def _now_ns(self) -> int:
-        """Time of arrival: of the simulation, or by a clock that nobody sets."""
-        if self.hub.get_parameter('use_sim_time').value:
-            return self.hub.now_ns()
-        return time.monotonic_ns()
+    def _arrival_ns(self) -> int | None:
+        """Time since the boot, ns, which nobody sets; None where time is simulated."""
+        simulated = self.hub.get_parameter('use_sim_time').value
+        return None if simulated else time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def statuses(self) -> Iterator[Status]:
         """Judge the thermometers: silent, unusable, on another clock, out of range, or well."""
         for topic in self.by_topic:
             topic.look()
-        self.poll()
         tracker, clocks = self._tracker, self._tracker.clocks
         rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
         grown, elapsed_s = self._growth.since(
-            usable=self.usable, unusable=self.unusable, rejected=rejected
-        )
+            usable=self.usable, unusable=self.unusable, rejected=rejected,
+            leapt=clocks.leaps + clocks.restarts,
+            **{f'spike {j}': spikes.dropped for j, spikes in enumerate(tracker.spikes)},
+        )  # fmt: skip
         numbers = {
             'state': self.state_keeper.outcome,
             'rate_hz': f'{grown["usable"] / elapsed_s:.1f}',
@@ -258,8 +237,6 @@ class TemperatureInput(Part):
         }
         for j, thermometer in enumerate(self.thermometers, start=1):
             numbers[f'thermometer_{j}_age_s'] = age(thermometer.heard_s)
-            if thermometer.stamped is None:
-                numbers[f'thermometer_{j}_time'] = 'of arrival: its messages have no header'
         if tracker.reading_c is not None and tracker.temperature_c is not None:
             for j, value in enumerate(tracker.reading_c, start=1):
                 numbers[f'thermometer_{j}_c'] = f'{value:.2f}'
@@ -286,8 +263,8 @@ class TemperatureInput(Part):
             side = 'ahead of' if ahead_s > 0 else 'behind'
             yield (
                 f'stamps of {topic} are {abs(ahead_s):.1f} s {side} those of '
-                f'{self.wrenches.topic}, compared with their arrival; all drivers must use one '
-                'clock'
+                f'{self.hub.resolve_topic_name("wrench_raw")}, compared with their arrival; all '
+                'drivers must use one clock'
             )
         stored, temperature_c = self.live.stored, self._tracker.temperature_c
         if stored and temperature_c is not None and (out := stored.model.outside(temperature_c)):
@@ -298,7 +275,15 @@ class TemperatureInput(Part):
                 f'thermometer {_numbers(out)} outside the calibrated range; drift is less certain '
                 f'there, and held further out{hint}'
             )
-        yield from self._events_of_samples()
+        lately = self._growth.lately()
+        for j, spikes in enumerate(self._tracker.spikes):
+            if spikes.leaves_out or f'spike {j}' in lately:
+                yield (
+                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
+                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                )
+        if 'leapt' in lately:
+            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         for j, thermometer in enumerate(self.thermometers, start=1):
             if (publishers := self.hub.count_publishers(thermometer.topic)) > 1:
                 yield f'thermometer {j} has {publishers} publishers; their readings are mixed'
@@ -306,46 +291,21 @@ class TemperatureInput(Part):
             time_taken = arrival(self._stamp_ns)
             yield f'thermometer {_numbers(unstamped)} does not stamp its readings; {time_taken}'
 
-    def _events_of_samples(self) -> Iterator[str]:
-        """Say what has happened to samples lately: spikes, jumps, stray stamps."""
-        recent = self._events.recent()
-        jumps_k = self._tracker.remembered_jumps_k
-        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
-            if spikes.leaves_out or f'spike {j}' in recent:
-                yield (
-                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
-                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
-                )
-            if jump_k:
-                yield (
-                    f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
-                    'stayed; is it loose? The correction follows at max_drift_rate'
-                )
-        if 'leapt' in recent:
-            yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
-        if 'stray' in recent:
-            yield 'a temperature was dropped, because its stamp was far from those around it'
-
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
         limit_s = self.compensator.settings.temperature_timeout_s
-        problems = {j: why for topic in self.by_topic for j, why in topic.problems().items()}
+        problems = {j: why for topic in self.by_topic for j, why in topic.problems.items()}
         drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
         silent, seldom = [], self.compensator.seldom_reports()
         for j, thermometer in enumerate(self.thermometers):
             topic, heard_s = thermometer.topic, thermometer.heard_s
-            policy = self.hub.incompatible.get(thermometer.source.topic, '')
             if j in problems:
                 yield f'thermometer {j + 1}: {problems[j]}; {drift}'
-            elif heard_s is None and policy:
-                yield (
-                    f'thermometer {j + 1} is not heard: a publisher offers less {policy} than is '
-                    f'asked for; {drift}'
-                )
             elif heard_s is None:
-                why = f'{topic} has a publisher that sends none'
+                why = self.hub.incompatible.get(thermometer.source.topic, '')
                 if not self.hub.count_publishers(topic):
                     why = unpublished(self.hub, topic, TEMPERATURE)
+                why = why or f'{topic} has a publisher that sends none'
                 yield f'thermometer {j + 1} has not reported: {why}; {drift}'
             else:
                 spacing_s = seldom[j][0] if j in seldom else 0.0

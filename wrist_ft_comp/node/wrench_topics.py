@@ -1,7 +1,7 @@
 """The topics of wrenches: wrench_raw is judged, ~/drift and ~/correction are published."""
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 import math
 import time
 from typing import TypeAlias
@@ -22,8 +22,6 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
-#: The diagnostics warn of an event for this time, s.
-_WARNED_S = 10.0
 #: An axis that reads exactly 0 for this many looks in a row, 5 s, is dead, ...
 _DEAD_LOOKS = 50
 #: ... unless more than this share of its other looks repeat the one before, as coarse steps do.
@@ -35,8 +33,11 @@ _TWINS_S = 30.0
 
 @dataclass
 class Counts:
-    """Numbers of wrenches since the start."""
+    """What has come of raw wrenches since the start, in numbers, and the newest one."""
 
+    newest: Newest | None = None
+    #: The publishers, by their identity in the graph; at first, those before a restart.
+    drivers: set[str] = field(default_factory=set)
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0
     published: int = 0
@@ -47,24 +48,6 @@ class Counts:
     #: Wrenches that were lost by a fault of this program, and the last one of those.
     failed: int = 0
     fault: str = ''
-
-
-class Events:
-    """Remembers when every kind of event happened last."""
-
-    def __init__(self) -> None:
-        self._counted: dict[str, tuple[int, float]] = {}
-
-    def note(self, **counts: int) -> None:
-        """Take the present count of every kind."""
-        for kind, count in counts.items():
-            before, at_s = self._counted.get(kind, (0, -math.inf))
-            self._counted[kind] = count, time.monotonic() if count > before else at_s
-
-    def recent(self) -> set[str]:
-        """List the kinds of events of the last _WARNED_S seconds."""
-        since_s = time.monotonic() - _WARNED_S
-        return {kind for kind, (_, at_s) in self._counted.items() if at_s > since_s}
 
 
 def age(at_s: float | None) -> str:
@@ -80,42 +63,22 @@ def arrival(stamp_ns: int) -> str:
 
 
 class WrenchInput(Part):
-    """
-    Judges the raw wrenches, by the node's counts and its newest wrench.
-
-    ``modelled`` names the axes that the live model compensates.
-    """
+    """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
     title, logged = 'input', True
     hub: Hub
 
-    def __init__(
-        self,
-        counts: Counts,
-        newest: Callable[[], Newest | None],
-        modelled: Callable[[], Collection[str]] = tuple,
-    ) -> None:
-        self._counts, self.newest, self._modelled = counts, newest, modelled
+    def __init__(self, counts: Counts, compensator: Compensator) -> None:
+        self._counts, self._compensator = counts, compensator
         self.sensor = SensorWatch()
-        #: Stamp of the newest wrench that was looked at, ns; None before the first.
-        self.stamp_ns: int | None = None
-        #: Axes of which the newest wrench had no number, as those of a sensor of three forces.
-        self.absent: list[str] = []
         self._heard_s: float | None = None
-        #: The frame, the one before, and how often it changed.
-        self._frame = self._frame_before = ''
-        self._frame_changes = 0
         #: By axis, how many looks in a row read exactly 0, how many others there were, and how
         #: many of those were the same as the one before.
         self._zeros, self._others, self._repeats = np.zeros((3, len(AXES)), np.int64)
         self._last_raw: FloatArray = np.full(len(AXES), np.nan)
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
-        self._growth, self._events = Growth(), Events()
-
-    def start(self) -> None:
-        """Learn what the topic is called."""
-        self.topic = self.hub.resolve_topic_name('wrench_raw')
+        self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
         """
@@ -123,7 +86,7 @@ class WrenchInput(Part):
 
         An axis that was NaN in every earlier wrench may be NaN: the sensor does not have it.
         """
-        newest = self.newest()
+        newest = self._counts.newest
         before = raw if newest is None else newest[1]
         numbers = [value for value in raw if not math.isnan(value)]
         lost = any(
@@ -138,34 +101,47 @@ class WrenchInput(Part):
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
-        newest, number, sensor = self.newest(), self._counts.wrenches, self.sensor
-        if newest is not None and number != self._looked_at:
-            self._looked_at, self._heard_s = number, time.monotonic()
-            self.stamp_ns, raw, data = newest
-            layout = locate(data, WRENCH_DOUBLES)
-            stamped, frame = bool(layout.decode(data)[0]), layout.frame_id(data)
-            self.absent = [AXES[i] for i in np.flatnonzero(np.isnan(raw))]
-            reading = np.array(raw)
-            self._zeros = np.where(reading == 0, self._zeros + 1, 0)
-            self._others += reading != 0
-            self._repeats += (reading != 0) & (reading == self._last_raw)
-            self._last_raw = reading
-            sensor.look(self.stamp_ns if stamped else 0, np.nan_to_num(raw).tolist())
-            if frame != self._frame:
-                self._frame_changes += bool(self._frame)
-                self._frame_before, self._frame = self._frame, frame
-        self._events.note(frame=self._frame_changes, back=sensor.ran_back, leapt=sensor.leapt)
+        newest, number = self._counts.newest, self._counts.wrenches
+        if newest is None or number == self._looked_at:
+            return
+        self._looked_at, self._heard_s = number, time.monotonic()
+        stamp_ns, raw, data = newest
+        is_stamped = locate(data, WRENCH_DOUBLES).decode(data)[0] != 0
+        reading = np.array(raw)
+        self._zeros = np.where(reading == 0, self._zeros + 1, 0)
+        self._others += reading != 0
+        self._repeats += (reading != 0) & (reading == self._last_raw)
+        self._last_raw = reading
+        self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
-        counts, publishers = self._counts, self.hub.count_publishers(self.topic)
-        grown, elapsed_s = self._growth.since(wrenches=counts.wrenches, dropped=counts.dropped)
+        counts, sensor, topic = (
+            self._counts,
+            self.sensor,
+            self.hub.resolve_topic_name('wrench_raw'),
+        )
+        publishers = self.hub.count_publishers(topic)
+        drivers = {
+            bytes(end.endpoint_gid).hex() for end in self.hub.get_publishers_info_by_topic(topic)
+        }
+        if drivers and drivers.isdisjoint(counts.drivers):
+            if counts.drivers:
+                self._compensator.doubt_zero(
+                    f'the publisher of {topic} has left and another one came: its zero may be '
+                    'another one; call ~/tare'
+                )
+            counts.drivers = drivers
+        grown, elapsed_s = self._growth.since(
+            wrenches=counts.wrenches, dropped=counts.dropped, back=sensor.ran_back,
+            leapt=sensor.leapt,
+        )  # fmt: skip
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
             'rate_hz': f'{rate_hz:.1f}',
             'age_s': age(self._heard_s),
-            'frame': self._frame,
+            'frame': self.hub.hardware_id(),
             'received': str(counts.wrenches),
             'dropped': str(counts.dropped),
         }
@@ -176,21 +152,22 @@ class WrenchInput(Part):
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
-            why = wrong_type(self.hub, self.topic, WRENCH)
-            if policy := self.hub.incompatible.get('wrench_raw'):
-                why = f'their publisher offers less {policy} than is asked for'
-            elif publishers and not why:
-                why = f'{self.topic} has a publisher that sends none; is the sensor running?'
-            elif not why:
-                why = unpublished(self.hub, self.topic, WRENCH)
+            why = self.hub.incompatible.get('wrench_raw') or wrong_type(self.hub, topic, WRENCH)
+            if publishers and not why:
+                why = f'{topic} has a publisher that sends none; is the sensor running?'
+            why = why or unpublished(self.hub, topic, WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'
-            if self.absent:
-                well += f'; {", ".join(self.absent)} never had a number'
+            if absent := ', '.join(self._absent()):
+                well += f'; {absent} never had a number'
             if unused := ', '.join(self._dead(lived=False)):
                 well += f'; {unused} never read anything but 0'
             yield doubtful(self.title, self._doubts(publishers), well, numbers)
+
+    def _absent(self) -> list[str]:
+        """List axes of which the newest wrench had no number."""
+        return [AXES[i] for i in np.flatnonzero(np.isnan(self._last_raw))]
 
     def _dead(self, *, lived: bool) -> list[str]:
         """List axes that read exactly 0, and read something else before, or never did."""
@@ -208,29 +185,26 @@ class WrenchInput(Part):
 
     def _doubts(self, publishers: int) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
-        sensor, recent = self.sensor, self._events.recent()
+        sensor, lately, model = self.sensor, self._growth.lately(), self._compensator.model
         if publishers > 1:
             yield f'{publishers} publishers share the topic; their readings are mixed'
         if sick := self.sickness():
             yield sick
         elif dead := ', '.join(self._dead(lived=True)):
             yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
-        elif lost := set(self._modelled()).intersection(self.absent + self._dead(lived=False)):
+        elif model and (lost := model.axes.keys() & (*self._absent(), *self._dead(lived=False))):
             yield (
                 f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
                 'it as an axis that lives; is it dead?'
             )
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
-        if 'frame' in recent:
-            before, after = self._frame_before, self._frame
-            yield f'the frame changed from {before!r} to {after!r}; is it another sensor?'
-        if 'back' in recent:
+        if 'back' in lately:
             yield 'stamps ran back; was a clock set, or a simulation restarted?'
-        if 'leapt' in recent:
+        if 'leapt' in lately:
             yield 'stamps leapt ahead; was a clock set?'
-        if sensor.unstamped and self.stamp_ns is not None:
-            yield f'wrenches come without stamps; {arrival(self.stamp_ns)}'
+        if sensor.unstamped and self._counts.newest is not None:
+            yield f'wrenches come without stamps; {arrival(self._counts.newest[0])}'
 
 
 class DriftTopic(Part):
@@ -249,16 +223,9 @@ class DriftTopic(Part):
     )
     hub: Hub
 
-    def __init__(
-        self, compensator: Compensator, counts: Counts, newest: Callable[[], Newest | None],
-        drivers: set[str],
-    ) -> None:  # fmt: skip
-        self._compensator, self._counts, self._newest = compensator, counts, newest
-        self._growth = Growth()
-        #: The publishers of raw wrenches, by their identity in the graph; at first, those before
-        #: the restart.
-        self._drivers = drivers
-        #: When this node was the only one of its name last, by the steady clock.
+    def __init__(self, compensator: Compensator, counts: Counts) -> None:
+        self._compensator, self._counts, self._growth = compensator, counts, Growth()
+        #: When this node was the only one of its name last, by the steady clock, s.
         self._alone_s = time.monotonic()
 
     def start(self) -> None:
@@ -278,7 +245,7 @@ class DriftTopic(Part):
 
         Then the controller holds the last one, which a restarted node sent before it ended.
         """
-        stream, newest = self._compensator, self._newest()
+        stream, newest = self._compensator, self._counts.newest
         if newest is None or (stream.model is not None and not stream.compensating):
             return
         stamp_ns, raw, _ = newest
@@ -286,24 +253,11 @@ class DriftTopic(Part):
         self.correction.publish(wrench_message(stamp_ns, self.hub.hardware_id(), correction))
 
     def statuses(self) -> Iterator[Status]:
-        """Report what is subtracted, whether it hits a limit, and who else is in the graph."""
+        """Report what is subtracted, whether it hits a limit, and another node of this name."""
         hub, stream, counts = self.hub, self._compensator, self._counts
-        # A driver that came instead of another one, and a node of this name.
-        topic = hub.resolve_topic_name('wrench_raw')
-        ends = hub.get_publishers_info_by_topic(topic)
-        drivers = {bytes(end.endpoint_gid).hex() for end in ends}
-        if drivers and drivers.isdisjoint(self._drivers):
-            if self._drivers:
-                stream.doubt_zero(
-                    f'the publisher of {topic} has left and another one came: its zero may be '
-                    'another one; call ~/tare'
-                )
-            self._drivers.clear()
-            self._drivers.update(drivers)
         own = hub.get_name(), hub.get_namespace()
         if hub.get_node_names_and_namespaces().count(own) <= 1:
             self._alone_s = time.monotonic()
-
         grown, _ = self._growth.since(failed=counts.failed)
         tare = 'active' if stream.tared else 'none'
         if not stream.tared and stream.tare.any():
@@ -316,7 +270,7 @@ class DriftTopic(Part):
         }
         if stream.model is not None and stream.tracker.temperature_c is not None:
             columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
-        if (newest := self._newest()) is not None:
+        if (newest := counts.newest) is not None:
             columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
         for name, values in columns.items():
             numbers |= {
@@ -332,14 +286,14 @@ class DriftTopic(Part):
 
     def _doubts(self, failed: int) -> Iterator[str]:
         """Say what is wrong with what is published, the worst first."""
-        hub, stream = self.hub, self._compensator
+        stream = self._compensator
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
         if failed:
             yield f'wrenches were lost by a fault of this program: {self._counts.fault}'
         if large:
             yield f'drift of {large} is at its limit'
         if time.monotonic() - self._alone_s > _TWINS_S:
-            name = hub.get_fully_qualified_name()
+            name = self.hub.get_fully_qualified_name()
             yield f'two nodes are called {name}, and both publish; end one, or rename it'
         if fast:
             yield f'drift of {fast} moves at its limit (max_drift_rate) and lags behind the model'
@@ -347,8 +301,7 @@ class DriftTopic(Part):
             yield 'not compensated: no model or no temperature yet'
         elif stream.model is not None and not stream.model.axes:
             yield 'not compensated: the model compensates no axis'
-        if policy := hub.incompatible.get('wrench'):
-            yield f'a subscriber of wrench asks for more {policy} than is offered and gets nothing'
+        yield from filter(None, [self.hub.incompatible.get('wrench')])
         yield from stream.zero_doubts
         if not stream.tared:
             yield 'no tare: wrench still holds the zero of the sensor; call ~/tare'

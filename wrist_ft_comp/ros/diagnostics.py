@@ -1,4 +1,4 @@
-"""What a node says of its state: statuses and their doubts, their message, and the log of them."""
+"""What a node says of its state: statuses and their doubts, and the log of them."""
 
 from collections import defaultdict
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ import re
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -16,10 +16,10 @@ _PATIENCE_REPORTS = 5
 #: The log says that a trouble is over after this many reports without it. Trouble that returns
 #: sooner is logged once.
 _QUIET_REPORTS = 10
+#: Growth counts as late for this time, s.
+_LATELY_S = 10.0
 #: Numbers that change from report to report, but not those of thermometers, which are names.
 _NUMBERS = re.compile(r'(?<!thermometer )(?<!, )\b[\d.]+')
-#: Letters of a refusal that are kept: a request may be of any length, and diagnostics repeat it.
-_REFUSAL_LETTERS = 1000
 
 
 @dataclass(frozen=True)
@@ -44,34 +44,25 @@ def doubtful(name: str, doubts: Iterable[str], well: str, values: dict[str, str]
 
 
 class Growth:
-    """Measures by how much counts have grown since the last report."""
+    """Measures by how much counts have grown since the last report, and remembers which did."""
 
     def __init__(self) -> None:
         self._at_s, self._counts = time.monotonic(), dict[str, int]()
+        #: When each count grew last, by the steady clock.
+        self._grew_s: dict[str, float] = {}
 
     def since(self, **counts: int) -> tuple[dict[str, int], float]:
         """Give the growth of each count since the last call, and how long ago that was, s."""
         now_s = time.monotonic()
         elapsed_s = max(now_s - self._at_s, 1e-9)
         grown = {name: count - self._counts.get(name, 0) for name, count in counts.items()}
+        self._grew_s |= {name: now_s for name, more in grown.items() if more > 0}
         self._at_s, self._counts = now_s, counts
         return grown, elapsed_s
 
-
-def diagnostic_array(
-    node_name: str, hardware_id: str, stamp: Any, statuses: Iterable[Status]
-) -> DiagnosticArray:
-    """Write statuses, each named "node: status" (REP-107); a stamp is a Time of ROS."""
-    array = DiagnosticArray()
-    array.header.stamp = stamp
-    array.status = [
-        DiagnosticStatus(
-            level=status.level, name=f'{node_name.lstrip("/")}: {status.name}',
-            message=status.message, hardware_id=hardware_id,
-            values=[KeyValue(key=key, value=text) for key, text in status.values.items()])
-        for status in statuses
-    ]  # fmt: skip
-    return array
+    def lately(self) -> set[str]:
+        """Name the counts that had grown at a report of the last ten seconds."""
+        return {name for name, at_s in self._grew_s.items() if at_s > self._at_s - _LATELY_S}
 
 
 class NodeLog:
@@ -79,8 +70,6 @@ class NodeLog:
 
     def __init__(self, logger: Any) -> None:
         self.info, self.warning, self.error = logger.info, logger.warning, logger.error
-        #: What was refused last, and why; empty before the first refusal.
-        self.last_refusal = ''
         self._reports = 0
         #: Sentences that were logged since a status was well, by its name.
         self._logged: dict[str, set[str]] = defaultdict(set)
@@ -96,10 +85,6 @@ class NodeLog:
             self.error(line)
         else:
             self.warning(line)
-
-    def note_refusal(self, what: str, why: str) -> None:
-        """Remember, for the diagnostics, what was refused and why."""
-        self.last_refusal = f'{what}: {why}'[:_REFUSAL_LETTERS]
 
     def report(self, statuses: Iterable[Status]) -> None:
         """Log what is new in statuses, and what has been well for long."""

@@ -7,30 +7,31 @@ in the answers of the part's services, and goes on. The hub also opens topics fo
 messages come as bytes, and parameters may override the quality of service.
 """
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
+from dataclasses import dataclass, field
 from functools import partial
 import time
 import traceback
 from typing import Any, cast, ClassVar, TypeAlias
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
-from std_srvs.srv import Trigger
+from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.ros.diagnostics import diagnostic_array, ERROR, NodeLog, Status, WARN
+from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
-from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, QuickLogger, return_to_node
-from wrist_ft_comp.ros.services import DeferredService, Reply, Service
-from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT, overridable
+from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
+from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
+from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT
 
-#: Parts are polled once in this time, s.
+#: Parts are polled, and the work of requests goes on, once in this time, s.
 HOUSEKEEPING_PERIOD_S = 0.1
 #: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -38,7 +39,7 @@ DIAGNOSTICS_PERIOD_S = 1.0
 FAREWELL_S = 0.5
 #: Verbs that the hub calls only for parts that define them.
 _VERBS = (
-    'on_model', 'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
+    'on_cells', 'on_specific_force', 'check_parameters', 'apply_parameters', 'poll',
 )  # fmt: skip
 #: Three numbers of the axes x, y and z.
 Vector: TypeAlias = tuple[float, float, float]
@@ -49,7 +50,8 @@ class Part:
     One feature of a node; a part defines the attributes and verbs that it needs.
 
     A constructor only stores. In ``start``, when all parts exist, a part asks the hub for what it
-    needs of the node. The order of parts decides only the order of their diagnostics.
+    needs of the node. Parts start in their order, and end in the reverse one. Methods are services
+    by the decorator ``service``.
     """
 
     #: Its name in the log and the diagnostics.
@@ -66,15 +68,12 @@ class Part:
     stopped = ''
 
     @classmethod
-    def services(cls) -> Sequence[Service]:
-        """List the services that it offers."""
-        return ()
+    def services(cls) -> list[Service]:
+        """List the services that its methods are."""
+        return [method.service for method in vars(cls).values() if hasattr(method, 'service')]
 
     def start(self) -> None:
         """Begin; a refusal (WristFtCompError) ends the node, as a wrong parameter does."""
-
-    def on_model(self) -> None:
-        """Follow the live model: called when all parts have started, and at every change."""
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Any) -> None:
         """Take a raw wrench, N and N m, that was published; only after the hub's ``listen``."""
@@ -100,80 +99,18 @@ class Part:
         """Report the state; called once a second."""
         return ()
 
-    def end(self) -> bool:
-        """End with the node, or after a fault; True when a caller was answered just now."""
-        return False
+    def end(self) -> None:
+        """End with the node, or after a fault."""
 
 
-#: Goes on from yield to yield, and returns the answer; a WristFtCompError refuses.
-Work = Generator[None, None, str]
+@dataclass(eq=False)
+class _Request:
+    """A request that is being served."""
 
-
-class LongService(Part):
-    """Serves one request at a time, by work that continues at every poll."""
-
-    #: Does the work of a request; closed when the part ends.
-    _work: Callable[[], Work]
-    #: Says that a request is being served.
-    _busy: Callable[[], str]
-    #: Such as ``~/tare``, and what it does.
-    name: ClassVar[str]
-    purpose: ClassVar[str]
-    #: What the log says before an answer, and before a refusal.
-    done = not_done = ''
-    #: What the end of the node leaves as it was.
-    unchanged = ''
-    #: Whether a refusal is an error to the log.
-    severe = False
-    #: The last answer, empty before the first, and whether it was a refusal.
-    last_outcome = ''
-    refused = False
-    _running: tuple[Work, Reply] | None = None
-
-    @classmethod
-    def services(cls) -> Sequence[Service]:
-        """Offer the service of its name."""
-        return (Service(Trigger, cls.name, cls.purpose, cls.on_request),)
-
-    def on_request(self, _request: Any, reply: Reply) -> None:
-        """Begin the work; the answer comes at its end."""
-        if self._running is not None:
-            raise WristFtCompError(f'{self._busy()}; wait for its answer, then call again.')
-        self._running = self._work(), reply
-        self.poll()
-
-    def poll(self) -> None:
-        """Continue the work, and answer at its end."""
-        if self._running is None:
-            return
-        work, reply = self._running
-        try:
-            next(work)
-        except StopIteration as end:
-            self._answer(reply, end.value, success=True)
-        except WristFtCompError as error:
-            self._answer(reply, str(error), success=False)
-
-    def end(self) -> bool:
-        """Stop; True when a caller was answered just now."""
-        if self._running is None:
-            return False
-        work, reply = self._running
-        reason = self.stopped or f'The node is shutting down{self.unchanged}.'
-        self._answer(reply, reason, success=False)
-        work.close()
-        return True
-
-    def _answer(self, reply: Reply, message: str, *, success: bool) -> None:
-        """Answer, and note that in log and diagnostics."""
-        self._running, self.last_outcome, self.refused = None, message, not success
-        log = self.hub.log
-        if success:
-            log.info(f'{self.done}{message}')
-        else:
-            log.write(ERROR if self.severe else WARN, f'{self.not_done}{message}')
-            log.note_refusal(self.name, message)
-        reply(success=success, message=message)
+    part: Part
+    work: Work
+    reply: Reply
+    begun_s: float = field(default_factory=time.monotonic)
 
 
 class Hub(Node):
@@ -186,9 +123,11 @@ class Hub(Node):
 
     def __init__(self, name: str, table: Iterable[Parameter] = (), **options: Any) -> None:
         super().__init__(name, enable_logger_service=True, **options)
-        self.log = NodeLog(QuickLogger(cast('Any', self).get_logger()))
-        #: Policy that does not match that of another node, by relative name of the topic.
+        self.log = NodeLog(cast('Any', self).get_logger())
+        #: What two nodes do not agree on, by relative name of the topic.
         self.incompatible: dict[str, str] = {}
+        #: By name of a service, its last answer, and whether it was a refusal.
+        self.answers: dict[str, tuple[str, bool]] = {}
         #: Subscriptions that no executor serves.
         self._unserved: list[Any] = []
         self._parameter_table = Parameters(self, table)
@@ -197,6 +136,8 @@ class Hub(Node):
         self._listeners: tuple[Part, ...] = ()
         self._hearing: dict[str, list[Part]] = {}
         self._offered: list[DeferredService] = []
+        #: Requests that are being served, by name of the service.
+        self._requests: dict[str, _Request] = {}
         #: The last refusal of a part, which is logged once.
         self._refusals: dict[Part, str] = {}
 
@@ -219,15 +160,11 @@ class Hub(Node):
         try:
             for part in parts:
                 self.call(part, part.start)
-            for part in self._hearing['on_model']:
-                self.call(part, part.on_model)
         except WristFtCompError:
             self._end_parts()  # one of them has locked its folder
             raise
         self._offered = [
-            DeferredService(
-                self, offer, partial(self._serve, part, offer.handler), self.log.note_refusal
-            )
+            DeferredService(self, offer, partial(self._serve, part, offer))
             for part in parts
             for offer in part.services()
         ]
@@ -235,7 +172,7 @@ class Hub(Node):
         self.add_post_set_parameters_callback(partial(self.broadcast, 'apply_parameters'))
         # A steady clock: parts are polled where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(HOUSEKEEPING_PERIOD_S, partial(self.broadcast, 'poll'), clock=steady)
+        self.create_timer(HOUSEKEEPING_PERIOD_S, self.housekeep, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
     def call(self, part: Part, verb: Callable[..., Any], *arguments: Any) -> Any:
@@ -255,14 +192,10 @@ class Hub(Node):
         try:
             return self.call(part, verb, *arguments)
         except WristFtCompError as error:
-            self._complain(part, str(error))
+            if self._refusals.get(part) != str(error):
+                self._refusals[part] = str(error)
+                self.log.write(ERROR, str(error))
             return None
-
-    def _complain(self, part: Part, trouble: str) -> None:
-        """Log a trouble of a part, unless it is the same as the last one."""
-        if self._refusals.get(part) != trouble:
-            self._refusals[part] = trouble
-            self.log.error(trouble)
 
     def broadcast(self, verb: str, *arguments: Any) -> None:
         """Call a verb of all parts that define it."""
@@ -304,26 +237,23 @@ class Hub(Node):
 
         def note(event: Any) -> None:
             policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
-            self.incompatible[topic] = policy
-            name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
-            remedy = f'Set {name} of this node, or' if self.has_parameter(name) else 'Set'
             trouble = (
-                f'a subscriber of {topic} asks for more {policy} than is offered: it will receive '
-                'nothing'
+                f'a subscriber of {topic} asks for more {policy} than is offered and gets nothing'
             )
             if ours == 'subscription':
-                trouble = (
-                    f'a publisher of {topic} offers less {policy} than is asked for: nothing of '
-                    'it will be received'
-                )
-            self.log.error(f'{trouble}. {remedy} the quality of service of the other side.')
+                trouble = f'a publisher of {topic} offers less {policy} than is asked for'
+            name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
+            here = f'{name} of this node, or ' if self.has_parameter(name) else ''
+            trouble = f'{trouble}: set {here}the quality of service of the other side'
+            self.incompatible[topic] = trouble
+            self.log.error(trouble)
 
         callbacks: Any = PublisherEventCallbacks
         if ours == 'subscription':
             callbacks = SubscriptionEventCallbacks
         return {
             'event_callbacks': callbacks(incompatible_qos=note),
-            'qos_overriding_options': overridable(),
+            'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
         }
 
     def now_ns(self) -> int:
@@ -336,7 +266,7 @@ class Hub(Node):
         self._listeners = (*others, part) if wanted and not part.stopped else others
 
     def _stop(self, part: Part, error: Exception) -> None:
-        """Stop a part because of a fault."""
+        """Stop a part because of a fault; ``housekeep`` tells its callers."""
         reason = f'{type(error).__name__}: {error}'.rstrip('.')
         part.stopped = (
             f'{part.title} has stopped by a fault of this program ({reason}); wrenches go on '
@@ -347,21 +277,66 @@ class Hub(Node):
         try:
             part.end()
         except Exception as second:  # it has stopped already
-            self._complain(part, f'{part.title} could not be ended either: {second!r}')
+            self.log.write(ERROR, f'{part.title} could not be ended either: {second!r}')
 
-    def _serve(self, part: Part, handler: Callable[..., str | None], *asked: Any) -> str | None:
-        """Handle a request, or refuse it where the part has stopped, before or by it."""
-        answer: str | None = self.call(part, handler, part, *asked)
-        if part.stopped:
-            raise WristFtCompError(part.stopped)
-        return answer
+    def housekeep(self) -> None:
+        """Poll parts, and go on with the work of requests."""
+        self.broadcast('poll')
+        for name in tuple(self._requests):
+            self._go_on(name)
+
+    def running_s(self, name: str) -> float | None:
+        """How long a request of a service has been served, s; None where none is."""
+        request = self._requests.get(name)
+        return None if request is None else time.monotonic() - request.begun_s
+
+    def _serve(self, part: Part, offer: Service, asked: Any, reply: Reply) -> None:
+        """Begin the work of a request; one is served at a time."""
+
+        def work() -> Work:
+            answer = offer.handler(part, asked)
+            return answer if isinstance(answer, str) else (yield from answer)
+
+        if (running_s := self.running_s(offer.name)) is not None:
+            why = f'{offer.name} has been running for {running_s:.0f} s'
+            reply(success=False, message=f'{why}; wait for its answer, then call again.')
+            return
+        self._requests[offer.name] = _Request(part, work(), reply)
+        self._go_on(offer.name)
+
+    def _go_on(self, name: str) -> None:
+        """Continue the work of a request, and answer it at its end."""
+        request = self._requests[name]
+        try:
+            if not request.part.stopped:
+                next(request.work)
+                return
+            message, success = request.part.stopped, False
+        except StopIteration as end:
+            message, success = end.value, True
+        except WristFtCompError as error:
+            message, success = str(error), False
+        except Exception as error:  # whatever it is, the wrench goes on
+            self._stop(request.part, error)
+            message, success = request.part.stopped, False
+        self._answer(name, message, success=success)
+
+    def _answer(self, name: str, message: str, *, success: bool) -> None:
+        """Answer a request, and note that in the log; its work ends."""
+        request = self._requests.pop(name)
+        request.work.close()
+        self.answers[name] = message, not success
+        if success:
+            self.log.info(f'{name}: {message}')
+        elif not request.part.stopped:  # which has been logged
+            self.log.warning(f'{name} was refused: {message}')
+        request.reply(success=success, message=message)
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         try:
             for part in self._hearing['check_parameters']:
                 self.call(part, part.check_parameters, parameters)
         except WristFtCompError as error:
-            self.log.note_refusal('set_parameters', str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -370,7 +345,7 @@ class Hub(Node):
         return ''
 
     def _diagnose(self) -> None:
-        """Publish diagnostics, and log what is new in those of parts that want it."""
+        """Publish diagnostics (REP-107), and log what is new in those of parts that want it."""
         statuses, logged = list[Status](), list[Status]()
         for part in self.parts:
             found = self.do(part, lambda part=part: list(part.statuses())) or []
@@ -379,16 +354,32 @@ class Hub(Node):
             statuses += found
             logged += found if part.logged else []
         self.log.report(logged)
-        stamp, name = self.get_clock().now().to_msg(), self.get_fully_qualified_name()
-        self._diagnostics.publish(diagnostic_array(name, self.hardware_id(), stamp, statuses))
+        array, device = DiagnosticArray(), self.hardware_id()
+        array.header.stamp = self.get_clock().now().to_msg()
+        name = self.get_fully_qualified_name().lstrip('/')
+        array.status = [
+            DiagnosticStatus(
+                level=status.level, name=f'{name}: {status.name}', message=status.message,
+                hardware_id=device,
+                values=[KeyValue(key=key, value=text) for key, text in status.values.items()])
+            for status in statuses
+        ]  # fmt: skip
+        self._diagnostics.publish(array)
 
     def destroy_node(self) -> None:
         """End all parts and the node; callers that wait for an answer get one."""
-        if self._end_parts():
+        callers = tuple(self._requests)
+        self._end_parts()
+        for name in callers:
+            self._go_on(name)  # what waited for the disk has ended
+            if name in self._requests:
+                self._answer(name, 'The node is shutting down.', success=False)
+        if callers:
             time.sleep(FAREWELL_S)
         for subscription in tuple(self._unserved):
             self.destroy_subscription(subscription)
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
-    def _end_parts(self) -> bool:
-        return any([self.do(part, part.end) for part in self.parts])  # noqa: C419 -- all of them
+    def _end_parts(self) -> None:
+        for part in reversed(self.parts):
+            self.do(part, part.end)

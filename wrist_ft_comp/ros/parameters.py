@@ -10,12 +10,7 @@ import math
 from textwrap import fill
 from typing import Any, cast, TypeAlias
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -33,16 +28,10 @@ _TYPES = {
     float: (_Type.DOUBLE, _Type.DOUBLE_ARRAY, 'a number'),
     str: (_Type.STRING, _Type.STRING_ARRAY, 'a string'),
 }
-_SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
 #: Letters in a line of ``--help``.
 _WIDTH = 79
 #: A name is taken for a mistyped one from this similarity on, 0 to 1.
 _SIMILAR = 0.8
-#: The same for overrides of quality of service, whose names are always similar.
-_SIMILAR_OVERRIDES = 0.96
-_OVERRIDE = 'qos_overrides.'
-#: Policies that overridable() of topics.py lets parameters override.
-_POLICIES = ('history', 'depth', 'reliability')
 
 
 @dataclass(frozen=True)
@@ -93,9 +82,7 @@ class Parameter:
         if self.choices:
             return f'one of {", ".join(self.choices)}'
         limits = range_words(self.minimum, self.maximum)
-        finite = 'a finite number' if self.element_type is float and not limits else ''
-        words = finite or _TYPES[self.element_type][2], limits, self.unit
-        return ' '.join(filter(None, words))
+        return ' '.join(filter(None, (_TYPES[self.element_type][2], limits, self.unit)))
 
 
 class Parameters:
@@ -131,14 +118,9 @@ class Parameters:
         """Convert the parameters of a set request, as far as possible."""
         wanted = list(given)
         for place, parameter in enumerate(given):
-            row, value = self._rows.get(parameter.name), parameter.value
-            if row is None:
-                continue
-            with suppress(SettingsError):
-                # An integer for a double has the right type: a refusal is about its range.
-                whole = row.ros_type == _Type.DOUBLE and type(value) is int
-                number = float(value) if whole else converted(row, value)
-                wanted[place] = _ros_parameter(row, number)
+            with suppress(SettingsError, KeyError):
+                row = self._rows[parameter.name]
+                wanted[place] = _ros_parameter(row, converted(row, parameter.value))
         return wanted
 
     def _check(self, wanted: Sequence[RosParameter]) -> SetParametersResult:
@@ -192,22 +174,16 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         name=row.name, type=row.ros_type.value,
         description=f'{row.description}{unit} {when}',
         additional_constraints=f'Must be {row.allowed}.', read_only=row.read_only)  # fmt: skip
-    low, high = row.minimum, row.maximum
-    if row.is_array or (low, high) == (-math.inf, math.inf):
-        return result
-    if row.element_type is float:
-        range_ = FloatingPointRange(from_value=float(low), to_value=float(high))
+    limits = float(row.minimum), float(row.maximum)
+    if row.ros_type == _Type.DOUBLE and limits != (-math.inf, math.inf):
+        range_ = FloatingPointRange(from_value=limits[0], to_value=limits[1])
         result.floating_point_range = [range_]
-    else:
-        low, high = max(low, _SMALLEST_INTEGER), min(high, _LARGEST_INTEGER)
-        result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
     return result
 
 
-def _ros_parameter(row: Parameter, value: Value) -> RosParameter:
-    untyped: Any = RosParameter
+def _ros_parameter(row: Parameter, value: Value) -> Any:
     plain = list(value) if isinstance(value, tuple) else value
-    return cast('RosParameter', untyped(row.name, row.ros_type, plain))
+    return cast('Any', RosParameter)(row.name, row.ros_type, plain)
 
 
 def usage(
@@ -230,21 +206,16 @@ def usage(
     return '\n'.join([*lines, ''])
 
 
-def warn_of_unknown(node: Node, later: Iterable[str], log: Any) -> None:
+def warn_of_unknown(node: Node, log: Any) -> None:
     """
-    Warn of parameters that a node was given and that are a mistyped name of one that it has.
+    Warn of parameters that a node was given and that are a mistyped name of one that it declared.
 
-    The node has declared its parameters and opened its topics, but for those that it may subscribe
-    to later, which come by their full names. Other names are those of other nodes: a file may hold
-    the parameters of a whole robot.
+    Other names are those of other nodes: a file may hold the parameters of a whole robot.
     """
-    names = set(node.list_parameters([], 0).names)
-    names |= {
-        f'{_OVERRIDE}{topic}.subscription.{policy}' for topic in later for policy in _POLICIES
-    }
-    for name in sorted(set(given_parameters(node)) - names):
-        similar = _SIMILAR_OVERRIDES if name.startswith(_OVERRIDE) else _SIMILAR
-        if near := get_close_matches(name, names, 1, similar):
+    names = node.list_parameters([], 0).names
+    for name in sorted(set(given_parameters(node)).difference(names)):
+        near = get_close_matches(name, names, 1, _SIMILAR)
+        if near and not name.startswith('qos_overrides.'):  # of topics that come later
             log.warning(
                 f'There is no parameter {name}, so its value is ignored. Did you mean {near[0]}?'
             )

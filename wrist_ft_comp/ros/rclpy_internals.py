@@ -1,15 +1,12 @@
 """
-What is borrowed from rclpy's inside, which has no public name for it: six things, and why.
+What is borrowed from rclpy's inside, which has no public name for it: five things, and why.
 
 ``test/node/test_rclpy_internals.py`` shows of each that the installed rclpy still has it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import partialmethod
 from typing import Any
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.node import Node
 
 
@@ -56,28 +53,6 @@ def waiting(subscription: Any) -> Iterator[bytes]:
         if taken is None:
             return
         yield taken[0]
-
-
-class QuickLogger:
-    """
-    Logs as a node's logger does, but does not look for the caller of a line.
-
-    At its first line rclpy walks all modules for that, which takes 25 ms, perhaps in a callback.
-    """
-
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
-
-    def log(self, severity: LoggingSeverity, line: str) -> None:
-        """Log a line, unless the logger's level is higher."""
-        if self._logger.is_enabled_for(severity):
-            rclpy_implementation.rclpy_logging_rcutils_log(
-                severity, self._logger.name, line, '', '', 0
-            )
-
-    info = partialmethod(log, LoggingSeverity.INFO)
-    warning = partialmethod(log, LoggingSeverity.WARN)
-    error = partialmethod(log, LoggingSeverity.ERROR)
 
 
 class Stop:

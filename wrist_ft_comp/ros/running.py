@@ -1,7 +1,7 @@
 """How a node runs: until a signal or an error, on one executor."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import gc
 import signal
 import sys
@@ -9,7 +9,8 @@ from typing import Any
 
 from rclpy.context import Context
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos_overriding_options import InvalidQosOverridesError
@@ -41,21 +42,22 @@ def run_node(
     if not {'-h', '--help'}.isdisjoint(words[1:]):
         sys.stdout.write(usage())
         return 0
-    context = Context()
+    context, stop = Context(), Stop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     try:
-        with _stop_flag() as stop:
-            _initialise(context, words)
-            with ExitStack() as stack:  # taken down in the order that does not abort
-                node: Any = factory(context=context)
-                stack.callback(node.destroy_node)
-                executor = make_executor(context)
-                stack.callback(executor.shutdown)
-                executor.add_node(node)
-                # What start-up made lives as long as the node: the garbage collector need not walk
-                # it, which takes tens of milliseconds and delays messages.
-                gc.freeze()
-                gc.enable()
-                spin(executor, context, stop)
+        _initialise(context, words)
+        with ExitStack() as stack:  # taken down in the order that does not abort
+            node: Any = factory(context=context)
+            stack.callback(node.destroy_node)
+            executor = make_executor(context)
+            stack.callback(executor.shutdown)
+            executor.add_node(node)
+            # What start-up made lives as long as the node: the garbage collector need not walk
+            # it, which takes tens of milliseconds and delays messages.
+            gc.freeze()
+            gc.enable()
+            spin(executor, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except USER_ERRORS as error:
@@ -69,11 +71,6 @@ def run_node(
 
 def make_executor(context: Context) -> Executor:
     """Make an executor for a context's nodes: of those there are, the one that costs least."""
-    try:
-        # Inside the function because rclpy before 7.1 lacks it.
-        from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
 
 
@@ -97,31 +94,10 @@ def _initialise(context: Context, words: list[str]) -> None:
     except RuntimeError as error:
         # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
         reason = str(error).split(', at /')[0].rstrip('.')
-        # It has no types of errors: what is wrong with arguments comes from where they are parsed,
-        # and those that it does not know come alone.
-        if '/arguments.c' in str(error) or reason.startswith('['):
-            raise SettingsError(
-                f'The arguments behind --ros-args cannot be read: {reason}. Write '
-                '-p NAME:=VALUE, -r FROM:=TO or --params-file FILE. In an array, all numbers must '
-                'be written with or all without a decimal point, and texts with a colon or '
-                'brackets need quotes: \'["/state:data[0]"]\'.'
-            ) from error
         raise SettingsError(
-            f'ROS 2 does not begin: {reason}. Look at the environment: ROS_LOG_DIR or ROS_HOME '
-            'must be a folder that can be written, and ROS_DOMAIN_ID a number.'
+            f'ROS 2 does not begin: {reason}. Arguments behind --ros-args are -p NAME:=VALUE, '
+            '-r FROM:=TO or --params-file FILE. In an array, all numbers must be written with or '
+            'all without a decimal point, and texts with a colon or brackets need quotes: '
+            '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a folder '
+            'that can be written, and ROS_DOMAIN_ID a number.'
         ) from error
-
-
-@contextmanager
-def _stop_flag() -> Iterator[Stop]:
-    """Yield a flag that SIGINT and SIGTERM set, however often."""
-    stop = Stop()
-    before: dict[int, Any] = {
-        number: signal.signal(number, lambda *_: stop.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

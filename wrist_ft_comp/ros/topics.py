@@ -13,17 +13,15 @@ import re
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     qos_profile_services_default,
     QoSProfile,
     ReliabilityPolicy,
 )
-from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.channels import AXES
@@ -59,17 +57,6 @@ OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: As any service's, but twenty calls at once overrun the usual queue of 10 without an error.
 SERVICE: QoSProfile = copy(qos_profile_services_default)
 SERVICE.depth = 1000
-
-
-def overridable() -> QoSOverridingOptions:
-    """Let parameters override history, depth and reliability; a depth that holds nothing can't."""
-
-    def check(profile: QoSProfile) -> SetParametersResult:
-        holds = profile.depth > 0 or profile.history == HistoryPolicy.KEEP_ALL
-        reason = f'depth must be an integer of at least 1; got {profile.depth}'
-        return SetParametersResult(successful=holds, reason='' if holds else reason)
-
-    return QoSOverridingOptions.with_default_policies(callback=check)
 
 
 #: What rclpy raises for a topic, for its name, or for an override of its quality of service.
@@ -156,13 +143,12 @@ def unpublished(node: Node, topic: str, wanted: str = '') -> str:
     others = [
         name
         for name, types in node.get_topic_names_and_types()
-        if name not in own and (not wanted or wanted in types)
+        if name not in own and (not wanted or wanted in types) and node.count_publishers(name)
     ]
     similarity = 0.0 if wanted else _LEAST_SIMILARITY
-    alike = difflib.get_close_matches(topic, others, max(len(others), 1), similarity)
-    meant = next(filter(node.count_publishers, alike), '')
+    alike = difflib.get_close_matches(topic, others, 1, similarity)
     what = f', a {short(wanted)},' if wanted else ''
-    question = f', or is {meant}{what} meant' if meant else ''
+    question = f', or is {alike[0]}{what} meant' if alike else ''
     return f'{topic} has no publisher (is the driver running{question}?)'
 
 

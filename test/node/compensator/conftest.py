@@ -185,7 +185,7 @@ class Rig:
         for _ in range(int(TIMEOUT_S / PAUSE_S)):
             if condition():
                 return
-            self.node.broadcast('poll')
+            self.node.housekeep()
             pause.wait(PAUSE_S)
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
@@ -209,7 +209,7 @@ class Rig:
 
     def _report(self):
         self._statuses.clear()
-        self.node.broadcast('poll')
+        self.node.housekeep()
         self.node._diagnose()
         return self._statuses
 

@@ -120,11 +120,12 @@ def python(source):
 def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monkeypatch):
     node = ready()
     monkeypatch.setattr(COMMAND, python('import time; time.sleep(600)'))
-    answers, control = node.ask('calibrate'), node.node.calibration
-    node.wait_until(lambda: control.running_s is not None, 'the calibration')
-    process = control._running[0].gi_yieldfrom.gi_frame.f_locals['process']
+    answers = node.ask('calibrate')
+    node.wait_until(lambda: node.node.running_s('~/calibrate') is not None, 'the calibration')
+    job = node.node._requests['~/calibrate'].work.gi_yieldfrom.gi_yieldfrom
+    process = job.gi_frame.f_locals['process']
     second = node.refusal('calibrate')
-    assert 'A calibration has been running for ' in second
+    assert 'has been running for ' in second
     assert 'wait for its answer, then call again' in second
     assert node.diagnosis('calibration').message.startswith('running for ')
     assert stream_goes_on(node)

@@ -58,7 +58,7 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
     controller.node.warm_up(25.0)
     assert controller.hears(CONTACT)
     assert controller.reference[2] < -1.0
-    controller.node.node.live.swap(None)
+    controller.node.node.compensator.go_live(None)
     controller.node.node.compensator.reset_tare()
     assert controller.hears(CONTACT)
     np.testing.assert_array_equal(controller.reference, np.zeros(6))

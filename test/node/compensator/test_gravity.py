@@ -30,7 +30,7 @@ def test_gravity_comes_by_tf_in_the_frame_of_the_wrench(wired, bench, messages):
     expected = mount.inv().apply([0, 0, GRAVITY])
     np.testing.assert_allclose(force.forces.at(START + SECOND // 2), expected, atol=1e-9)
     assert force.speed == pytest.approx(0.5)
-    topics = node.node._full_topics(node.node.chosen())
+    topics = node.node.full_topics()
     assert (topics.imu, topics.gravity_frame) == ('', 'base')
 
 

@@ -30,7 +30,7 @@ for second in range(1, 4):
     message.header.stamp.sec = second
     node.inputs.by_topic[0].read(serialize_message(message))
     node._on_wrench(serialize_message(wrench_message(second * 10**9, 'tool0', [1.0] * 6)))
-node.broadcast('poll')
+node.housekeep()
 node._diagnose()
 assert node.counts.published == 3
 assert node.compensator.compensating

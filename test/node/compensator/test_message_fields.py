@@ -64,7 +64,7 @@ class Listening:
             self.topic.poll()
 
     def problem(self):
-        return self.topic.problems().get(0, '')
+        return self.topic.problems.get(0, '')
 
 
 @pytest.fixture
@@ -99,9 +99,8 @@ def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, me
 @pytest.mark.parametrize(
     ('entry', 'message', 'words', 'good'),
     [
-        ('effort[2]', joints(20, 21), 'from 0 to 1. Its numbers are effort[1]', joints(1, 2, 9)),
-        ('effort[2]', joints(), 'is an array of 0. The message holds no number', joints(1, 2, 9)),
-        ('temperature', FluidPressure(), 'Its numbers are fluid_pressure, variance', battery(9)),
+        ('effort[2]', joints(20, 21), 'counted from 0. Its numbers are effort[1]', joints(1, 2, 9)),
+        ('effort[2]', joints(), 'is an array of 0, counted from 0. Its numbers are none', joints(1, 2, 9)),
         ('', BatteryState(), 'sensor_msgs/BatteryState, not sensor_msgs/Temperature', None),
         ('', BatteryState(), 'write /state:temperature to', None),
         ('', FluidPressure(), 'write /state:fluid_pressure or /state:variance to', None),
@@ -150,8 +149,7 @@ def test_without_a_header_the_time_of_arrival_is_taken_and_shown(rig):
     node = rig(topics=['heat:data[0]'])
     node.node.inputs.take(0, None, 21.0)
     assert node.node.inputs._stamp_ns > START
-    shown = node.diagnosis('temperature').values
-    assert shown['thermometer_1_time'].startswith('of arrival')
+    assert 'stamp' not in node.diagnosis('temperature').message
 
 
 def test_a_misspelt_topic_is_named_and_the_one_that_is_probably_meant(rig, driver):

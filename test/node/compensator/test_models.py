@@ -82,14 +82,6 @@ def test_every_change_is_kept_with_its_date_and_reason(abc, make_model):
     assert live(node) is None
 
 
-def test_parts_that_follow_the_model_see_the_new_one(rig, make_model):
-    node, model, seen = rig(), make_model('a.yaml'), []
-    node.node.state_keeper.on_model = lambda: seen.append(node.node.live.sha256)
-    assert node.set('model_file', 'models/a.yaml').successful
-    assert node.call('rollback').success
-    assert seen == [model.sha256, None]
-
-
 def test_a_restart_with_a_broken_list_has_no_model(abc, tmp_path, capfd):
     (tmp_path / 'data/active.json').write_text('{')
     node = abc()

@@ -108,7 +108,7 @@ def test_a_recording_keeps_its_cells_where_a_model_brings_longer_ones(rig, make_
 def test_a_recording_that_ends_leaves_the_other_which_waits_for_no_reference(rig):
     node, written = rig(), []
     writer = SimpleNamespace(append=lambda *row: written.append(row), close=lambda: None)
-    node.node.recorder.begin(writer, pytest.fail)
+    node.node.recorder.begin_recording(writer)
     start_recording(node)
     node.send_reference(START, [1.0] * 6)
     feed(node, 5)

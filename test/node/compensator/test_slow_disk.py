@@ -31,7 +31,7 @@ def test_no_callback_waits_for_the_disk_and_every_answer_does(rig, make_model, m
         answers = timed(name, node.ask, name, *data)
         assert answers.empty(), f'{name} answers before the disk does'
         node.wait_until(
-            lambda: timed('poll', node.node.broadcast, 'poll') or not answers.empty(),
+            lambda: timed('poll', node.node.housekeep) or not answers.empty(),
             f'the answer of {name}',
         )
         return answers.get()
@@ -50,7 +50,7 @@ def test_no_callback_waits_for_the_disk_and_every_answer_does(rig, make_model, m
     assert document['history'][-1]['sha256'] == first.sha256
     node.node.learning._remember(verdict='well')
     timed('reset_tare', node.call, 'reset_tare')
-    timed('poll', node.node.broadcast, 'poll')
+    timed('poll', node.node.housekeep)
     timed('diagnose', node.node._diagnose)
     assert max(took_s.values()) < LONGEST_CALLBACK_S, took_s
     assert node.node.writer.end(9.0)

@@ -26,7 +26,7 @@ def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
-    topics = node._full_topics(node.chosen())
+    topics = node.full_topics()
     assert (topics.wrench, topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
@@ -36,7 +36,7 @@ def test_simulated_time_stamps_what_has_no_stamp(wired, bench):
     clocks.publish(Clock(clock=Time(sec=4321)))
     bench.wait_until(lambda: node.node.now_ns() == 4321 * SECOND, 'the clock')
     assert node.ask_output(0, LOAD) == tuple(LOAD)
-    assert node.node._newest[0] == 4321 * SECOND
+    assert node.node.counts.newest[0] == 4321 * SECOND
     assert node.diagnosis('input').name.endswith('input')
     answer = node.call('tare')
     assert 'was to last 0.01 s' in answer.message, 'timers are steady'

@@ -18,7 +18,7 @@ STAMPS = START + np.arange(51) * SECOND // 50
 def begin(node):
     """Ask for a tare; wait until the node has begun."""
     answers = node.ask('tare')
-    node.wait_until(lambda: node.node.tare._running is not None, 'the tare')
+    node.wait_until(lambda: node.node.running_s('~/tare') is not None, 'the tare')
     return answers
 
 
@@ -113,7 +113,7 @@ def test_simulated_time_may_be_slower_than_a_tare_waits(rig):
 def test_a_caller_that_waits_for_a_tare_is_answered_at_the_end(rig):
     node = rig()
     answers = begin(node)
-    node.node.tare.end()
+    node.node.destroy_node()
     answer = answers.get(timeout=20.0)
     assert not answer.success
-    assert 'shutting down; the tare is unchanged' in answer.message
+    assert answer.message == 'The node is shutting down.'

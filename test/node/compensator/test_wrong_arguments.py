@@ -42,8 +42,6 @@ def refusal(context, tmp_path, *arguments):
         ('max_drift:=[]', 'got None'),
         ('learning.mode:=on', 'one of off, propose, auto'),
         ('qos_overrides./wrench.publisher.reliability:=bestest', 'bestest'),
-        ('qos_overrides./wrench.publisher.depth:=-3', 'at least 1; got -3'),
-        ('qos_overrides./wrench_raw.subscription.depth:=0', 'at least 1; got 0'),
         ('payload.active:=day-1', 'gravity.source is none, so nobody knows where down is'),
     ],
 )

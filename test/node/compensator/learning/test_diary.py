@@ -41,7 +41,6 @@ def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learn
     assert status.level == b'\x01'
     assert len(node.rig.take(25)) == 25, 'wrenches went on'
     monkeypatch.setattr(node.node.learning.diary, '_wait_until', 0.0)
-    node.rig.wait_until(lambda: node.node.learning.diary._recording, 'another try')
     node.hear(5)
     node.rig.diagnosis('learning', 'no better model is offered')
     assert node.files() == ['day_00001.csv']

@@ -32,11 +32,18 @@ def models(make_model):
         ({'calibration.reference': 'constant'}, {}, WARN, 'they are constant and imu'),
     ],
 )
-def test_the_worst_is_said_first(tmp_path, chosen, state, level, words):
+def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
+    fake_hub, tmp_path, chosen, state, level, words
+):
     given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
-    jobs = SimpleNamespace(store=SimpleNamespace(directory=tmp_path))
-    live = SimpleNamespace(history=[])
-    part = Learner({**given, 'calibration.reference': 'payload', **chosen}, live, None, jobs, None)
+    live = SimpleNamespace(
+        history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
+        writer=SimpleNamespace(put=lambda *_: None),
+    )  # fmt: skip
+    recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda _: None)
+    part = Learner(live=live, calibration=None, recorder=recorder)
+    fake_hub(part, **{**given, 'calibration.reference': 'payload', **chosen})
+    part.start()
     vars(part).update(state)
     (status,) = part.statuses()
     assert (status.level, words in status.message) == (level, True), status.message
@@ -166,16 +173,16 @@ def test_a_calibration_goes_first(learner, models):
     node = learner(model_file=str(models[0].path))
     node.answer()
     node.hear(147)
-    learning, calibration = node.node.learning, node.node.calibration
+    learning = node.node.learning
     node.wait(lambda: learning.running_s is not None, 'the job')
     recording = node.rig.directory / 'recordings/one.csv'
     recording.parent.mkdir()
     recording.write_text('')
-    node.rig.ask('calibrate')
+    answers = node.rig.ask('calibrate')
     node.wait(lambda: learning.running_s is None, 'the end of the job')
-    assert calibration.running_s is not None
     node.answer(success=False, message='refused')
-    calibration.end()
+    node.wait(lambda: not answers.empty(), 'its refusal')
+    assert not answers.get().success
     node.wait(lambda: learning.memory.judged == 'day_00001.csv', 'the next job')
 
 
