@@ -65,5 +65,5 @@ def test_a_sensor_soaked_at_the_reference_has_no_drift_but_the_least_squares_gai
     problem = make_problem() if error is None else make_problem(load, error)
     expected = [0.0] if error is None else [0.0, error]
     anchored, soaked_c = anchor(problem, lag(len(expected), mean=5.0)), np.array([30.0])
-    drift = anchored.step(anchored.start(soaked_c), soaked_c)[1]
+    drift = anchored.run(anchored.start(soaked_c), soaked_c[np.newaxis])[1][0]
     assert drift == pytest.approx(expected, abs=1e-12 if error is None else 1e-6)

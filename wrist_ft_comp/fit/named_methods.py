@@ -66,7 +66,7 @@ def identify_paper_method(
     TooShortError is raised where no ARX finds enough consecutive samples.
     """
     features = build_features(data.temperature_c, settings, data.residual)
-    width, orders = len(features.names), settings.orders
+    width, orders = features.width, settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
     fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
     fixed = fixed or (width if features.kind == 'hats' else 0)
@@ -129,7 +129,7 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
     hats = replace(settings, features='hats')
     features = build_features(data.temperature_c, hats, data.residual)
-    latents = settings.latents or len(features.names)
+    latents = settings.latents or features.width
 
     def fit_zero(part: AxisData) -> Fitted:
         model, notes = _fit_structure(hats, 'pls', (STATIC,) * latents, part)
