@@ -35,7 +35,7 @@ def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
         t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
         segments.append((t, free_run(true, t) + offset))
         segments[-1][1][[10, 11, 50, 79]] = np.nan
-    fitted = fit_one_step(segments, orders)
+    fitted, _ = fit_one_step(segments, orders)
     np.testing.assert_allclose(fitted.a, true.a, atol=1e-8)
     np.testing.assert_allclose(fitted.b, true.b, atol=1e-8)
     assert fitted.first_lag == orders.first_lag
@@ -49,7 +49,7 @@ def test_too_few_complete_rows_are_refused():
         fit_one_step([(t, u)], Orders(2, 3, 0))
     with pytest.raises(TooShortError, match='4 coefficients needs more runs of 3 consecutive'):
         fit_one_step([(t[:6], t[:6])], Orders(2, 2, 0))
-    with pytest.raises(TooShortError, match=r'longest lag of 2 cells .* got 2'):
+    with pytest.raises(TooShortError, match='4 coefficients'):
         fit_one_step([(t[:2], t[:2])], Orders(2, 2, 0))
 
 

@@ -7,14 +7,14 @@ import pytest
 
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.named_methods import identify
-from wrist_ft_comp.fit.settings import Orders, STATIC
+from wrist_ft_comp.fit.settings import Orders
 
 TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
 ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 #: A structure of one latent and of three, by method.
 LAG = Orders(1, 1, 0, direct=True)
 STRUCTURE = {
-    'pcr': [STATIC] * 3, 'pls': [STATIC] * 3, 'filtered_pls': [0.0, 300.0, 1000.0],
+    'pcr': [0.0] * 3, 'pls': [0.0] * 3, 'filtered_pls': [0.0, 300.0, 1000.0],
     'arx_pls': [LAG] * 3,
 }  # fmt: skip
 every_method = pytest.mark.parametrize('method', STRUCTURE)

@@ -13,8 +13,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.auto import identify_auto
-from wrist_ft_comp.fit.axis_data import AxisData, build_axis_data, FITTED_BIN_S, MIN_SAMPLES
+from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
 from wrist_ft_comp.fit.data_checks import (
     check_recordings,
     drop_stuck_cells,
@@ -31,6 +30,7 @@ from wrist_ft_comp.fit.named_methods import (
     identify_paper_method,
 )
 from wrist_ft_comp.fit.result import AxisFit, Calibration
+from wrist_ft_comp.fit.ridge_average import identify_auto
 from wrist_ft_comp.fit.segments import moving_limit, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
@@ -145,7 +145,7 @@ def _learn(
             within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))
-        if data.samples < MIN_SAMPLES or len(data.fold_numbers) < 2:
+        if data.samples < MIN_SAMPLES or len(data.folds_by_recording) < 2:
             said.append(
                 f'{axis} has {data.samples} thermal cells with both wrench and reference; at '
                 f'least {MIN_SAMPLES} in 2 blocks are needed. Record longer.'
@@ -178,7 +178,7 @@ def _learn(
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },
         # A start takes means over this time: long for a thermometer's noise, short for a body.
-        start_s=FITTED_BIN_S, prediction=predicted)  # fmt: skip
+        start_s=BIN_S, prediction=predicted)  # fmt: skip
     return fits, model, said
 
 

@@ -21,7 +21,6 @@ its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.series import BoolArray, FloatArray, ROUNDING, stretches
+from wrist_ft_comp.series import FloatArray, ROUNDING, stretches
 
 #: A block whose remaining sum of squares is below this share of the original is exhausted.
 EXHAUSTED = 1e-24
@@ -43,63 +42,27 @@ _LOADED_SHARE = 0.2
 class XyBlock:
     """Input and output block, recording by recording; X is the input (3.2 swaps the words)."""
 
-    #: Inputs of every cell, (N_i, F), neither centred nor scaled.
+    #: E_0 of every cell, (N_i, F): centred by x̄, scaled by W_x.
     inputs: tuple[FloatArray, ...]
-    #: What was observed, (N_i, M), up to a constant of each recording; NaN where nothing was.
+    #: F_0, (N_i, M), scaled by W_y, up to a constant of each recording; NaN where nothing was
+    #: observed.
     outputs: tuple[FloatArray, ...]
-
-    @cached_property
-    def valid(self) -> tuple[BoolArray, ...]:
-        """Cells in which all outputs were observed, (N_i,)."""
-        return tuple(np.all(np.isfinite(y), axis=1) for y in self.outputs)
+    #: x̄ over the observed cells, and the diagonal of W_x: one over the inputs' deviation, 0 for
+    #: constant inputs, shape (F,).
+    input_mean: FloatArray
+    input_weight: FloatArray
+    #: Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs.
+    output_weight: FloatArray
 
     @property
-    def observed(self) -> bool:
-        """Whether any cell is valid; of none there is neither X nor Y."""
-        return any(valid.any() for valid in self.valid)
-
-    @cached_property
-    def input_mean(self) -> FloatArray:
-        """x̄ over the valid cells, shape (F,)."""
-        return np.asarray(self._valid_inputs.mean(axis=0))
-
-    @cached_property
-    def input_weight(self) -> FloatArray:
-        """Diagonal of W_x: one over the inputs' deviation, shape (F,); 0 for constant inputs."""
-        deviation = self._valid_inputs.std(axis=0)
-        constant = deviation <= 1e-9 * np.abs(self._valid_inputs).max(axis=0)
-        return np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, deviation))
-
-    @cached_property
-    def output_weight(self) -> FloatArray:
-        """Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs."""
-        deviation = np.std(self.stack(self.outputs), axis=0)
-        return np.asarray(1.0 / np.where(deviation > 0, deviation, 1.0))
-
-    @cached_property
     def x(self) -> FloatArray:
-        """X of eq. 3, shape (N, F): all recordings, each centred by itself, scaled by W_x."""
-        return self.stack(self.inputs) * self.input_weight
+        """X of eq. 3, shape (N, F): observed cells of all recordings, each centred by itself."""
+        return _stack(self.inputs, self.outputs)
 
-    @cached_property
+    @property
     def y(self) -> FloatArray:
-        """Y of eq. 5, shape (N, M), scaled by W_y."""
-        return self.stack(self.outputs) * self.output_weight
-
-    @cached_property
-    def scaled_inputs(self) -> tuple[FloatArray, ...]:
-        """E_0 of every cell, (N_i, F): centred by x̄, scaled by W_x."""
-        return tuple((x - self.input_mean) * self.input_weight for x in self.inputs)
-
-    @cached_property
-    def scaled_outputs(self) -> tuple[FloatArray, ...]:
-        """F_0 of every cell, (N_i, M), scaled by W_y."""
-        return tuple(y * self.output_weight for y in self.outputs)
-
-    def stack(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Join the valid cells of (N_i, K), each recording centred for its unknown offset."""
-        parts = [values[rows] for values, rows in zip(series, self.valid, strict=True)]
-        return np.concatenate([part - part.mean(axis=0) for part in parts if len(part)])
+        """Y of eq. 5, shape (N, M)."""
+        return _stack(self.outputs, self.outputs)
 
     def model(
         self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
@@ -113,15 +76,34 @@ class XyBlock:
             output_weight=self.output_weight,
             output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
 
-    @cached_property
-    def _valid_inputs(self) -> FloatArray:
-        return np.concatenate([x[rows] for x, rows in zip(self.inputs, self.valid, strict=True)])
+
+def _stack(series: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> FloatArray:
+    """Join the observed cells of (N_i, K), each recording centred for its unknown offset."""
+    rows = [np.isfinite(y).all(axis=1) for y in outputs]
+    parts = [values[seen] for values, seen in zip(series, rows, strict=True) if seen.any()]
+    return np.concatenate([part - part.mean(axis=0) for part in parts])
 
 
-def build_xy_block(data: AxisData, features: Features) -> XyBlock:
-    """Expand the temperatures of an axis to features, and observe its drift."""
-    inputs = tuple(features.expand(temperature_c) for temperature_c in data.temperature_c)
-    return XyBlock(inputs, tuple(observe_drift(data)))
+def scale_block(inputs: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> XyBlock | None:
+    """Centre and scale inputs, (N_i, F), and outputs, (N_i, M); None where none is observed."""
+    rows = [np.isfinite(y).all(axis=1) for y in outputs]
+    seen = np.concatenate([x[observed] for x, observed in zip(inputs, rows, strict=True)])
+    if not len(seen):
+        return None
+    mean, deviation = seen.mean(axis=0), seen.std(axis=0)
+    varies = deviation > 1e-9 * np.abs(seen).max(axis=0)
+    input_weight = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=varies)
+    spread = np.std(_stack(outputs, outputs), axis=0)
+    output_weight = np.divide(1.0, spread, out=np.ones_like(spread), where=spread > 0)
+    return XyBlock(
+        tuple((x - mean) * input_weight for x in inputs),
+        tuple(y * output_weight for y in outputs), mean, input_weight, output_weight)  # fmt: skip
+
+
+def build_xy_block(data: AxisData, features: Features) -> XyBlock | None:
+    """Expand the temperatures of an axis to features, and observe its drift; None without any."""
+    inputs = [features.expand(temperature_c) for temperature_c in data.temperature_c]
+    return scale_block(inputs, observe_drift(data))
 
 
 def observe_drift(data: AxisData) -> list[FloatArray]:
@@ -257,20 +239,21 @@ def fit_filtered_pls(
     """
     Fit a latent behind each relaxation, 0 is none, or fewer where a block is exhausted.
 
-    The model is None where the inputs explain nothing; beside it stands h_r of each latent, in
-    words.
+    Without any relaxation it is PLS. The model is None where the inputs explain nothing; beside it
+    stands h_r of each latent that has one, in words.
     """
     filters = [relaxation(time_constant_s, period_s) for time_constant_s in time_constants_s]
 
     def behind(r: int, deflation: FloatArray) -> FloatArray:
         """Deflate the inputs of all cells, and filter each recording by itself (eq. 11)."""
-        return block.stack([free_run(filters[r], e @ deflation) for e in block.scaled_inputs])
+        return _stack([free_run(filters[r], e @ deflation) for e in block.inputs], block.outputs)
 
     outer = fit_pls(block.x, block.y, len(filters), behind)
-    pairs = list(zip(filters, outer.inner.tolist(), strict=False))
     notes = [
-        f'latent {r}: h is {f"a relaxation of {tau:g} s" if tau else "none"}'
-        for r, tau in enumerate(time_constants_s[: len(pairs)], 1)
+        f'latent {r}: h is a relaxation of {tau:g} s'
+        for r, tau in enumerate(time_constants_s[: len(outer.inner)], 1)
+        if tau
     ]
-    latents = [Arx(h.a, b * h.b, h.first_lag) for h, b in pairs]
+    # u_r = b_r h_r(t_r) (eq. 10 and 14)
+    latents = [Arx(h.a, b * h.b) for h, b in zip(filters, outer.inner, strict=False)]
     return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)

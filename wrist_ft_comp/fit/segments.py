@@ -14,7 +14,6 @@ from scipy.ndimage import median_filter
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.axis_data import JUDGED_BIN_S
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
@@ -135,7 +134,7 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
         return recording, []
     # Drift moves on while nothing is recorded, so no step is looked for across a gap.
     at = np.flatnonzero(counts)
-    widest = max(JUDGED_BIN_S / recording.period_s, 1.0)
+    widest = max(BESIDE_S / 4 / recording.period_s, 1.0)
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
     steps = list[Step]()

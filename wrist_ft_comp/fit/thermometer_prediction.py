@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.fit.data_checks import runs_of
-from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
+from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.auto import _weigh, COMBINATION, identify_auto, LeftOfFold
+from wrist_ft_comp.fit.folds import HeldOutFold
 from wrist_ft_comp.fit.result import rms_by_fold
+from wrist_ft_comp.fit.ridge_average import COMBINATION, identify_auto, weigh
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 300
@@ -123,8 +124,8 @@ class TestWeights:
     def weigh(*left):
         """Weigh fits that leave some RMS of every fold, where no compensation leaves 1."""
         errors = np.tile([1.0, *left], (40, 1)) * np.where(np.arange(40) % 2, 1, -1)[:, np.newaxis]
-        of_fold = LeftOfFold(0, 0, np.arange(40.0), errors, np.array([1.0, *left]) ** 2)
-        return _weigh([of_fold] * 3)
+        of_fold = HeldOutFold(0, 0, np.arange(40.0), errors)
+        return weigh([of_fold] * 3, [np.array([1.0, *left]) ** 2] * 3)
 
     def test_a_weight_falls_with_the_eighth_power_of_what_is_left(self):
         none, *weights = self.weigh(0.5, 0.25)
