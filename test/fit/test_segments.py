@@ -96,9 +96,9 @@ def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, period_s, first, l
     assert found.steps == ()
 
 
-@pytest.mark.parametrize('period_s', [7.0, 40.0, 240.0, 500.0, 1500.0])
+@pytest.mark.parametrize('period_s', [40.0, 240.0, 1500.0])
 def test_a_robot_that_swings_is_said_to_move(day, tmp_path, write_table, capsys, period_s):
-    """By 8 N, faster than the level of minutes or as slow as heat."""
+    """By 8 N, within minutes or as slowly as heat."""
     paths = []
     for seed in (0, 1):
         swing = 8.0 * np.sin(2 * np.pi * (np.arange(CELLS) / period_s + 0.3 * seed))

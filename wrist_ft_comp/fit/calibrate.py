@@ -20,7 +20,6 @@ from wrist_ft_comp.fit.data_checks import (
     drop_unknown_temperatures,
     idle_thermometers,
     jumping_thermometers,
-    missing_wrenches,
 )
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
 from wrist_ft_comp.fit.folds import assign_folds
@@ -72,14 +71,13 @@ def calibrate(
     """
     settings = settings or CalibrationSettings()
     progress = progress or (lambda _: None)
-    reference, max_gap_s = settings.reference, settings.max_gap_s
+    reference = settings.reference
     # Check.
     require_recordings(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)
     ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
-    silent = missing_wrenches(recordings, max_gap_s)
-    recordings, unknown = drop_unknown_temperatures(recordings, max_gap_s)
+    recordings, unknown = drop_unknown_temperatures(recordings, settings.max_gap_s)
     recordings, dropped = drop_stuck_cells(recordings, axes)
     thermometers = idle_thermometers(recordings) + jumping_thermometers(recordings)
     # Begin a segment at each step of a still load.
@@ -101,7 +99,7 @@ def calibrate(
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [*dropped, *stepped, *said, *unknown, *silent, *thermometers]
+    warnings += [*dropped, *stepped, *said, *unknown, *thermometers]
     warnings += work.warnings if work else ()
     if reference in {'unloaded', 'constant'}:
         warnings += follows_gravity(recordings, reference)

@@ -1,8 +1,8 @@
 """
 How each thermometer is predicted from the others: ridge regressions and held-out errors.
 
-The others stand behind the longest bank of relaxations of ``auto``, with its strengths of the
-ridge; the strength that errs least is taken.
+The others stand behind the longest bank of relaxations of ``auto``, with its ridge of middle
+strength.
 """
 
 from collections.abc import Sequence
@@ -66,7 +66,12 @@ def predict_each_other(
     constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
     for j in range(thermometers):
         others = np.delete(relaxed_c, j, axis=2).reshape(len(relaxed_c), -1)
-        error_k, of_others, constant_c[j] = _fit(others, target_c[:, j], fold)
+        error_k = np.empty(len(others))
+        for number in np.unique(fold):
+            out = fold == number
+            from_rest, rest_c = _ridge(others[~out], target_c[~out, j])
+            error_k[out] = target_c[out, j] - rest_c - others[out] @ from_rest
+        of_others, constant_c[j] = _ridge(others, target_c[:, j])
         gains[j] = np.insert(of_others.reshape(len(filters), -1), j, 0.0, axis=1)
         # What is usual: how far the prediction moves while the thermometer stands still or is
         # silent, how large the averaged error gets, how much it changes, how long silence lasts.
@@ -96,27 +101,12 @@ def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:
     return values[: len(values) // cells * cells].reshape(-1, cells, values.shape[1])
 
 
-def _fit(
-    columns: FloatArray, target_c: FloatArray, fold: IntArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Regress by the strength that errs least, over folds: its errors, gains and constant."""
-    best = (np.inf, 0.0, target_c)
-    for strength in STRENGTHS:
-        error_k, logs = np.empty_like(target_c), []
-        for number in np.unique(fold):
-            out = fold == number
-            gains, constant_c = _ridge(columns[~out], target_c[~out], strength)
-            error_k[out] = target_c[out] - constant_c - columns[out] @ gains
-            logs.append(np.log(max(np.mean(error_k[out] ** 2), 1e-12)))  # 1 µK is none
-        best = min(best, (float(np.mean(logs)), strength, error_k), key=lambda found: found[0])
-    return best[2], *_ridge(columns, target_c, best[1])
-
-
-def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[FloatArray, float]:
+def _ridge(columns: FloatArray, target_c: FloatArray) -> tuple[FloatArray, float]:
     """Regress on columns, (n, C), with a free constant: gains, (C,), and the constant."""
     mean, size = columns.mean(axis=0), columns.std(axis=0)
     size = np.where(size > 0, size, 1.0)
     scaled, middle_c = (columns - mean) / size, float(target_c.mean())
-    gram = scaled.T @ scaled + strength * len(scaled) * np.eye(len(size))
+    # The middle one: stronger or weaker, predictions of drawn worlds err more.
+    gram = scaled.T @ scaled + STRENGTHS[1] * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)
