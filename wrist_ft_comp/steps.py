@@ -7,11 +7,11 @@ front. A step is named only where it explains clearly more.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: A step is explained by the readings within this time before and after it, s: longer than a
 #: contact, short enough for a parabola to follow the drift; steps are half of it apart ...
@@ -30,7 +30,7 @@ _LEAST_EVIDENCE = 18.0
 #: jump of at least four times SMALLEST_SIGMA is taken for a step then, but not called certain:
 #: with cells of 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that
 #: were none; at 100, jumps of 2 N were missed. That also is the time around a possible step in
-#: which it and sudden heat may begin, and over whose median the level before it is taken.
+#: which it and sudden heat may begin.
 _HIDING_S = 20.0
 #: The evidence is above this then: 33 heats compete, one of which may be likelier by chance. At
 #: -2.5 a press of 200 s around a jump was named as a part of it; at 0 the jump was missed.
@@ -55,34 +55,16 @@ def find_steps(
     readings: FloatArray, states: IntArray, counts: BoolArray, noise: FloatArray, period_s: float
 ) -> list[Step]:
     """
-    Find the steps of a recording.
+    Find the steps of a recording, the largest first.
 
-    Parameters
-    ----------
-    readings : ndarray, shape (K, N, A)
-        Readings less the weight of each of K payloads, N and N m; NaN where there are none.
-    states : ndarray of int, shape (N,)
-        Which payload is mounted.
-    counts : ndarray of bool, shape (N,)
-        Whether a cell is free of contact.
-    noise : ndarray, shape (A,)
-        Standard deviation of a reading, N and N m.
-    period_s : float
-        Length of a cell, s.
-
-    Returns
-    -------
-    list of Step
-        In order of size, the largest first.
-
+    Readings, N and N m, (K, N, A), are those less the weight of each of K payloads; states, (N,),
+    say which one is mounted, and counts, (N,), which cells are free of contact. Noise, N and N m,
+    (A,), is the standard deviation of a reading.
     """
     rows = np.flatnonzero(counts)
     if len(rows) < 2 * _LEAST_BESIDE:
         return []
     values = readings[states[rows], rows] / noise
-    # Any payload may be mounted where a contact hides it.
-    possible = (np.arange(len(readings))[:, np.newaxis] == states) | ~counts
-    readings = np.where(possible[..., np.newaxis], readings / noise, np.nan)
     time_s: FloatArray = np.asarray((rows + 0.5) * period_s, dtype=float)
     between_s = (time_s[1:] + time_s[:-1]) / 2
     # A step before reading ``place`` is explained by readings from ``first`` to before ``last``.
@@ -90,7 +72,11 @@ def find_steps(
     first = np.minimum(np.searchsorted(time_s, time_s[:-1] - BESIDE_S), places - _LEAST_BESIDE)
     last = np.maximum(np.searchsorted(time_s, time_s[1:] + BESIDE_S), places + _LEAST_BESIDE)
     first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
-    sizes = _line_jumps(time_s, values, first, last)
+    before, after = (
+        _line_ends(time_s, values, begin, end, between_s)
+        for begin, end in ((first, places), (places, last))
+    )
+    sizes = np.nan_to_num(np.linalg.norm(after - before, axis=1))
     steps: list[Step] = []
     while sizes.max() > SMALLEST_SIGMA:
         at = int(sizes.argmax())
@@ -99,52 +85,31 @@ def find_steps(
         if found is None:
             sizes[np.abs(between_s - between_s[at]) < BESIDE_S / 4] = 0.0
             continue
-        after, jump, level, certain = found
-        after += near.start
+        place = near.start + found.cell
         # What a step leaves beside it is judged when it has been taken out.
-        sizes[(first < after) & (after < last)] = 0.0
-        # A short press before a step may look like the level after it, so look around, too.
-        around = round(BESIDE_S / 4 / period_s)
-        begin = max(int(rows[after - 1]) + 1 - around, 0)
-        beside = readings[:, begin : rows[after] + around]
-        cell = begin + _place(beside, level, level + jump)
-        steps.append(Step(cell, jump * noise, certain))
+        sizes[(first < place) & (place < last)] = 0.0
+        steps.append(replace(found, cell=int(rows[place]), jump=found.jump * noise))
     return steps
 
 
-def _line_jumps(
-    time_s: FloatArray, values: FloatArray, first: IntArray, last: IntArray
+def _line_ends(
+    time_s: FloatArray, values: FloatArray, begin: IntArray, end: IntArray, at_s: FloatArray
 ) -> FloatArray:
-    """Size of the jumps, (n - 1,), between straight lines through the readings on both sides."""
-    ends = []
-    axes, places = values.shape[1], np.arange(1, len(time_s))
-    between_s = (time_s[1:] + time_s[:-1]) / 2
-    sums = np.cumsum(
-        np.column_stack((0 * time_s + 1, time_s, time_s**2, values, time_s[:, None] * values)),
-        axis=0)  # fmt: skip
+    """Fit a line to values, (n, A), of each range, and read it at a time, (m,); NaN of two."""
+    axes = values.shape[1]
+    columns = (np.ones_like(time_s), time_s, time_s**2, values, time_s[:, None] * values)
+    sums = np.cumsum(np.column_stack(columns), axis=0)
     sums = np.concatenate((np.zeros((1, sums.shape[1])), sums))
-    usable = np.ones(len(places), dtype=bool)
-    for begin, end in ((first, places), (places, last)):
-        part = sums[end] - sums[begin]
-        count, mean_s = part[:, 0], part[:, 1] / np.maximum(part[:, 0], 1)
-        spread = part[:, 2] - count * mean_s**2
-        mean = part[:, 3 : 3 + axes] / np.maximum(count, 1)[:, None]
-        slope = part[:, 3 + axes :] - (count * mean_s)[:, None] * mean
-        slope = slope / np.maximum(spread, 1e-9)[:, None]
-        ends.append(mean + slope * (between_s - mean_s)[:, None])
-        usable &= count >= 3
-    return np.where(usable, np.linalg.norm(ends[1] - ends[0], axis=1), 0.0)
+    part = sums[end] - sums[begin]
+    count = np.where(part[:, 0] >= 3, part[:, 0], np.nan)
+    mean_s, mean = part[:, 1] / count, part[:, 3 : 3 + axes] / count[:, None]
+    spread = np.maximum(part[:, 2] - count * mean_s**2, 1e-9)
+    slope = (part[:, 3 + axes :] - (count * mean_s)[:, None] * mean) / spread[:, None]
+    return np.asarray(mean + slope * (at_s - mean_s)[:, None])
 
 
-def _explain(
-    time_s: FloatArray, values: FloatArray, place: int, period_s: float
-) -> tuple[int, FloatArray, FloatArray, bool] | None:
-    """
-    Explain what happens between readings place and place + 1 by a step, or give None.
-
-    Gives the first reading after the step, its jump and the level before it, in units of noise,
-    and whether it is certain.
-    """
+def _explain(time_s: FloatArray, values: FloatArray, place: int, period_s: float) -> Step | None:
+    """Explain readings, in units of noise, between place and the next by a step, or give None."""
     gap_s = time_s[place + 1] - time_s[place]
     t = time_s - time_s[place] - gap_s / 2
     firsts = np.flatnonzero(np.abs(t) < _HIDING_S + gap_s / 2)
@@ -173,9 +138,7 @@ def _explain(
     smallest = SMALLEST_SIGMA if certain else 4 * SMALLEST_SIGMA if hidden else np.inf
     if np.linalg.norm(jump) < smallest:
         return None
-    after = int(firsts[first])
-    before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _HIDING_S)
-    return after, jump, np.median(values[before], axis=0), bool(certain)
+    return Step(int(firsts[first]), jump, bool(certain))
 
 
 def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) -> FloatArray:
@@ -205,18 +168,3 @@ def _best(kernels: FloatArray, left: FloatArray) -> int:
     power = np.sum(kernels**2, axis=0)
     explained = np.sum((kernels.T @ left) ** 2, axis=1)
     return int(np.argmax(np.where(power > 1e-3, explained / np.maximum(power, 1e-3), 0.0)))
-
-
-def _place(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
-    """
-    Find the first cell after a step from one level to another, both (A,).
-
-    Readings, (K, n, A), are in units of noise; of K payloads the one that fits best counts.
-    """
-    costs = []
-    for level in (before, after):
-        squares = np.mean((readings - level) ** 2, axis=2)
-        square = np.where(np.isnan(squares), 1e9, squares).min(axis=0)
-        costs.append(robust_cost(robust_weight(square / WIDTH_SIGMA**2)))
-    first, second = (np.concatenate(([0.0], np.cumsum(cost))) for cost in costs)
-    return int(np.argmin(first + second[-1] - second))

@@ -80,11 +80,9 @@ def test_pls_stops_when_the_output_is_explained():
 
 
 @pytest.mark.parametrize('fit', [fit_pls, fit_pcr])
-def test_the_largest_weight_is_positive_whatever_the_signs_of_the_data(fit):
+def test_signs_of_the_outputs_do_not_turn_scores(fit):
     x, y = made_up(40, 4, 2)
-    for outer in (fit(x, y, 3), fit(x, -y, 3)):
-        peaks = outer.weights[np.argmax(np.abs(outer.weights), axis=0), range(3)]
-        assert (peaks > 0).all()
+    np.testing.assert_allclose(fit(x, -y, 3).scores, fit(x, y, 3).scores, atol=1e-9)
 
 
 CELLS = 400

@@ -96,7 +96,7 @@ class ArxPls:
         t = self._scores(x)
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
-        if len(x) <= _BLOCK:
+        if len(x) <= max(_BLOCK, state.shape[1]):
             u = np.empty_like(t)
             for k in range(len(t)):
                 u[k] = numerators[:, 0] * t[k] + state[:, 0]
@@ -129,17 +129,21 @@ def _filter(
 
     lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
     """
-    z, feedback, outputs = state.tolist(), denominator[1:].tolist(), []
-    direct = (numerator[0] * t).tolist()
-    if len(z) == 1 and not numerator[1]:
-        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).
-        direct[0] += z[0]
-        u = np.array(list(accumulate(direct, lambda last, now: now - feedback[0] * last)))
-        return u, -feedback[0] * u[-1:]
-    delayed = np.multiply.outer(t, numerator[1:]).tolist()
-    for now, later in zip(direct, delayed, strict=True):
-        last = z[0] + now
-        outputs.append(last)
-        shifted = zip((*z[1:], 0.0), later, feedback, strict=True)
-        z = [kept + product - a * last for kept, product, a in shifted]
-    return np.array(outputs), np.array(z)
+    lags = len(state)
+    # The state is what inputs and outputs before the series add to its first outputs.
+    u = np.asarray(np.convolve(numerator, t)[: len(t)], dtype=np.float64)
+    u[:lags] += state
+    feedback = np.trim_zeros(denominator[1:], 'b').tolist()
+    if len(feedback) == 1:  # as that of nearly all
+        u = np.array(list(accumulate(u.tolist(), lambda last, now: now - feedback[0] * last)))
+    elif feedback:
+        outputs = [0.0] * len(feedback)
+        for now in u.tolist():
+            past = zip(feedback, reversed(outputs), strict=False)
+            outputs.append(now - sum(a * last for a, last in past))
+        u = np.array(outputs[len(feedback) :])
+    after = [
+        numerator[i + 1 :] @ t[i - lags :][::-1] - denominator[i + 1 :] @ u[i - lags :][::-1]
+        for i in range(lags)
+    ]
+    return u, np.array(after)

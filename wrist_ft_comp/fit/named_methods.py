@@ -22,7 +22,7 @@ from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
+from wrist_ft_comp.fit.arx_pls import fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.binned_sums import (
     bin_axis_data,
@@ -38,6 +38,9 @@ from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
 PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
+#: Orders n and m of arx_pls that compete, the simplest first, with a direct term. Delays of a cell
+#: and of 30 s beside them left no less of drawn days.
+_COMPETING = [Orders(n, m, direct=True) for n, m in ((0, 1), (1, 1), (1, 2), (2, 2))]
 #: What each latent is: its orders, or the time constant of its filter, s.
 Structure = tuple[Orders | float, ...]
 
@@ -48,7 +51,7 @@ def identify_paper_method(
     """
     Let held-out folds choose how many latents there are, and their structure.
 
-    Each latent of arx_pls has orders of its own; all of filtered_pls have one relaxation.
+    All latents have one relaxation or the same orders, unless a person gave each its own.
     TooShortError is raised where no ARX finds enough consecutive samples.
     """
     features = build_features(data.temperature_c, settings, data.residual)
@@ -57,20 +60,17 @@ def identify_paper_method(
     fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
     fixed = fixed or (features.width if features.kind == 'hats' else 0)
     most = fixed or features.width
-    structures: list[Structure] = [(0.0,) * most]
+    structures: dict[str, Structure] = {'': (0.0,)}
     if method == 'filtered_pls':
-        structures = [(tau_s,) * most for tau_s in LONG_BANK_S]
-    elif method == 'arx_pls' and orders:
-        structures = [orders if len(orders) > 1 else orders * most]
-    elif method == 'arx_pls' and (block := build_xy_block(data, features)):
-        structures = [choose_orders(data, block, most)]
+        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in LONG_BANK_S}
+    elif method == 'arx_pls':
+        structures = {'': orders} if orders else {f', {one}': (one,) for one in _COMPETING}
     refits = dict[str, Refit]()
-    for r in range(fixed or 1, max(fixed, *map(len, structures)) + 1):
-        for structure in structures:
-            name = f'{method}, {r} latent{"s" if r > 1 else ""}'
-            if method == 'filtered_pls':
-                name += f', relaxation {structure[0]} s'
-            refits[name] = partial(_fit_structure, settings, method, structure[:r])
+    for r in range(fixed or 1, most + 1):
+        for of_structure, structure in structures.items():
+            name = f'{method}, {r} latent{"s" if r > 1 else ""}{of_structure}'
+            of_latents = structure if len(structure) > 1 else structure * r
+            refits[name] = partial(_fit_structure, settings, method, of_latents)
     return compete(data, refits)
 
 

@@ -30,8 +30,6 @@ from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.series import FloatArray, ROUNDING, stretches
 
-#: A block whose remaining sum of squares is below this share of the original is exhausted.
-EXHAUSTED = 1e-24
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0
 #: A window shows sensitivity when its load varies by this share of the load's whole deviation.
@@ -123,10 +121,8 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
         observed = np.full((len(residual), 2), np.nan)
         present = np.isfinite(residual) & np.isfinite(load)
         at = np.flatnonzero(present)
-        parts = stretches(present, data.period_s)[at]
-        starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
-        # Windows count anew in each stretch, so none crosses a gap.
-        windows = np.stack((parts, (at - starts) // cells), axis=1)
+        # A window belongs to one stretch, so none crosses a gap.
+        windows = np.stack((stretches(present, data.period_s)[at], at // cells), axis=1)
         window = np.unique(windows, axis=0, return_inverse=True)[1].reshape(-1)
         count = np.bincount(window)
         w = load[at] - (np.bincount(window, load[at]) / count)[window]
@@ -144,21 +140,14 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
 class Pls:
     """A fitted outer model with R latents, F inputs and M outputs."""
 
-    #: W, columns of length 1, and P, shapes (F, R).
-    weights: FloatArray
-    loadings: FloatArray
+    #: R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4).
+    rotations: FloatArray
     #: Diagonal of B (eq. 9), shape (R,).
     inner: FloatArray
     #: Q, columns of length 1, shape (M, R).
     output_loadings: FloatArray
     #: T of the data that were fitted, shape (N, R).
     scores: FloatArray
-
-    @property
-    def rotations(self) -> FloatArray:
-        """R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4)."""
-        # (F, R) = (F, R) (R, R)⁻¹
-        return self.weights @ np.linalg.inv(self.loadings.T @ self.weights)
 
     @property
     def coefficients(self) -> FloatArray:
@@ -184,7 +173,8 @@ def fit_pls(
     deflation D, (F, F); without it there are no filters.
     """
     f, deflation = y.copy(), np.eye(x.shape[1])  # F_r of eq. 5; E_r = E_0 D
-    x_limit, y_limit = (EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
+    # A block of which no more than rounding remains is exhausted.
+    x_limit, y_limit = (ROUNDING**2 * float(np.sum(block**2)) for block in (x, y))
     components: list[tuple[FloatArray, ...]] = []
     while len(components) < latents and np.sum(f**2) > y_limit:
         e = behind(len(components), deflation) if behind else x @ deflation  # eq. 11
@@ -203,7 +193,8 @@ def fit_pls(
         np.reshape([latent[part] for latent in components], (-1, size)).T  # (0, size) without any
         for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x), 1))
     )
-    return Pls(weights=w_, loadings=p_, inner=b_[0], output_loadings=q_, scores=t_)
+    # (F, R) = (F, R) (R, R)⁻¹
+    return Pls(w_ @ np.linalg.inv(p_.T @ w_), inner=b_[0], output_loadings=q_, scores=t_)
 
 
 def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
@@ -222,7 +213,7 @@ def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """Fit principal component regression, the paper's starting point, as ``fit_pls``."""
     _, singular, directions = np.linalg.svd(x, full_matrices=False)
-    rank = int(np.count_nonzero(singular**2 > EXHAUSTED * np.sum(singular**2)))
+    rank = int(np.count_nonzero(singular > ROUNDING * np.linalg.norm(singular)))
     kept = directions[: min(latents, rank) if np.any(y) else 0]
     weights = np.reshape([fix_signs(v) for v in kept], (-1, x.shape[1])).T
     scores = x @ weights
@@ -230,7 +221,7 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     slopes = y.T @ scores / np.sum(scores**2, axis=0)
     inner = np.linalg.norm(slopes, axis=0)
     output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
-    return Pls(weights, weights, inner, output_loadings, scores)
+    return Pls(weights, inner, output_loadings, scores)
 
 
 def fit_filtered_pls(
