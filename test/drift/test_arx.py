@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Arx, free_run, mean_relaxation, relaxation
+from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 
 #: n, m, first lag; with a direct term (0), without (1), as the paper's first H(z) (2), and later.
 ORDERS = [(0, 1, 0), (1, 1, 0), (1, 1, 1), (2, 1, 0), (2, 2, 1), (2, 2, 2), (3, 2, 0), (1, 3, 4)]
@@ -54,7 +54,7 @@ def test_the_free_run_feeds_back_its_own_outputs(order, inputs, first_lag):
 def test_a_mean_relaxation_gives_the_means_of_bins(time_constant_s):
     bins = seeded_input(30)
     cells = free_run(relaxation(time_constant_s, 2.0), np.repeat(bins, 5))
-    means = free_run(mean_relaxation(time_constant_s, 2.0, 5), bins)
+    means = free_run(relaxation(time_constant_s, 2.0, 5), bins)
     np.testing.assert_allclose(means, cells.reshape(30, 5).mean(axis=1), atol=1e-10)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
-from wrist_ft_comp.fit.pls import fit_pls, Pls, XyBlock
+from wrist_ft_comp.fit.pls import fit_pls, XyBlock
 from wrist_ft_comp.fit.settings import Orders
 from wrist_ft_comp.series import FloatArray
 
@@ -38,9 +38,13 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     outer = fit_pls(block.x, block.y, len(orders))
     latents: list[Arx] = []
     notes: list[str] = []
-    inner = zip(latent_segments(block, outer), orders, strict=False)
-    for r, (segments, of_latent) in enumerate(inner, 1):
-        fitted, j = fit_one_step(segments, of_latent)
+    scores = [scaled @ outer.rotations for scaled in block.inputs]  # eq. 4
+    outputs = block.outputs
+    inner = zip(outer.inner, outer.output_loadings.T, orders, strict=False)
+    for r, (b, q, of_latent) in enumerate(inner, 1):
+        series = [(t[:, r - 1], f) for t, f in zip(scores, outputs, strict=True)]
+        fitted, j = fit_one_step([(t, f @ q) for t, f in series], of_latent)  # u_r = F_{r-1} q_r
+        outputs = tuple(f - b * np.outer(t, q) for t, f in series)  # eq. 10
         latent, moved = stabilise(fitted)
         note = f'latent {r}: {of_latent}; J_{r} = {j:.4g} (eq. 19)'
         if moved:
@@ -49,17 +53,6 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
         latents.append(latent)
         notes.append(note)
     return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
-
-
-def latent_segments(block: XyBlock, outer: Pls) -> list[list[Segment]]:
-    """Compute t_r (eq. 4) and u_r = F_{r-1} q_r by latent, then by recording, shapes (N_i,)."""
-    scores = [scaled @ outer.rotations for scaled in block.inputs]  # eq. 4
-    segments, outputs = [], block.outputs
-    for r, (b, q) in enumerate(zip(outer.inner, outer.output_loadings.T, strict=True)):
-        segments.append([(t[:, r], f @ q) for t, f in zip(scores, outputs, strict=True)])
-        pairs = zip(outputs, scores, strict=True)
-        outputs = tuple(f - b * np.outer(t[:, r], q) for f, t in pairs)
-    return segments
 
 
 def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, float]:

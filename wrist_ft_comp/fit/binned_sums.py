@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import free_run, mean_relaxation, relaxation, static_gain
+from wrist_ft_comp.drift.arx import free_run, relaxation, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
@@ -42,7 +42,7 @@ class BinnedData:
 
     def relaxed(self, time_constants_s: FloatArray) -> list[FloatArray]:
         """Run the bins' temperatures behind relaxations, as they run cell by cell: (n_i, K, J)."""
-        lags = [mean_relaxation(tau, self.period_s, self.cells) for tau in time_constants_s]
+        lags = [relaxation(tau, self.period_s, self.cells) for tau in time_constants_s]
         return [
             np.stack([free_run(lag, means_c) for lag in lags], axis=1)
             for means_c in self.temperature_c

@@ -13,7 +13,7 @@ from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms, left_of_a_day
+from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms
 from wrist_ft_comp.fit.folds import fold_means, HeldOutFold, hold_out, unexplained
 from wrist_ft_comp.fit.result import AxisFit, Candidate
 from wrist_ft_comp.series import FloatArray, ROUNDING
@@ -79,12 +79,8 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
     winner = simplest_good(squares)
     chosen, best = names[first + winner], names[first + squares.index(min(squares))]
     model, notes = refits[chosen](data)
-    time_constants_s: list[float] = []
     if model is not None:
         model = anchor(data, model)
-        # Those of the real positive poles.
-        lasting = model.poles.real[(np.abs(model.poles.imag) < 1e-9) & (model.poles.real > 0)]
-        time_constants_s = np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist()
     weights = np.eye(len(names))[first + winner]
     fit = state_fit(data, model, chosen, left, names, weights, notes)
     reason = f'{chosen} leaves {fit.rms_after:.3g} {fit.unit} RMS on held-out data'
@@ -99,9 +95,7 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
             f'; of {len(squares)} candidates {best} is better, but by less than '
             f'{100 * WORTHWHILE:.0f} % in mean square, and it is less simple.'
         )
-    return replace(
-        fit, reason=reason, time_constants_s=tuple(time_constants_s),
-        time_constant_errors_s=(float('nan'),) * len(time_constants_s))  # fmt: skip
+    return replace(fit, reason=reason)
 
 
 def anchor(data: AxisData, model: AxisModel) -> AxisModel:
@@ -144,7 +138,8 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
     rounding = ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
 
     def of_a_day(rms: float) -> float:
-        stated = left_of_a_day(rms, before, factor)
+        # What leaves less of blocks than no compensation does not leave more of a day.
+        stated = max(rms, min(factor * rms, before))
         return stated if stated > rounding else 0.0
 
     tried = []

@@ -57,15 +57,6 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
 
 
-def left_of_a_day(after: float, before: float, factor: float) -> float:
-    """
-    State what is left of a day from what is left of its blocks, RMS, by ``day_over_blocks``.
-
-    A fit that leaves less of the blocks than no compensation does not leave more of a day.
-    """
-    return max(after, min(factor * after, before))
-
-
 def largest_drift(data: AxisData) -> float:
     """Find the largest drift since a recording's first minute, in means over 10 s."""
     width, drifts = averaged_cells(data.period_s), [0.0]

@@ -13,13 +13,11 @@ the winner is fitted to everything, and its constants are fixed.
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 import scipy  # which loads its parts when they are used
 
 from wrist_ft_comp.drift.arx import static_gain
-from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.arx_pls import fit_arx_pls
@@ -37,7 +35,6 @@ from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, POOL_S
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
-PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 #: Orders n and m of arx_pls that compete, the simplest first, with a direct term. Delays of a cell
 #: and of 30 s beside them left no less of drawn days.
 _COMPETING = [Orders(n, m, direct=True) for n, m in ((0, 1), (1, 1), (1, 2), (2, 2))]
@@ -45,9 +42,7 @@ _COMPETING = [Orders(n, m, direct=True) for n, m in ((0, 1), (1, 1), (1, 2), (2,
 Structure = tuple[Orders | float, ...]
 
 
-def identify_paper_method(
-    data: AxisData, settings: IdentificationSettings, method: PaperMethod
-) -> AxisFit:
+def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
     Let held-out folds choose how many latents there are, and their structure.
 
@@ -55,7 +50,7 @@ def identify_paper_method(
     TooShortError is raised where no ARX finds enough consecutive samples.
     """
     features = build_features(data.temperature_c, settings, data.residual)
-    orders = settings.orders
+    method, orders = settings.method, settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
     fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
     fixed = fixed or (features.width if features.kind == 'hats' else 0)
@@ -70,39 +65,36 @@ def identify_paper_method(
         for of_structure, structure in structures.items():
             name = f'{method}, {r} latent{"s" if r > 1 else ""}{of_structure}'
             of_latents = structure if len(structure) > 1 else structure * r
-            refits[name] = partial(_fit_structure, settings, method, of_latents)
+            refits[name] = partial(fit_structure, settings, of_latents)
     return compete(data, refits)
 
 
-def _fit_structure(
-    settings: IdentificationSettings, method: PaperMethod, structure: Structure, part: AxisData
+def fit_structure(
+    settings: IdentificationSettings, structure: Structure, data: AxisData
 ) -> Fitted:
-    """Fit one of the paper's methods to what is not held out."""
-    features = build_features(part.temperature_c, settings, part.residual)
-    dynamics, notes = identify(method, part, features, structure)
-    return None if dynamics is None else AxisModel(features, dynamics), notes
-
-
-def identify(
-    method: PaperMethod, data: AxisData, features: Features, structure: Structure
-) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
-    Identify an axis by one of the paper's methods, with a latent for each entry of a structure.
+    Fit one of the paper's methods, with a latent for each entry of a structure.
 
-    The model is None where the inputs explain nothing. Sentences beside it say what each latent
-    is. TooShortError is raised where an ARX does not find enough consecutive samples.
+    The model is None where nothing was observed or the inputs explain nothing. Sentences beside it
+    say what each latent is. TooShortError is raised where an ARX does not find enough consecutive
+    samples.
     """
+    features = build_features(data.temperature_c, settings, data.residual)
     block = build_xy_block(data, features)
     if block is None:
         return None, ()
-    if method == 'arx_pls':
-        return fit_arx_pls(block, [orders for orders in structure if isinstance(orders, Orders)])
-    if method != 'pcr':
+    notes: tuple[str, ...] = ()
+    if settings.method == 'arx_pls':
+        orders = [of_latent for of_latent in structure if isinstance(of_latent, Orders)]
+        dynamics, notes = fit_arx_pls(block, orders)
+    elif settings.method == 'pcr':
+        outer = fit_pcr(block.x, block.y, len(structure))
+        latents = [static_gain(gain) for gain in outer.inner]  # u_r = b_r t_r (eq. 10)
+        dynamics = block.model(outer.rotations, latents, outer.output_loadings)
+    else:
         constants_s = [tau for tau in structure if not isinstance(tau, Orders)]
-        return fit_filtered_pls(block, constants_s, data.period_s)
-    outer = fit_pcr(block.x, block.y, len(structure))
-    latents = [static_gain(gain) for gain in outer.inner]  # u_r = b_r t_r (eq. 10)
-    return block.model(outer.rotations, latents, outer.output_loadings), ()
+        dynamics, notes = fit_filtered_pls(block, constants_s, data.period_s)
+    return None if dynamics is None else AxisModel(features, dynamics), notes
 
 
 def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
@@ -112,12 +104,12 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone: between
     a few temperatures it is easily worse than none. ``pls`` in hats learns it.
     """
-    hats = replace(settings, features='hats')
+    hats = replace(settings, method='pls', features='hats')
     features = build_features(data.temperature_c, hats, data.residual)
     latents = settings.latents or features.width
 
     def fit_zero(part: AxisData) -> Fitted:
-        model, notes = _fit_structure(hats, 'pls', (0.0,) * latents, part)
+        model, notes = fit_structure(hats, (0.0,) * latents, part)
         return None if model is None else model.without_gain_drift(), notes
 
     return compete(data, {'zero drift in hats': fit_zero}, may_be_none=True)

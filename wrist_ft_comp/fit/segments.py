@@ -26,9 +26,6 @@ _LEVEL_S = BESIDE_S
 #: A reading stands out by this share of the axis' range (and as a step does, by its noise): sudden
 #: heat bends less within two minutes.
 _OUTLYING_SHARE = 0.2
-#: Readings that are off by more, RMS, are not those of a still sensor, N; torques at a lever of
-#: 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-_MOVING_N = 1.0
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
@@ -56,11 +53,6 @@ def segment(
             sentences += outliers + steps
         segmented.append(still)
     return segmented, sentences
-
-
-def moving_limit(axis: str) -> float:
-    """Return what no reading of a still sensor moves by without heat, N or N m."""
-    return _MOVING_N if axis_unit(axis) == 'N' else 0.1 * _MOVING_N
 
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
