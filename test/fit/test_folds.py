@@ -98,12 +98,13 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
     assert held_out.cell.max() < ROWS
 
 
-def test_a_fold_is_judged_by_a_model_that_never_saw_it(run):
+@pytest.mark.parametrize('method', ['pls', 'auto'])
+def test_a_fold_is_judged_by_a_model_that_never_saw_it(run, method):
     """What is added to the last fold alone can't be explained by a fit to the others."""
     recording = run(3)
     last = np.arange(ROWS) >= ROWS - ROWS // FOLDS
     recording.wrench[:, 2] += np.where(last, 2.0 * np.sin(np.arange(ROWS) / 20), 0.0)
-    held_out = learn([recording], 'pls').held_out
+    held_out = learn([recording], method).held_out
     assert rms_by_fold(held_out).after[-1] > 1.0
     assert held_out.fold[-1] == FOLDS - 1
 

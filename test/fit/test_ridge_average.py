@@ -11,8 +11,6 @@ from wrist_ft_comp.fit.ridge_average import COMBINATION, identify_auto, weigh
 from wrist_ft_comp.fit.settings import IdentificationSettings
 
 CELLS = 300
-#: Cells of 10 s in the first minute, in which a held-out recording is tared.
-TARED = 6
 LINE = IdentificationSettings(degree=1)
 
 
@@ -77,32 +75,9 @@ class TestWhatIsFound:
         none = [fit for fit in fits if fit.model is None]
         assert len(none) >= 3
         for fit in none:
-            assert (fit.chosen, fit.rms_after, fit.candidates[0].weight) == (
-                'none',
-                fit.rms_before,
-                1,
-            )
+            assert (fit.chosen, fit.candidates[0].weight) == ('none', 1)
             assert fit.reason.startswith('Nothing that was tried holds on held-out data')
         assert all(0.95 < fit.rms_after / fit.rms_before <= 1 for fit in fits)
-
-
-class TestEvidence:
-    """What is said of held-out recordings is what a model that runs leaves of them."""
-
-    def test_held_out_errors_are_those_of_a_model_that_saw_the_other_days(self, pose):
-        """One candidate has nearly all the weight here, so the average is a model of its own."""
-        days = pose(0.5, days=4, noise=0.0)
-        whole = identify_auto(days, LINE)
-        two = replace(
-            days,
-            residual=(*days.residual[:3], np.full(CELLS, np.nan)),
-        )
-        others = identify_auto(two, LINE)
-        values = days.residual[3] - run(others.model, days.temperature_c[3])[:, 0]
-        tared = values - values[:TARED].mean()
-        said = whole.held_out.after[whole.held_out.fold == 3]
-        assert np.sqrt(np.mean(said**2)) == pytest.approx(np.sqrt(np.mean(tared**2)), rel=0.5)
-        assert np.sqrt(np.mean(tared**2)) < 0.02 * np.std(days.residual[3])
 
 
 def test_the_model_is_anchored_at_rest_and_goes_on_as_tangents(pose):
