@@ -256,18 +256,16 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that step faster than metal can, as the running node does."""
     sentences = list[str]()
     for recording in recordings if find_plateaus(recordings) is None else ():
-        for j, (values_c, measured) in enumerate(
-            zip(recording.temperature_c.T, recording.measured.T, strict=True), start=1
-        ):
-            at = np.flatnonzero(measured)
-            steps_k = np.diff(values_c[at])
+        for j in range(recording.thermometers):
+            at = np.flatnonzero(recording.measured[:, j])
+            steps_k = np.diff(recording.temperature_c[at, j])
             jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
                 sentences.append(
-                    f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumped[0]]:.1f} K at {when}, '
-                    f'the first of {len(jumped)}. Is it loose?'
+                    f'Thermometer {j + 1} of {recording.name} jumps faster than metal can: by '
+                    f'{steps_k[jumped[0]]:.1f} K at {when}, the first of {len(jumped)}. Is it '
+                    'loose?'
                 )
     return sentences
 

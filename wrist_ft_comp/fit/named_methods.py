@@ -5,9 +5,7 @@ Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist
 on Multivariate Regression Method", Sensors & Transducers, 2014; docs/paper.md goes through it
 equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` has a filter
 for each latent (eq. 11 to 14, all in ``pls``), ``arx_pls`` an ARX for each latent (eq. 15 to 22).
-``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16). What
-competes are latents and their structure, or how many time constants there are, on held-out folds;
-the winner is fitted to everything, and its constants are fixed.
+``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16).
 """
 
 from dataclasses import replace

@@ -45,22 +45,15 @@ class XyBlock:
     #: F_0, (N_i, M), scaled by W_y, up to a constant of each recording; NaN where nothing was
     #: observed.
     outputs: tuple[FloatArray, ...]
+    #: X of eq. 3, (N, F), and Y of eq. 5, (N, M): observed cells, each recording centred by itself.
+    x: FloatArray
+    y: FloatArray
     #: x̄ over the observed cells, and the diagonal of W_x: one over the inputs' deviation, 0 for
     #: constant inputs, shape (F,).
     input_mean: FloatArray
     input_weight: FloatArray
     #: Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs.
     output_weight: FloatArray
-
-    @property
-    def x(self) -> FloatArray:
-        """X of eq. 3, shape (N, F): observed cells of all recordings, each centred by itself."""
-        return _stack(self.inputs, self.outputs)
-
-    @property
-    def y(self) -> FloatArray:
-        """Y of eq. 5, shape (N, M)."""
-        return _stack(self.outputs, self.outputs)
 
     def model(
         self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
@@ -91,11 +84,14 @@ def scale_block(inputs: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> 
     mean, deviation = seen.mean(axis=0), seen.std(axis=0)
     varies = deviation > 1e-9 * np.abs(seen).max(axis=0)
     input_weight = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=varies)
-    spread = np.std(_stack(outputs, outputs), axis=0)
+    x, y = _stack(inputs, outputs), _stack(outputs, outputs)
+    spread = np.std(y, axis=0)
     output_weight = np.divide(1.0, spread, out=np.ones_like(spread), where=spread > 0)
     return XyBlock(
-        tuple((x - mean) * input_weight for x in inputs),
-        tuple(y * output_weight for y in outputs), mean, input_weight, output_weight)  # fmt: skip
+        inputs=tuple((values - mean) * input_weight for values in inputs),
+        outputs=tuple(values * output_weight for values in outputs),
+        x=x * input_weight, y=y * output_weight,
+        input_mean=mean, input_weight=input_weight, output_weight=output_weight)  # fmt: skip
 
 
 def build_xy_block(data: AxisData, features: Features) -> XyBlock | None:

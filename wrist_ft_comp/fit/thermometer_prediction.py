@@ -45,21 +45,17 @@ def predict_each_other(
     period_s, thermometers = recordings[0].period_s, recordings[0].thermometers
     cells = max(1, round(_MEAN_S / period_s))
     mean_s = cells * period_s
-    means_c = [_in_parts(r.temperature_c, cells).mean(axis=1) for r in recordings]
-    target_c = np.concatenate(means_c)
-    if thermometers < 2 or len(target_c) * mean_s < 6 * _USUAL_S:
+    whole_means = sum(len(recording) // cells for recording in recordings)
+    if thermometers < 2 or whole_means * mean_s < 6 * _USUAL_S:
         return None
-    # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
+    # Relaxed cell by cell and then averaged, (n_i, K, J), as what it is compared with.
     filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
-    relaxed_c = np.concatenate(
-        [
-            np.stack(
-                [_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters],
-                axis=1,
-            )
-            for r in recordings
-        ]
-    )
+    relaxed = [
+        np.stack([_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters], 1)
+        for r in recordings
+    ]
+    means_c = [of_recording[:, 0] for of_recording in relaxed]  # the first has no memory
+    relaxed_c, target_c = np.concatenate(relaxed), np.concatenate(means_c)
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
     averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_USUAL_S / 2, _USUAL_S))
     gains = np.zeros((thermometers, len(filters), thermometers))
