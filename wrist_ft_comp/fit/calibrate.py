@@ -143,7 +143,7 @@ def _learn(
                 f'{axis} is in one of {len(recordings)} recordings only, and is learnt from that.'
             )
             # It is judged on stretches of that recording.
-            (i,) = (i for i, values in enumerate(data.residual) if np.isfinite(values).any())
+            (i,) = {i for i, _ in data.folds_by_recording}
             within: list[IntArray] = [np.full(len(recording), -1) for recording in recordings]
             (within[i],) = assign_folds([recordings[i]])
             data = replace(data, folds=tuple(within))

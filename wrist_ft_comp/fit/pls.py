@@ -45,7 +45,7 @@ class XyBlock:
     #: F_0, (N_i, M), scaled by W_y, up to a constant of each recording; NaN where nothing was
     #: observed.
     outputs: tuple[FloatArray, ...]
-    #: X of eq. 3, (N, F), and Y of eq. 5, (N, M): observed cells, each recording centred by itself.
+    #: X of eq. 3, (N, F), and Y of eq. 5, (N, M): observed cells, each recording centred.
     x: FloatArray
     y: FloatArray
     #: x̄ over the observed cells, and the diagonal of W_x: one over the inputs' deviation, 0 for

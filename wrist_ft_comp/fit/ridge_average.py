@@ -134,17 +134,14 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         model = build_axis_model(features, POOL_S, gains[:-1], data.period_s)
     names = ['none', *(fit.name for fit in fits)]
     fit = state_fit(data, model, COMBINATION if used else 'none', left, names, weights)
-    none, *others = fit.candidates
-    reason = (
-        f'Nothing that was tried holds on held-out data: no compensation leaves '
-        f'{none.rms:.3g} {fit.unit} RMS.'
-    )
+    before = f'no compensation leaves {fit.rms_before:.3g} {fit.unit} RMS'
+    reason = f'Nothing that was tried holds on held-out data: {before}.'
     if used:
-        heaviest = sorted(others, key=lambda candidate: -candidate.weight)[:2]
+        heaviest = sorted(fit.candidates, key=lambda candidate: -candidate.weight)[:2]
         both = ' and '.join(f'{one.name} ({100 * one.weight:.0f} %)' for one in heaviest)
         reason = (
-            f'An average of {len(fits)} fits leaves {fit.rms_after:.3g} {fit.unit} RMS on '
-            f'held-out data, no compensation {none.rms:.3g} {fit.unit}; most weight have {both}.'
+            f'An average of {len(fits)} fits leaves {fit.rms_after:.3g} {fit.unit} on held-out '
+            f'data, {before}; most weight have {both}.'
         )
     return replace(fit, reason=reason)
 

@@ -114,15 +114,10 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     widest = max(BESIDE_S / 4 / recording.period_s, 1.0)
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
-    steps = list[Step]()
+    steps, one_load = list[Step](), np.zeros(len(raw), dtype=np.int64)
     for begin, end in pairwise(begins):
-        found = find_steps(
-            raw[np.newaxis, begin:end],
-            np.zeros(end - begin, dtype=np.int64),
-            counts[begin:end],
-            noise,
-            recording.period_s,
-        )
+        part = raw[np.newaxis, begin:end], one_load[begin:end], counts[begin:end]
+        found = find_steps(*part, noise, recording.period_s)
         steps += [
             replace(step, cell=begin + step.cell)
             for step in sorted(found, key=lambda step: step.cell)
