@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
 
 #: A step is explained by the readings within this time before and after it, s: longer than a
 #: contact, short enough for a parabola to follow the drift; steps are half of it apart ...
@@ -30,7 +30,7 @@ _LEAST_EVIDENCE = 18.0
 #: jump of at least four times SMALLEST_SIGMA is taken for a step then, but not called certain:
 #: with cells of 10 s, tares of a driver were above 300; at 40, five of six worlds got steps that
 #: were none; at 100, jumps of 2 N were missed. That also is the time around a possible step in
-#: which it and sudden heat may begin.
+#: which it and sudden heat may begin, and over whose median the level before it is taken.
 _HIDING_S = 20.0
 #: The evidence is above this then: 33 heats compete, one of which may be likelier by chance. At
 #: -2.5 a press of 200 s around a jump was named as a part of it; at 0 the jump was missed.
@@ -65,6 +65,9 @@ def find_steps(
     if len(rows) < 2 * _LEAST_BESIDE:
         return []
     values = readings[states[rows], rows] / noise
+    # Any payload may be mounted where a contact hides it.
+    possible = (np.arange(len(readings))[:, np.newaxis] == states) | ~counts
+    readings = np.where(possible[..., np.newaxis], readings / noise, np.nan)
     time_s: FloatArray = np.asarray((rows + 0.5) * period_s, dtype=float)
     between_s = (time_s[1:] + time_s[:-1]) / 2
     # A step before reading ``place`` is explained by readings from ``first`` to before ``last``.
@@ -85,10 +88,16 @@ def find_steps(
         if found is None:
             sizes[np.abs(between_s - between_s[at]) < BESIDE_S / 4] = 0.0
             continue
-        place = near.start + found.cell
+        step, level = found
+        place = near.start + step.cell
         # What a step leaves beside it is judged when it has been taken out.
         sizes[(first < place) & (place < last)] = 0.0
-        steps.append(replace(found, cell=int(rows[place]), jump=found.jump * noise))
+        # A short press before a step may look like the level after it, so look around, too.
+        around = round(BESIDE_S / 4 / period_s)
+        begin = max(int(rows[place - 1]) + 1 - around, 0)
+        beside = readings[:, begin : rows[place] + around]
+        cell = begin + _place(beside, level, level + step.jump)
+        steps.append(replace(step, cell=cell, jump=step.jump * noise))
     return steps
 
 
@@ -108,8 +117,14 @@ def _line_ends(
     return np.asarray(mean + slope * (at_s - mean_s)[:, None])
 
 
-def _explain(time_s: FloatArray, values: FloatArray, place: int, period_s: float) -> Step | None:
-    """Explain readings, in units of noise, between place and the next by a step, or give None."""
+def _explain(
+    time_s: FloatArray, values: FloatArray, place: int, period_s: float
+) -> tuple[Step, FloatArray] | None:
+    """
+    Explain readings, in units of noise, between place and the next by a step, or give None.
+
+    The level before the step, (A,), stands beside it.
+    """
     gap_s = time_s[place + 1] - time_s[place]
     t = time_s - time_s[place] - gap_s / 2
     firsts = np.flatnonzero(np.abs(t) < _HIDING_S + gap_s / 2)
@@ -138,7 +153,9 @@ def _explain(time_s: FloatArray, values: FloatArray, place: int, period_s: float
     smallest = SMALLEST_SIGMA if certain else 4 * SMALLEST_SIGMA if hidden else np.inf
     if np.linalg.norm(jump) < smallest:
         return None
-    return Step(int(firsts[first]), jump, bool(certain))
+    after = int(firsts[first])
+    before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _HIDING_S)
+    return Step(after, jump, bool(certain)), np.median(values[before], axis=0)
 
 
 def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) -> FloatArray:
@@ -168,3 +185,18 @@ def _best(kernels: FloatArray, left: FloatArray) -> int:
     power = np.sum(kernels**2, axis=0)
     explained = np.sum((kernels.T @ left) ** 2, axis=1)
     return int(np.argmax(np.where(power > 1e-3, explained / np.maximum(power, 1e-3), 0.0)))
+
+
+def _place(readings: FloatArray, before: FloatArray, after: FloatArray) -> int:
+    """
+    Find the first cell after a step from one level to another, both (A,).
+
+    Readings, (K, n, A), are in units of noise; of K payloads the one that fits best counts.
+    """
+    costs = []
+    for level in (before, after):
+        squares = np.mean((readings - level) ** 2, axis=2)
+        square = np.where(np.isnan(squares), 1e9, squares).min(axis=0)
+        costs.append(robust_cost(robust_weight(square / WIDTH_SIGMA**2)))
+    first, second = (np.concatenate(([0.0], np.cumsum(cost))) for cost in costs)
+    return int(np.argmin(first + second[-1] - second))
