@@ -12,18 +12,29 @@ With a direct term φ's second half begins one cell later in time, at t(k-d).
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
-from wrist_ft_comp.fit.pls import fit_pls, XyBlock
-from wrist_ft_comp.fit.settings import Orders
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.fit.axis_data import AxisData
+from wrist_ft_comp.fit.competition import simplest_good
+from wrist_ft_comp.fit.folds import fold_means
+from wrist_ft_comp.fit.pls import fit_pls, Pls, stack, XyBlock
+from wrist_ft_comp.fit.settings import Orders, STATIC
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
 MAX_POLE_RADIUS = 0.99999
+#: Orders that compete for each latent, the simplest first. A delay of 30 s beside them left no
+#: less of drawn days.
+_COMPETING = [
+    Orders(n, m, direct=direct)
+    for n, m in ((0, 1), (1, 1), (1, 2), (2, 2))
+    for direct in (True, False)
+]
 #: Score t_r and output u_r of a recording, shapes (N_i,), u_r with an unknown constant.
 Segment = tuple[FloatArray, FloatArray]
 
@@ -38,13 +49,9 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     outer = fit_pls(block.x, block.y, len(orders))
     latents: list[Arx] = []
     notes: list[str] = []
-    scores = [scaled @ outer.rotations for scaled in block.inputs]  # eq. 4
-    outputs = block.outputs
-    inner = zip(outer.inner, outer.output_loadings.T, orders, strict=False)
-    for r, (b, q, of_latent) in enumerate(inner, 1):
-        series = [(t[:, r - 1], f) for t, f in zip(scores, outputs, strict=True)]
-        fitted, j = fit_one_step([(t, f @ q) for t, f in series], of_latent)  # u_r = F_{r-1} q_r
-        outputs = tuple(f - b * np.outer(t, q) for t, f in series)  # eq. 10
+    inner = zip(latent_segments(block, outer), orders, strict=False)
+    for r, (segments, of_latent) in enumerate(inner, 1):
+        fitted, j = fit_one_step(segments, of_latent)
         latent, moved = stabilise(fitted)
         note = f'latent {r}: {of_latent}; J_{r} = {j:.4g} (eq. 19)'
         if moved:
@@ -53,6 +60,64 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
         latents.append(latent)
         notes.append(note)
     return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
+
+
+def latent_segments(block: XyBlock, outer: Pls) -> list[list[Segment]]:
+    """Compute t_r (eq. 4) and u_r = F_{r-1} q_r by latent, then by recording, shapes (N_i,)."""
+    scores = [scaled @ outer.rotations for scaled in block.inputs]  # eq. 4
+    segments, outputs = [], block.outputs
+    for r, (b, q) in enumerate(zip(outer.inner, outer.output_loadings.T, strict=True)):
+        segments.append([(t[:, r], f @ q) for t, f in zip(scores, outputs, strict=True)])
+        pairs = zip(outputs, scores, strict=True)
+        outputs = tuple(f - b * np.outer(t[:, r], q) for f, t in pairs)
+    return segments
+
+
+def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders, ...]:
+    """
+    Choose orders of R latents by what the free run of H_r leaves of u_r on held-out folds.
+
+    They are fewer where a block is exhausted, and static where nothing can be held out.
+    """
+    by_fold = dict[tuple[int, int], list[list[Segment]]]()
+    for i, fold in data.folds_by_recording:
+        pairs = zip(data.folds, block.outputs, strict=True)
+        others = tuple(np.where((folds == fold)[:, np.newaxis], np.nan, y) for folds, y in pairs)
+        inside = block.outputs[i][data.folds[i] == fold]
+        if np.isfinite(inside).any() and any(np.isfinite(y).any() for y in others):
+            seen_x, seen_y = stack(block.inputs, others), stack(others, others)
+            by_fold[i, fold] = latent_segments(block, fit_pls(seen_x, seen_y, latents))
+    if not by_fold:
+        return (STATIC,) * latents
+    chosen: list[Orders] = []
+    for r in range(min(map(len, by_fold.values()))):
+        scored = []
+        for orders in _COMPETING:
+            with suppress(TooShortError):  # what is too long for the recordings does not compete
+                left = [_left(data, *at, of_fold[r], orders) for at, of_fold in by_fold.items()]
+                scored.append((orders, float(np.mean(left))))
+        if not scored:
+            return (*chosen, STATIC)
+        chosen.append(scored[simplest_good([left for _, left in scored])][0])
+    return tuple(chosen)
+
+
+def _left(
+    data: AxisData, recording: int, fold: int, segments: Sequence[Segment], orders: Orders
+) -> float:
+    """Fit H_r to what is not in a fold; mean square of what its free run leaves there."""
+    seen = [
+        (t, np.where(folds == fold, np.nan, u))
+        for (t, u), folds in zip(segments, data.folds, strict=True)
+    ]
+    h, _ = stabilise(fit_one_step(seen, orders)[0])
+    t, u = segments[recording]
+    left, whole = (
+        float(np.mean(fold_means(data, recording, fold, values)[1] ** 2))
+        for values in (u - free_run(h, t), u)
+    )
+    # What leaves less than rounding of u_r is equally good.
+    return max(left, ROUNDING * whole)
 
 
 def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, float]:

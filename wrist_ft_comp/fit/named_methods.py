@@ -18,7 +18,7 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.arx_pls import fit_arx_pls
+from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.binned_sums import (
     bin_axis_data,
@@ -30,12 +30,9 @@ from wrist_ft_comp.fit.competition import compete, Fitted, Refit
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, POOL_S
-from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
+from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
-#: Orders n and m of arx_pls that compete, the simplest first, with a direct term. Delays of a cell
-#: and of 30 s beside them left no less of drawn days.
-_COMPETING = [Orders(n, m, direct=True) for n, m in ((0, 1), (1, 1), (1, 2), (2, 2))]
 #: What each latent is: its orders, or the time constant of its filter, s.
 Structure = tuple[Orders | float, ...]
 
@@ -44,7 +41,7 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     """
     Let held-out folds choose how many latents there are, and their structure.
 
-    All latents have one relaxation or the same orders, unless a person gave each its own.
+    Each latent of arx_pls has orders of its own; all of filtered_pls have one relaxation.
     TooShortError is raised where no ARX finds enough consecutive samples.
     """
     features = build_features(data.temperature_c, settings, data.residual)
@@ -57,12 +54,15 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     if method == 'filtered_pls':
         structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in LONG_BANK_S}
     elif method == 'arx_pls':
-        structures = {'': orders} if orders else {f', {one}': (one,) for one in _COMPETING}
+        block = None if orders else build_xy_block(data, features)
+        orders = orders if block is None else choose_orders(data, block, most)
+        structures = {'': orders or (STATIC,)}
+        most = max(fixed, len(orders)) if len(orders) > 1 else most
     refits = dict[str, Refit]()
     for r in range(fixed or 1, most + 1):
         for of_structure, structure in structures.items():
             name = f'{method}, {r} latent{"s" if r > 1 else ""}{of_structure}'
-            of_latents = structure if len(structure) > 1 else structure * r
+            of_latents = structure[:r] if len(structure) > 1 else structure * r
             refits[name] = partial(fit_structure, settings, of_latents)
     return compete(data, refits)
 

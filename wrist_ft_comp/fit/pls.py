@@ -68,7 +68,7 @@ class XyBlock:
             output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
 
 
-def _stack(series: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> FloatArray:
+def stack(series: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> FloatArray:
     """Join the observed cells of (N_i, K), each recording centred for its unknown offset."""
     rows = [np.isfinite(y).all(axis=1) for y in outputs]
     parts = [values[seen] for values, seen in zip(series, rows, strict=True) if seen.any()]
@@ -84,7 +84,7 @@ def scale_block(inputs: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> 
     mean, deviation = seen.mean(axis=0), seen.std(axis=0)
     varies = deviation > 1e-9 * np.abs(seen).max(axis=0)
     input_weight = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=varies)
-    x, y = _stack(inputs, outputs), _stack(outputs, outputs)
+    x, y = stack(inputs, outputs), stack(outputs, outputs)
     spread = np.std(y, axis=0)
     output_weight = np.divide(1.0, spread, out=np.ones_like(spread), where=spread > 0)
     return XyBlock(
@@ -233,7 +233,7 @@ def fit_filtered_pls(
 
     def behind(r: int, deflation: FloatArray) -> FloatArray:
         """Deflate the inputs of all cells, and filter each recording by itself (eq. 11)."""
-        return _stack([free_run(filters[r], e @ deflation) for e in block.inputs], block.outputs)
+        return stack([free_run(filters[r], e @ deflation) for e in block.inputs], block.outputs)
 
     outer = fit_pls(block.x, block.y, len(filters), behind)
     notes = [
