@@ -102,7 +102,7 @@ def _ridge(columns: FloatArray, target_c: FloatArray) -> tuple[FloatArray, float
     mean, size = columns.mean(axis=0), columns.std(axis=0)
     size = np.where(size > 0, size, 1.0)
     scaled, middle_c = (columns - mean) / size, float(target_c.mean())
-    # The middle one: stronger or weaker, predictions of drawn worlds err more.
+    # The middle one: the strongest errs more in drawn worlds, and the weakest no less.
     gram = scaled.T @ scaled + STRENGTHS[1] * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)
