@@ -7,7 +7,7 @@ front. A step is named only where it explains clearly more.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,26 +55,11 @@ def find_steps(
     readings: FloatArray, states: IntArray, counts: BoolArray, noise: FloatArray, period_s: float
 ) -> list[Step]:
     """
-    Find the steps of a recording.
+    Find the steps of a recording, the largest first.
 
-    Parameters
-    ----------
-    readings : ndarray, shape (K, N, A)
-        Readings less the weight of each of K payloads, N and N m; NaN where there are none.
-    states : ndarray of int, shape (N,)
-        Which payload is mounted.
-    counts : ndarray of bool, shape (N,)
-        Whether a cell is free of contact.
-    noise : ndarray, shape (A,)
-        Standard deviation of a reading, N and N m.
-    period_s : float
-        Length of a cell, s.
-
-    Returns
-    -------
-    list of Step
-        In order of size, the largest first.
-
+    Readings, N and N m, (K, N, A), are those less the weight of each of K payloads; states, (N,),
+    say which one is mounted, and counts, (N,), which cells are free of contact. Noise, N and N m,
+    (A,), is the standard deviation of a reading.
     """
     rows = np.flatnonzero(counts)
     if len(rows) < 2 * _LEAST_BESIDE:
@@ -90,7 +75,11 @@ def find_steps(
     first = np.minimum(np.searchsorted(time_s, time_s[:-1] - BESIDE_S), places - _LEAST_BESIDE)
     last = np.maximum(np.searchsorted(time_s, time_s[1:] + BESIDE_S), places + _LEAST_BESIDE)
     first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
-    sizes = _line_jumps(time_s, values, first, last)
+    before, after = (
+        _line_ends(time_s, values, begin, end, between_s)
+        for begin, end in ((first, places), (places, last))
+    )
+    sizes = np.nan_to_num(np.linalg.norm(after - before, axis=1))
     steps: list[Step] = []
     while sizes.max() > SMALLEST_SIGMA:
         at = int(sizes.argmax())
@@ -99,51 +88,42 @@ def find_steps(
         if found is None:
             sizes[np.abs(between_s - between_s[at]) < BESIDE_S / 4] = 0.0
             continue
-        after, jump, level, certain = found
-        after += near.start
+        step, level = found
+        place = near.start + step.cell
         # What a step leaves beside it is judged when it has been taken out.
-        sizes[(first < after) & (after < last)] = 0.0
+        sizes[(first < place) & (place < last)] = 0.0
         # A short press before a step may look like the level after it, so look around, too.
         around = round(BESIDE_S / 4 / period_s)
-        begin = max(int(rows[after - 1]) + 1 - around, 0)
-        beside = readings[:, begin : rows[after] + around]
-        cell = begin + _place(beside, level, level + jump)
-        steps.append(Step(cell, jump * noise, certain))
+        begin = max(int(rows[place - 1]) + 1 - around, 0)
+        beside = readings[:, begin : rows[place] + around]
+        cell = begin + _place(beside, level, level + step.jump)
+        steps.append(replace(step, cell=cell, jump=step.jump * noise))
     return steps
 
 
-def _line_jumps(
-    time_s: FloatArray, values: FloatArray, first: IntArray, last: IntArray
+def _line_ends(
+    time_s: FloatArray, values: FloatArray, begin: IntArray, end: IntArray, at_s: FloatArray
 ) -> FloatArray:
-    """Size of the jumps, (n - 1,), between straight lines through the readings on both sides."""
-    ends = []
-    axes, places = values.shape[1], np.arange(1, len(time_s))
-    between_s = (time_s[1:] + time_s[:-1]) / 2
-    sums = np.cumsum(
-        np.column_stack((0 * time_s + 1, time_s, time_s**2, values, time_s[:, None] * values)),
-        axis=0)  # fmt: skip
+    """Fit a line to values, (n, A), of each range, and read it at a time, (m,); NaN of two."""
+    axes = values.shape[1]
+    columns = (np.ones_like(time_s), time_s, time_s**2, values, time_s[:, None] * values)
+    sums = np.cumsum(np.column_stack(columns), axis=0)
     sums = np.concatenate((np.zeros((1, sums.shape[1])), sums))
-    usable = np.ones(len(places), dtype=bool)
-    for begin, end in ((first, places), (places, last)):
-        part = sums[end] - sums[begin]
-        count, mean_s = part[:, 0], part[:, 1] / np.maximum(part[:, 0], 1)
-        spread = part[:, 2] - count * mean_s**2
-        mean = part[:, 3 : 3 + axes] / np.maximum(count, 1)[:, None]
-        slope = part[:, 3 + axes :] - (count * mean_s)[:, None] * mean
-        slope = slope / np.maximum(spread, 1e-9)[:, None]
-        ends.append(mean + slope * (between_s - mean_s)[:, None])
-        usable &= count >= 3
-    return np.where(usable, np.linalg.norm(ends[1] - ends[0], axis=1), 0.0)
+    part = sums[end] - sums[begin]
+    count = np.where(part[:, 0] >= 3, part[:, 0], np.nan)
+    mean_s, mean = part[:, 1] / count, part[:, 3 : 3 + axes] / count[:, None]
+    spread = np.maximum(part[:, 2] - count * mean_s**2, 1e-9)
+    slope = (part[:, 3 + axes :] - (count * mean_s)[:, None] * mean) / spread[:, None]
+    return np.asarray(mean + slope * (at_s - mean_s)[:, None])
 
 
 def _explain(
     time_s: FloatArray, values: FloatArray, place: int, period_s: float
-) -> tuple[int, FloatArray, FloatArray, bool] | None:
+) -> tuple[Step, FloatArray] | None:
     """
-    Explain what happens between readings place and place + 1 by a step, or give None.
+    Explain readings, in units of noise, between place and the next by a step, or give None.
 
-    Gives the first reading after the step, its jump and the level before it, in units of noise,
-    and whether it is certain.
+    The level before the step, (A,), stands beside it.
     """
     gap_s = time_s[place + 1] - time_s[place]
     t = time_s - time_s[place] - gap_s / 2
@@ -175,7 +155,7 @@ def _explain(
         return None
     after = int(firsts[first])
     before = np.flatnonzero(time_s[:after] >= time_s[after - 1] - _HIDING_S)
-    return after, jump, np.median(values[before], axis=0), bool(certain)
+    return Step(after, jump, bool(certain)), np.median(values[before], axis=0)
 
 
 def _heats(time_s: FloatArray, onsets_s: FloatArray, lags_s: Sequence[float]) -> FloatArray:

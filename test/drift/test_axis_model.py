@@ -1,5 +1,7 @@
 """The drift of one axis: filters, then features, then dynamics, against the textbook loop."""
 
+from dataclasses import replace
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -105,15 +107,15 @@ def test_a_run_is_the_textbook_loop(make_axis, temperature_c, filters, latents, 
 @every_form
 @settings(deadline=None, max_examples=15, derandomize=True)
 @given(cuts=st.sets(st.integers(1, 119), max_size=4))
-def test_a_run_split_anywhere_is_the_fold_of_step(
+def test_a_run_split_anywhere_is_the_fold_of_cells(
     make_axis, temperature_c, filters, latents, cuts
 ):
     axis = make_axis(filters, latents)
     state = first = axis.start(temperature_c[0])
     rows = []
     for row in temperature_c:
-        state, one = axis.step(state, row)
-        rows.append(one)
+        state, one = axis.run(state, row[np.newaxis])
+        rows.append(one[0])
     again, parts = first, []
     for part in np.split(temperature_c, sorted(cuts)):
         again, drift = axis.run(again, part)
@@ -127,21 +129,13 @@ def test_a_run_split_anywhere_is_the_fold_of_step(
     np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
 
 
-class TestBeyondTheRange:
-    def test_the_excess_is_counted_in_ranges_of_the_farthest_thermometer(self, make_axis):
-        span, beyond_range = UPPER_C - LOWER_C, make_axis().beyond_range
-        both = np.array([UPPER_C[0] + 0.2 * span[0], LOWER_C[1] - 0.5 * span[1]])
-        at = np.array([LOWER_C, UPPER_C, LOWER_C - [0.1 * span[0], 0.0], both, UPPER_C + 2 * span])
-        np.testing.assert_allclose(beyond_range(at), [0.0, 0.0, 0.1, 0.5, 2.0], atol=1e-12)
-        assert float(beyond_range(both)) == pytest.approx(0.5)
-
-    def test_a_thermometer_that_never_moved_counts_as_if_it_had_by_a_kelvin(self):
-        features = Features('powers', np.full(1, 20.0), np.full(1, 20.0), np.full(1, 20.0))
-        dynamics = ArxPls(
-            np.zeros(1), np.ones(1), np.ones((1, 1)), (static_gain(),),
-            np.ones((1, 1)), np.ones(1), np.zeros(1),
-        )  # fmt: skip
-        assert AxisModel(features, dynamics).beyond_range(np.array([25.0])) == 5.0
+def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin(make_axis):
+    span, axis = UPPER_C - LOWER_C, make_axis()
+    at = np.array([LOWER_C, LOWER_C - [0.1 * span[0], 0], UPPER_C + [0.2, 2.0] * span])
+    np.testing.assert_allclose(axis.beyond_range(at), [[0, 0], [0.1, 0], [0.2, 2]], atol=1e-12)
+    features = axis.features
+    still = replace(axis, features=replace(features, upper_c=features.lower_c))
+    assert still.beyond_range(LOWER_C + 5.0).tolist() == [5.0, 5.0]
 
 
 def test_without_gain_drift_the_zero_drift_stays_as_it_was(make_axis):

@@ -35,7 +35,7 @@ def test_recordings_with_different_offsets_and_gaps_are_fitted_together(orders):
         t = np.random.default_rng(seed).standard_normal(80 + 30 * seed)
         segments.append((t, free_run(true, t) + offset))
         segments[-1][1][[10, 11, 50, 79]] = np.nan
-    fitted = fit_one_step(segments, orders)
+    fitted, _ = fit_one_step(segments, orders)
     np.testing.assert_allclose(fitted.a, true.a, atol=1e-8)
     np.testing.assert_allclose(fitted.b, true.b, atol=1e-8)
     assert fitted.first_lag == orders.first_lag
@@ -49,33 +49,25 @@ def test_too_few_complete_rows_are_refused():
         fit_one_step([(t, u)], Orders(2, 3, 0))
     with pytest.raises(TooShortError, match='4 coefficients needs more runs of 3 consecutive'):
         fit_one_step([(t[:6], t[:6])], Orders(2, 2, 0))
-    with pytest.raises(TooShortError, match=r'longest lag of 2 cells .* got 2'):
+    with pytest.raises(TooShortError, match='4 coefficients'):
         fit_one_step([(t[:2], t[:2])], Orders(2, 2, 0))
 
 
 @pytest.mark.parametrize(
-    'poles',
-    [
-        [1.2 * np.exp(0.7j), 1.2 * np.exp(-0.7j)],
-        [-1.3, 0.5],
-        [1.5, 1.1, 0.0],
-    ],
+    'poles', [1.2 * np.exp([0.7j, -0.7j]), [-1.3, 0.5], [1.5, 1.1, 0.0]], ids=str
 )
 def test_unstable_poles_come_inside_and_the_size_of_the_static_gain_stays(poles):
     unstable = Arx(np.real(np.poly(poles))[1:], np.array([0.3, 0.4]), 1)
     mended, moved = stabilise(unstable)
     assert moved
-    assert np.abs(mended.poles).max() < 1
+    assert np.abs(mended.poles).max() <= MAX_POLE_RADIUS
     assert abs(mended.gain) == pytest.approx(abs(unstable.gain), rel=1e-3)
     assert mended.first_lag == 1
-    assert np.abs(free_run(mended, np.ones(3000))).max() < 1e6
 
 
 @pytest.mark.parametrize('pole', [1.2, 1.0, 1.0 - 1e-9])
-def test_a_pole_at_or_beyond_one_comes_inside_and_the_response_stays_that_of_an_integrator(pole):
-    """There is no static gain to keep: what counts is how the output sets out."""
+def test_a_pole_at_or_beyond_one_comes_inside_and_sets_out_as_it_did(pole):
     mended, moved = stabilise(Arx(np.array([-pole]), np.array([0.01])))
     assert moved
     assert 0 < mended.poles[0] <= MAX_POLE_RADIUS
-    set_out = free_run(mended, np.concatenate(([0.0], np.ones(10))))
-    assert 0.008 <= set_out[1] <= 0.0101
+    assert 0.008 <= free_run(mended, np.array([0.0, 1.0]))[1] <= 0.0101

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from wrist_ft_comp.fit.arx_pls import fit_arx_pls
-from wrist_ft_comp.fit.pls import XyBlock
+from wrist_ft_comp.fit.pls import scale_block
 from wrist_ft_comp.fit.settings import Orders
 
 
@@ -58,7 +58,7 @@ def test_the_model_is_that_of_the_textbook(orders):
     x = np.cumsum(rng.standard_normal((500, 3)), axis=0) @ rng.standard_normal((3, 3)) + 25.0
     late = signal.lfilter([0.05], [1.0, -0.95], x - x[0], axis=0)
     y = late @ rng.standard_normal((3, 2)) + 0.3 * rng.standard_normal((500, 2))
-    model, notes = fit_arx_pls(XyBlock((x,), (y,)), orders)
+    model, notes = fit_arx_pls(scale_block([x], [y]), orders)
     j, expected = textbook(x, y, orders)
     _, run = model.run(model.start(x[0]), x)
     run, expected = run - run.mean(axis=0), expected - expected.mean(axis=0)

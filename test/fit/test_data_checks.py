@@ -1,14 +1,11 @@
 """Channels that do not measure: dead, stuck, or thermometers that say nothing of their own."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.data_checks import (
     drop_stuck_cells,
     jumping_thermometers,
-    silent_stretches,
 )
 
 CELLS = 1000
@@ -50,14 +47,3 @@ def test_a_thermometer_that_jumps_is_named(record):
     assert 'Thermometer 1 of a.csv jumps faster than metal can: by 60' in sentence
     recording.measured[200:300] = recording.measured[301:700] = False
     assert jumping_thermometers([recording]) == []
-
-
-def test_a_wrench_that_is_missing_for_long_is_named_unless_between_plateaus(record):
-    recording = record(slice(200, 290), np.nan)
-    (sentence,) = silent_stretches([recording], 890.0)
-    assert sentence.startswith('The raw wrench of a.csv is missing for 900 s')
-    assert silent_stretches([recording], 900.0) == []
-    recording.wrench[600:690] = np.nan  # three stretches of a warm-up are no plateaus
-    assert len(silent_stretches([recording], 600.0)) == 1
-    stairs = np.repeat([10.0, 20.0, 30.0], [245, 400, 355])[:, np.newaxis]
-    assert silent_stretches([replace(recording, temperature_c=stairs)], 600.0) == []

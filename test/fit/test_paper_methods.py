@@ -1,20 +1,15 @@
 """The paper's methods on an axis: truths that are found, and data that are degenerate."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.named_methods import identify
-from wrist_ft_comp.fit.settings import Orders, STATIC
+from wrist_ft_comp.fit.named_methods import fit_structure
+from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
 
-TWO = Features('powers', np.array([30.0, 25.0]), np.zeros(2), np.full(2, 99.0), degree=2)
-ONE = Features('powers', np.array([30.0]), np.zeros(1), np.full(1, 99.0))
 #: A structure of one latent and of three, by method.
 LAG = Orders(1, 1, 0, direct=True)
 STRUCTURE = {
-    'pcr': [STATIC] * 3, 'pls': [STATIC] * 3, 'filtered_pls': [0.0, 300.0, 1000.0],
+    'pcr': [0.0] * 3, 'pls': [0.0] * 3, 'filtered_pls': [0.0, 300.0, 1000.0],
     'arx_pls': [LAG] * 3,
 }  # fmt: skip
 every_method = pytest.mark.parametrize('method', STRUCTURE)
@@ -37,9 +32,13 @@ def pose(make_axis_data):
     return make
 
 
-def free_run(model, features, temperature_c):
-    x = features.expand(temperature_c)
-    return model.run(model.start(x[0]), x)[1]
+def fit(method, data, degree=2, latents=slice(None)):
+    settings = IdentificationSettings(method, degree=degree)
+    return fit_structure(settings, STRUCTURE[method][latents], data)[0]
+
+
+def free_run(model, temperature_c):
+    return model.run(model.start(temperature_c[0]), temperature_c)[1]
 
 
 @every_method
@@ -62,8 +61,7 @@ def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
             [unit * load for load in loads] if loaded else None,
         )
         assert (problem.load is not None) == loaded
-        model, _ = identify(method, problem, TWO, STRUCTURE[method])
-        runs.append(free_run(model, TWO, temperatures[0]))
+        runs.append(free_run(fit(method, problem), temperatures[0]))
     newton, millinewton = runs
     assert newton.shape == (CELLS, 1 + loaded)
     assert np.ptp(newton[:, 0]) > 1
@@ -77,17 +75,13 @@ class TestDegenerateData:
         one = [t[:, :1] for t in temperatures]
         both = [np.column_stack((t, np.full(CELLS, 25.0))) for t in one]
         drifts = [0.5 * lagged(t[:, 0], 300.0) for t in one]
-        alone, _ = identify(method, pose(one, drifts), ONE, STRUCTURE[method][-1:])
-        beside, _ = identify(
-            method, pose(both, drifts), replace(TWO, degree=1), STRUCTURE[method][-1:]
+        alone, beside = (
+            free_run(fit(method, pose(columns, drifts), 1, slice(-1, None)), columns[0])
+            for columns in (one, both)
         )
-        np.testing.assert_allclose(
-            free_run(beside, replace(TWO, degree=1), both[0]),
-            free_run(alone, ONE, one[0]),
-            atol=1e-6,
-        )
+        np.testing.assert_allclose(beside, alone, atol=1e-6)
 
     @pytest.mark.parametrize('value', [3.0, np.nan])
     def test_no_drift_or_nothing_observed_gets_no_model(self, pose, temperatures, method, value):
         drifts = [np.full(CELLS, value) for _ in temperatures]
-        assert identify(method, pose(temperatures, drifts), TWO, STRUCTURE[method])[0] is None
+        assert fit(method, pose(temperatures, drifts)) is None

@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.segments import segment
@@ -96,23 +95,12 @@ def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, period_s, first, l
     assert found.steps == ()
 
 
-@pytest.mark.parametrize('period_s', [7.0, 40.0, 240.0, 500.0, 1500.0])
-def test_a_robot_that_swings_is_said_to_move(day, tmp_path, write_table, capsys, period_s):
-    """By 8 N, faster than the level of minutes or as slow as heat."""
-    paths = []
-    for seed in (0, 1):
-        swing = 8.0 * np.sin(2 * np.pi * (np.arange(CELLS) / period_s + 0.3 * seed))
-        made = day(seed, swing)
-        columns = {
-            'stamp_s': np.arange(CELLS) + 0.5, 'temperature_c': made.temperature_c[:, 0],
-            'force_z': made.wrench[:, 2],
-        }  # fmt: skip
-        paths.append(write_table(tmp_path / f'day{seed}.csv', columns))
-    main(['calibrate', *map(str, paths), '-o', str(tmp_path / 'model.yaml')])
-    said = ' '.join(capsys.readouterr().err.split())
-    assert re.search(r'force_z (by )?\d\.?\d* N', said)
-    assert 'declared unloaded' in said
-    assert 'id the robot move' in said
+@pytest.mark.parametrize('period_s', [40.0, 240.0, 1500.0])
+def test_a_robot_that_swings_is_said_to_move(day, period_s):
+    """By 8 N, within minutes or as slowly as heat."""
+    swings = [8.0 * np.sin(2 * np.pi * (np.arange(CELLS) / period_s + 0.3 * n)) for n in (0, 1)]
+    said = ' '.join(calibrate([day(n, swing) for n, swing in enumerate(swings)]).warnings)
+    assert re.search(r'force_z \d\.?\d* N\. The load was declared unloaded: did the robot', said)
 
 
 def test_a_recording_that_steps_all_the_time_is_refused(day):

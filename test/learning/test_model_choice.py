@@ -158,7 +158,7 @@ def test_the_drift_left_is_that_of_evaluate(separated, good):
     before = np.array([axis.rms_before for axis in figures.values()])
     after = np.array([axis.rms_after for axis in figures.values()])
     np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.03)
-    np.testing.assert_allclose(left(simulate_drift(good, day.drift), day), after, rtol=0.03)
+    np.testing.assert_allclose(left(simulate_drift(good, day.drift), day), after, rtol=0.06)
 
 
 def test_a_new_model_is_compared_on_days_that_neither_learnt_from():

@@ -61,29 +61,19 @@ def static_gain(gain: float = 1.0) -> Arx:
     return Arx(a=np.zeros(0), b=np.array([gain]))
 
 
-def relaxation(time_constant_s: float, period_s: float) -> Arx:
+def relaxation(time_constant_s: float, period_s: float, cells: int = 1) -> Arx:
     """
     Build a first-order lag: pole exp(-h/τ), with a direct term; without memory for τ = 0.
 
-    It is exact for an input that is constant over each cell of length h.
-    """
-    if time_constant_s == 0:
-        return static_gain()
-    pole = np.exp(-period_s / time_constant_s)
-    return Arx(a=np.array([-pole]), b=np.array([1.0 - pole]))
-
-
-def mean_relaxation(time_constant_s: float, period_s: float, cells: int) -> Arx:
-    """
-    Build what ``relaxation`` gives on average over bins of m cells, one step per bin.
-
-    Its pole is exp(-m h/τ), its static gain 1; it is exact for an input that is constant over
-    each bin.
+    With bins of m cells it gives its mean over each, one step per bin: pole exp(-m h/τ). It is
+    exact for an input that is constant over each cell of length h, or over each bin.
     """
     if time_constant_s == 0:
         return static_gain()
     ratio = np.exp(-period_s / time_constant_s)
     pole = ratio**cells
+    if cells == 1:
+        return Arx(a=np.array([-pole]), b=np.array([1.0 - pole]))
     # After j cells of a bin the output is t + (s - t) p^j; its mean is t + kept · (s - t).
     kept = ratio * (1.0 - pole) / (cells * (1.0 - ratio))
     return Arx(a=np.array([-pole]), b=np.array([1.0 - kept, kept - pole]))

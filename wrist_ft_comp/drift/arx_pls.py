@@ -8,17 +8,17 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
 from wrist_ft_comp.drift.arx import Arx
 from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray
 
 #: Up to this many cells, stepping all latents at once is faster than filtering each of them: with
-#: 28 latents one cell takes a sixth of the time, and 40 cells take as long. Of more, a relaxation
-#: runs through this many in one matrix product.
+#: 28 latents one cell takes a sixth of the time, and 40 cells take as long.
 _BLOCK = 32
 
 
@@ -96,7 +96,7 @@ class ArxPls:
         t = self._scores(x)
         if not (len(x) and state.shape[1]):
             return state, self._outputs(numerators[:, 0] * t)
-        if len(x) <= _BLOCK:
+        if len(x) <= max(_BLOCK, state.shape[1]):
             u = np.empty_like(t)
             for k in range(len(t)):
                 u[k] = numerators[:, 0] * t[k] + state[:, 0]
@@ -129,42 +129,21 @@ def _filter(
 
     lfilter itself would bring most of scipy into the node, which runs this when a model goes live.
     """
-    direct = numerator[0] * t
-    if len(state) == 1 and not numerator[1]:
-        # A relaxation, as nearly all are: u(k) = b_0 t(k) - a_1 u(k-1).
-        direct[:1] += state
-        u = _relax(direct, -denominator[1])
-        return u, -denominator[1] * u[-1:]
-    z, feedback, outputs = state.tolist(), denominator[1:].tolist(), []
-    delayed = np.multiply.outer(t, numerator[1:]).tolist()
-    for now, later in zip(direct.tolist(), delayed, strict=True):
-        last = z[0] + now
-        outputs.append(last)
-        shifted = zip((*z[1:], 0.0), later, feedback, strict=True)
-        z = [kept + product - a * last for kept, product, a in shifted]
-    return np.array(outputs), np.array(z)
-
-
-def _relax(x: FloatArray, pole: float) -> FloatArray:
-    """
-    Compute u(k) = x(k) + p u(k-1) from rest: in blocks, then from block to block as well.
-
-    Within a block u = P x, with P_kj = p^(k-j) for j <= k; the block before adds p^(k+1) times
-    its last u, and these last values relax by p^B from block to block.
-    """
-    size = min(len(x), _BLOCK)
-    decay = np.append(pole ** np.arange(size), 0.0)[_lags(size)]
-    if size == len(x):
-        return np.asarray(decay @ x)
-    blocks = np.zeros((-(-len(x) // size), size))
-    blocks.reshape(-1)[: len(x)] = x
-    u = blocks @ decay.T
-    ends = _relax(u[:, -1], pole**size)
-    u[1:] += np.multiply.outer(ends[:-1], pole * decay[:, 0])
-    return np.asarray(u.ravel()[: len(x)])
-
-
-@lru_cache(maxsize=_BLOCK)
-def _lags(size: int) -> IntArray:
-    """Lay out by how many cells k follows j, shape (size, size); -1 where it comes before j."""
-    return np.asarray(np.maximum(np.subtract.outer(np.arange(size), np.arange(size)), -1))
+    lags = len(state)
+    # The state is what inputs and outputs before the series add to its first outputs.
+    u = np.asarray(np.convolve(numerator, t)[: len(t)], dtype=np.float64)
+    u[:lags] += state
+    feedback = np.trim_zeros(denominator[1:], 'b').tolist()
+    if len(feedback) == 1:  # as that of nearly all
+        u = np.array(list(accumulate(u.tolist(), lambda last, now: now - feedback[0] * last)))
+    elif feedback:
+        outputs = [0.0] * len(feedback)
+        for now in u.tolist():
+            past = zip(feedback, reversed(outputs), strict=False)
+            outputs.append(now - sum(a * last for a, last in past))
+        u = np.array(outputs[len(feedback) :])
+    after = [
+        numerator[i + 1 :] @ t[i - lags :][::-1] - denominator[i + 1 :] @ u[i - lags :][::-1]
+        for i in range(lags)
+    ]
+    return u, np.array(after)

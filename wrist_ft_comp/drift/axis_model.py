@@ -37,10 +37,9 @@ class AxisModel:
     filters: tuple[Arx, ...] = ()
 
     def __post_init__(self) -> None:
-        inputs = self.features.expand(self.features.reference_c).shape[0]
-        if inputs != len(self.dynamics.input_mean):
+        if self.features.width != len(self.dynamics.input_mean):
             raise ModelFileError(
-                f'The features give {inputs} inputs, the dynamics expect '
+                f'The features give {self.features.width} inputs, the dynamics expect '
                 f'{len(self.dynamics.input_mean)}; they must be equal.'
             )
         if len(self.dynamics.output_mean) not in (1, 2):
@@ -72,16 +71,6 @@ class AxisModel:
         return self.features.reference_c[: self.thermometers]
 
     @property
-    def lower_c(self) -> FloatArray:
-        """Lowest calibrated temperature of each thermometer, °C, shape (J,)."""
-        return self.features.lower_c[: self.thermometers]
-
-    @property
-    def upper_c(self) -> FloatArray:
-        """Highest calibrated temperature of each thermometer, °C, shape (J,)."""
-        return self.features.upper_c[: self.thermometers]
-
-    @property
     def outputs(self) -> int:
         """Number of outputs M: 1 is zero drift, 2 is zero and sensitivity drift."""
         return len(self.dynamics.output_mean)
@@ -94,7 +83,8 @@ class AxisModel:
 
     def anchored(self, at_rest: Sequence[float]) -> 'AxisModel':
         """Shift the constants so that soaked at T_ref it gives these outputs, (M,)."""
-        resting = self.step(self.start(self.reference_c), self.reference_c)[1]
+        soaked_c = self.reference_c
+        resting = self.run(self.start(soaked_c), soaked_c[np.newaxis])[1][0]
         mean = self.dynamics.output_mean - resting + np.array(at_rest)
         return replace(self, dynamics=replace(self.dynamics, output_mean=mean))
 
@@ -108,8 +98,12 @@ class AxisModel:
     def _thermometer_features(self) -> Features:
         """Features of the thermometers themselves, to clamp them before a filter remembers."""
         return replace(
-            self.features, reference_c=self.reference_c, lower_c=self.lower_c,
-            upper_c=self.upper_c, knots_c=self.features.knots_c[: self.thermometers])  # fmt: skip
+            self.features,
+            reference_c=self.reference_c,
+            lower_c=self.features.lower_c[: self.thermometers],
+            upper_c=self.features.upper_c[: self.thermometers],
+            knots_c=self.features.knots_c[: self.thermometers],
+        )
 
     @cached_property
     def _filter_bank(self) -> ArxPls | None:
@@ -133,11 +127,6 @@ class AxisModel:
         x = self.features.expand_within(np.tile(clamped, len(self.filters)))
         return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
 
-    def step(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Advance by one thermal cell, temperatures (J,), °C; new state (S,) and drift (M,)."""
-        after, outputs = self.run(state, temperature_c[np.newaxis])
-        return after, outputs[0]
-
     def run(
         self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
     ) -> tuple[FloatArray, FloatArray]:
@@ -157,9 +146,8 @@ class AxisModel:
         return after, outputs[-1:] if last_only else outputs
 
     def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
-        """Distance of the farthest thermometer from its calibrated range, in ranges, (...)."""
-        below, above = self.lower_c - temperature_c, temperature_c - self.upper_c
-        excess = np.maximum(np.maximum(below, above), 0.0)
-        return np.asarray(
-            (excess / np.maximum(self.upper_c - self.lower_c, LEAST_RANGE_K)).max(axis=-1)
-        )
+        """Distance of each thermometer from its calibrated range, in ranges, (..., J)."""
+        calibrated = self._thermometer_features
+        low_c, high_c = calibrated.lower_c, calibrated.upper_c
+        excess_k = temperature_c - np.clip(temperature_c, low_c, high_c)
+        return np.asarray(np.abs(excess_k) / np.maximum(high_c - low_c, LEAST_RANGE_K))

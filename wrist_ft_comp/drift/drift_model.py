@@ -69,11 +69,8 @@ class DriftModel:
 
     def outside(self, temperature_c: FloatArray) -> list[int]:
         """List the thermometers, counted from 0, that read outside an axis's calibrated range."""
-        beyond = [
-            (temperature_c < axis.lower_c) | (temperature_c > axis.upper_c)
-            for axis in self.axes.values()
-        ]
-        return [j for j in range(self.thermometers) if any(axis[j] for axis in beyond)]
+        beyond = np.array([axis.beyond_range(temperature_c) for axis in self.axes.values()])
+        return [int(j) for j in np.flatnonzero((beyond > 0).any(axis=0))]
 
     def uncertainty(self, temperature_c: FloatArray) -> FloatArray:
         """
@@ -86,7 +83,7 @@ class DriftModel:
         deviations = np.full((*temperature_c.shape[:-1], len(AXES)), np.nan)
         for name, deviation in self.deviation.items():
             axis = self.axes.get(name)
-            beyond = 0.0 if axis is None else axis.beyond_range(temperature_c)
+            beyond = 0.0 if axis is None else axis.beyond_range(temperature_c).max(axis=-1)
             deviations[..., AXES.index(name)] = deviation * np.hypot(1.0, 3 * beyond)
         return deviations
 

@@ -74,20 +74,9 @@ class Features:
         return len(self.reference_c)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each of the F features, thermometers counted from 1."""
-        if self.kind == 'powers':
-            power = {1: '', 2: '²', 3: '³', 4: '⁴'}
-            return tuple(
-                f'θ{j}{power.get(p, f"^{p}")}'
-                for p in range(1, self.degree + 1)
-                for j in range(1, self.thermometers + 1)
-            )
-        return tuple(
-            f'T{j} near {knot:.4g} °C'
-            for j, knots in enumerate(self.knots_c, start=1)
-            for knot in knots
-        )
+    def width(self) -> int:
+        """Number of features F."""
+        return len(self.expand_within(self.reference_c))
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
         """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""

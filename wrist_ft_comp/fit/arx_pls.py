@@ -20,17 +20,21 @@ from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.folds import fold_bins, part_errors, simplest_good
-from wrist_ft_comp.fit.pls import fit_pls, Pls, XyBlock
+from wrist_ft_comp.fit.competition import simplest_good
+from wrist_ft_comp.fit.folds import fold_means
+from wrist_ft_comp.fit.pls import fit_pls, Pls, stack, XyBlock
 from wrist_ft_comp.fit.settings import Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: Poles are kept inside this radius: at h = 1 s, a time constant of 28 h.
 MAX_POLE_RADIUS = 0.99999
-#: Orders n = m up to this compete for each latent, and n = 1 with two inputs, ...
-_HIGHEST_ORDER = 2
-#: ... each with a direct term, without delay, and with this one, s: heat takes as long at most.
-_DELAY_S = 30.0
+#: Orders that compete for each latent, the simplest first. A delay of 30 s beside them left no
+#: less of drawn days.
+_COMPETING = [
+    Orders(n, m, direct=direct)
+    for n, m in ((0, 1), (1, 1), (1, 2), (2, 2))
+    for direct in (True, False)
+]
 #: Score t_r and output u_r of a recording, shapes (N_i,), u_r with an unknown constant.
 Segment = tuple[FloatArray, FloatArray]
 
@@ -45,11 +49,10 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     outer = fit_pls(block.x, block.y, len(orders))
     latents: list[Arx] = []
     notes: list[str] = []
-    inner = zip(latent_segments(block, outer, block.scaled_outputs), orders, strict=False)
+    inner = zip(latent_segments(block, outer), orders, strict=False)
     for r, (segments, of_latent) in enumerate(inner, 1):
-        fitted = fit_one_step(segments, of_latent)
+        fitted, j = fit_one_step(segments, of_latent)
         latent, moved = stabilise(fitted)
-        j = one_step_error(segments, of_latent, latent)
         note = f'latent {r}: {of_latent}; J_{r} = {j:.4g} (eq. 19)'
         if moved:
             radius = float(np.abs(fitted.poles).max())
@@ -59,20 +62,14 @@ def fit_arx_pls(block: XyBlock, orders: Sequence[Orders]) -> tuple[ArxPls | None
     return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)
 
 
-def latent_segments(
-    block: XyBlock, outer: Pls, outputs: Sequence[FloatArray]
-) -> list[list[Segment]]:
-    """
-    Compute t_r (eq. 4) and u_r = F_{r-1} q_r by latent, then by recording, shapes (N_i,).
-
-    The outer model was fitted to the block; outputs are F_0, (N_i, M), scaled by W_y, and where
-    they are NaN, u_r is.
-    """
-    scores = [scaled @ outer.rotations for scaled in block.scaled_inputs]  # eq. 4
-    segments = []
+def latent_segments(block: XyBlock, outer: Pls) -> list[list[Segment]]:
+    """Compute t_r (eq. 4) and u_r = F_{r-1} q_r by latent, then by recording, shapes (N_i,)."""
+    scores = [scaled @ outer.rotations for scaled in block.inputs]  # eq. 4
+    segments, outputs = [], block.outputs
     for r, (b, q) in enumerate(zip(outer.inner, outer.output_loadings.T, strict=True)):
         segments.append([(t[:, r], f @ q) for t, f in zip(scores, outputs, strict=True)])
-        outputs = [f - b * np.outer(t[:, r], q) for f, t in zip(outputs, scores, strict=True)]
+        pairs = zip(outputs, scores, strict=True)
+        outputs = tuple(f - b * np.outer(t[:, r], q) for f, t in pairs)
     return segments
 
 
@@ -82,115 +79,85 @@ def choose_orders(data: AxisData, block: XyBlock, latents: int) -> tuple[Orders,
 
     They are fewer where a block is exhausted, and static where nothing can be held out.
     """
-    by_fold = dict[int, list[list[Segment]]]()
-    for fold in data.fold_numbers:
+    by_fold = dict[tuple[int, int], list[list[Segment]]]()
+    for i, fold in data.folds_by_recording:
         pairs = zip(data.folds, block.outputs, strict=True)
         others = tuple(np.where((folds == fold)[:, np.newaxis], np.nan, y) for folds, y in pairs)
-        seen = XyBlock(block.inputs, others)
-        if seen.observed:
-            everywhere = [y * seen.output_weight for y in block.outputs]
-            by_fold[fold] = latent_segments(seen, fit_pls(seen.x, seen.y, latents), everywhere)
+        inside = block.outputs[i][data.folds[i] == fold]
+        if np.isfinite(inside).any() and any(np.isfinite(y).any() for y in others):
+            seen_x, seen_y = stack(block.inputs, others), stack(others, others)
+            by_fold[i, fold] = latent_segments(block, fit_pls(seen_x, seen_y, latents))
     if not by_fold:
         return (STATIC,) * latents
-    delays = sorted({0, round(_DELAY_S / data.period_s)})
-    competing = [
-        orders
-        for n in range(_HIGHEST_ORDER + 1)
-        for m in range(max(n, 1), max(n, 1) + (_HIGHEST_ORDER if n == 1 else 1))
-        for orders in (Orders(n, m, direct=True), *(Orders(n, m, d) for d in delays))
-    ]
     chosen: list[Orders] = []
     for r in range(min(map(len, by_fold.values()))):
         scored = []
-        for orders in competing:
+        for orders in _COMPETING:
             with suppress(TooShortError):  # what is too long for the recordings does not compete
-                left = [_left_held_out(data, fold, by_fold[fold][r], orders) for fold in by_fold]
-                scored.append((orders, np.concatenate(left)))
+                left = [_left(data, *at, of_fold[r], orders) for at, of_fold in by_fold.items()]
+                scored.append((orders, float(np.mean(left))))
         if not scored:
             return (*chosen, STATIC)
-        chosen.append(scored[simplest_good([errors for _, errors in scored])][0])
+        chosen.append(scored[simplest_good([left for _, left in scored])][0])
     return tuple(chosen)
 
 
-def _left_held_out(
-    data: AxisData, fold: int, segments: Sequence[Segment], orders: Orders
-) -> FloatArray:
-    """Fit H_r to what is not in a fold; mean squares of what its free run leaves there."""
+def _left(
+    data: AxisData, recording: int, fold: int, segments: Sequence[Segment], orders: Orders
+) -> float:
+    """Fit H_r to what is not in a fold; mean square of what its free run leaves there."""
     seen = [
         (t, np.where(folds == fold, np.nan, u))
         for (t, u), folds in zip(segments, data.folds, strict=True)
     ]
-    h, _ = stabilise(fit_one_step(seen, orders))
-    left = part_errors(fold_bins(data, [u - free_run(h, t) for t, u in segments], fold))
-    whole = part_errors(fold_bins(data, [u for _, u in segments], fold)).mean()
+    h, _ = stabilise(fit_one_step(seen, orders)[0])
+    t, u = segments[recording]
+    left, whole = (
+        float(np.mean(fold_means(data, recording, fold, values)[1] ** 2))
+        for values in (u - free_run(h, t), u)
+    )
     # What leaves less than rounding of u_r is equally good.
-    return np.asarray(np.maximum(left, ROUNDING * whole))
+    return max(left, ROUNDING * whole)
 
 
-def regressors(t: FloatArray, u: FloatArray, orders: Orders) -> tuple[FloatArray, FloatArray]:
+def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, float]:
     """
-    Stack the rows φ(k) of eq. 20 and 22, one per predicted sample, and the outputs u(k).
+    Fit by least squares on the one-step error over one or several recordings (eq. 20 to 22).
 
-    Score t and measured output u have shape (N,); where N <= L, TooShortError is raised. With g,
-    the first lag:
+    Gives the model and J_r, half the sum of squares of its one-step error. With g, the first lag,
+    rows φ(k) stand in a recording of N cells as drawn; those that touch a NaN are left out, and
+    each recording is centred by itself:
 
         k = L:    u(L-1) … u(L-n) | t(L-g) … t(L-g-m+1)
         …
         k = N-1:  u(N-2) …        | t(N-1-g) …
+
+    Measurement noise biases the fit, and its poles may lie outside the unit circle: see
+    ``stabilise``. TooShortError is raised where too few rows are complete.
     """
     longest, first = orders.longest_lag, orders.first_lag
-    rows = len(t) - longest
-    if rows <= 0:
-        raise TooShortError(
-            f'An ARX with a longest lag of {longest} cells needs more samples than that; '
-            f'got {len(t)}. Record longer, or lower the orders.'
-        )
-    columns = [u[longest - j : longest - j + rows] for j in range(1, orders.n + 1)]
-    columns += [t[longest - first - i : longest - first - i + rows] for i in range(orders.m)]
-    return np.stack(columns, axis=1), u[longest:]
-
-
-def stack_regressors(segments: Sequence[Segment], orders: Orders) -> tuple[FloatArray, FloatArray]:
-    """
-    Stack φ, (K, n + m), and u, (K,), of several recordings, each centred by itself.
-
-    Rows that touch a NaN are left out. TooShortError is raised where a segment is shorter than
-    the longest lag, or where too few rows are complete.
-    """
     parts = []
     for t, u in segments:
-        rows, outputs = regressors(t, u, orders)
-        complete = np.isfinite(rows).all(axis=1) & np.isfinite(outputs)
-        if complete.any():
-            rows, outputs = rows[complete], outputs[complete]
-            parts.append((rows - rows.mean(axis=0), outputs - outputs.mean()))
-    if sum(len(outputs) for _, outputs in parts) <= orders.n + orders.m:
+        rows = len(t) - longest
+        if rows <= 0:
+            continue
+        starts = [longest - first - i for i in range(orders.m)]
+        columns = [u[longest - j : longest - j + rows] for j in range(orders.n + 1)]
+        columns += [t[start : start + rows] for start in starts]
+        values = np.stack(columns, axis=1)  # u(k), then φ(k)
+        values = values[np.isfinite(values).all(axis=1)]
+        parts.append(values - values.mean(axis=0) if len(values) else values)
+    if sum(map(len, parts)) <= orders.n + orders.m:
         raise TooShortError(
-            f'An ARX with {orders.n + orders.m} coefficients needs more runs of '
-            f'{orders.longest_lag + 1} consecutive cells with samples than that. '
-            'Record without gaps, use a longer thermal period, or choose a static method.'
+            f'An ARX with {orders.n + orders.m} coefficients needs more runs of {longest + 1} '
+            'consecutive cells with samples than that. Record without gaps, use a longer thermal '
+            'period, or choose a static method.'
         )
-    phi, target = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return phi, target
-
-
-def fit_one_step(segments: Sequence[Segment], orders: Orders) -> Arx:
-    """
-    Fit by least squares on the one-step error over one or several recordings (eq. 21 and 22).
-
-    Segments and errors are those of ``stack_regressors``. Measurement noise biases the fit, and
-    its poles may lie outside the unit circle: see ``stabilise``.
-    """
-    phi, target = stack_regressors(segments, orders)
+    target, phi = np.split(np.concatenate(parts), [1], axis=1)
     # θ (n + m,) = (φᵀφ)⁻¹ φᵀ u  (eq. 22), by an orthogonal factorisation
-    theta = np.asarray(np.linalg.lstsq(phi, target, rcond=None)[0], dtype=np.float64)
-    return Arx(a=-theta[: orders.n], b=theta[orders.n :], first_lag=orders.first_lag)
-
-
-def one_step_error(segments: Sequence[Segment], orders: Orders, arx: Arx) -> float:
-    """Compute J_r of eq. 19 and 21: half the sum of squares of the one-step error."""
-    phi, target = stack_regressors(segments, orders)
-    return 0.5 * float(np.sum((target - phi @ np.concatenate((-arx.a, arx.b))) ** 2))
+    theta = np.linalg.lstsq(phi, target[:, 0], rcond=None)[0]
+    j = 0.5 * float(np.sum((target[:, 0] - phi @ theta) ** 2))  # eq. 19 and 21
+    return Arx(a=-theta[: orders.n], b=theta[orders.n :], first_lag=first), j
 
 
 def stabilise(arx: Arx) -> tuple[Arx, bool]:

@@ -15,11 +15,9 @@ from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, stretches
 
-#: Candidates are fitted to sums over bins of this length, and errors are stated as means over it:
-#: features hardly change within it, s.
-FITTED_BIN_S = 10.0
-#: Errors are averaged over this time before they are judged: drift is slow, noise is not, s.
-JUDGED_BIN_S = 3 * FITTED_BIN_S
+#: Candidates are fitted to sums over bins of this length, and errors are judged and stated as
+#: means over it: drift hardly changes within it, s.
+BIN_S = 10.0
 #: In a short recording bins are shorter, so that a fold still has this many.
 BINS_PER_FOLD = 8
 #: Stretches that a single recording is divided into, to be held out in turn. A fit to the
@@ -54,8 +52,8 @@ class AxisData:
     folds: tuple[IntArray, ...]
     #: Cells from which on a recording has a new constant, because it may have been tared there.
     steps: tuple[tuple[int, ...], ...]
-    #: Cells per bin when a model is fitted in competition, and when it is judged.
-    bin_cells: tuple[int, int]
+    #: Cells per bin in which candidates are fitted and judged.
+    bin_cells: int
     #: Why sensitivity drift is not learnt; empty when it is.
     no_sensitivity: str = ''
     #: Whether a held-out fold has its own constant, because taring removes it. Plateaus of a
@@ -68,18 +66,23 @@ class AxisData:
         return max(len(residual) for residual in self.residual) * self.period_s
 
     @property
-    def fold_numbers(self) -> list[int]:
-        """All folds that hold samples, in increasing order."""
-        used = [
-            np.unique(fold[np.isfinite(residual)])
-            for fold, residual in zip(self.folds, self.residual, strict=True)
+    def bin_s(self) -> float:
+        """Length of a bin, s."""
+        return self.bin_cells * self.period_s
+
+    @property
+    def folds_by_recording(self) -> list[tuple[int, int]]:
+        """All recordings and folds that hold samples, in order; a fold lies in one recording."""
+        return [
+            (i, int(number))
+            for i, (folds, residual) in enumerate(zip(self.folds, self.residual, strict=True))
+            for number in np.unique(folds[np.isfinite(residual)])
         ]
-        return [int(number) for number in np.unique(np.concatenate(used))]
 
     @property
     def recordings(self) -> int:
         """Number of recordings with a sample."""
-        return sum(bool(np.isfinite(residual).any()) for residual in self.residual)
+        return len({i for i, _ in self.folds_by_recording})
 
     @property
     def samples(self) -> int:
@@ -147,12 +150,9 @@ def _why_no_sensitivity(residual: Sequence[FloatArray], load: Sequence[FloatArra
     )
 
 
-def bin_cells(longest: int, period_s: float) -> tuple[int, int]:
-    """Cells per bin that is fitted, and per bin that is judged: a multiple of the former."""
-    longest_bin = max(longest // (FOLDS * BINS_PER_FOLD), 1)
-    judged = min(max(round(JUDGED_BIN_S / period_s), 1), longest_bin)
-    fitted = max(min(round(FITTED_BIN_S / period_s), judged // 3), 1)
-    return fitted, judged - judged % fitted
+def bin_cells(longest: int, period_s: float) -> int:
+    """Count the cells of a bin, by those of the longest recording."""
+    return max(min(round(BIN_S / period_s), longest // MIN_SAMPLES), 1)
 
 
 def find_plateaus(recordings: Sequence[Recording]) -> IntArray | None:

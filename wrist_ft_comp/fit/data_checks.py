@@ -15,9 +15,6 @@ from wrist_ft_comp.recording import elapsed_s, Recording, Reference, time_in
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, noise_level
 from wrist_ft_comp.stream.thermometer_faults import jumps
 
-#: Two recordings are the same day where readings differ by less than this many times their noise,
-#: as they do where one of them has fewer digits; of another day a quarter of them does so.
-_EQUAL_NOISE = 0.5
 #: Temperatures of one day differ by less than this, K, also where a thermometer has few digits.
 #: Two days on which a robot repeats one program differ by more; their motion passes for noise.
 _EQUAL_K = 0.5
@@ -25,10 +22,9 @@ _EQUAL_K = 0.5
 #: rounded stamps move a few samples to the next cell; and of the neighbouring cells that differ in
 #: a channel that measures.
 _NEARLY_ALL = 0.9
-#: A channel that measures is stuck where it keeps a value for this time, s ...
-_STUCK_S = 30.0
-#: ... and for this many samples; a thermometer is silent where it misses as many of its usual
-#: ones. Where a tenth of the neighbours are equal by chance, ten in a row are never.
+#: A channel that measures is stuck where it keeps a value for this many samples; a thermometer is
+#: silent where it misses as many of its usual ones. Where a tenth of the neighbours are equal by
+#: chance, ten in a row are never.
 _SEVERAL = 10
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
@@ -89,7 +85,7 @@ def check_recordings(
 
 
 def _are_the_same(one: Recording, other: Recording) -> bool:
-    """Whether readings are equal up to rounding, whatever their stamps; noise never repeats."""
+    """Whether readings are equal up to their noise, whatever their stamps; it never repeats."""
     cells = min(len(one), len(other))
     if abs(len(one) - len(other)) > 1 or cells < MIN_SAMPLES:
         return False
@@ -97,7 +93,8 @@ def _are_the_same(one: Recording, other: Recording) -> bool:
     shares = [np.mean(apart_k <= _EQUAL_K)]
     for ours, theirs in zip(one.wrench[:cells].T, other.wrench[:cells].T, strict=True):
         if noise := noise_level((ours, theirs)):
-            equal = np.abs(ours - theirs) <= _EQUAL_NOISE * noise
+            # Of another day half of the readings are as near.
+            equal = np.abs(ours - theirs) <= noise
             shares.append(equal.sum() / (np.isfinite(ours) | np.isfinite(theirs)).sum())
     return len(shares) > 1 and bool(min(shares) > _NEARLY_ALL)
 
@@ -125,7 +122,7 @@ def drop_stuck_cells(
             )
             continue
         lost = list[str]()
-        stuck = _find_stuck(series, recordings[0].period_s)
+        stuck = _find_stuck(series)
         for i, (recording, cells) in enumerate(zip(recordings, stuck, strict=True)):
             if not cells.any():
                 continue
@@ -161,16 +158,15 @@ def drop_stuck_cells(
     return sound, sentences
 
 
-def _find_stuck(series: Sequence[FloatArray], period_s: float) -> list[BoolArray]:
+def _find_stuck(series: Sequence[FloatArray]) -> list[BoolArray]:
     """Mark where a channel that changes nearly always, in some series, keeps a value, (N_i,)."""
-    least = max(_STUCK_S / period_s, _SEVERAL)
     marked, lively = list[BoolArray](), False
     for values in series:
         at = np.flatnonzero(np.isfinite(values))
         starts = np.flatnonzero(np.append(True, differ(values[at[1:]], values[at[:-1]])))
         lengths = np.diff(starts, append=len(at))
         stuck = np.zeros(len(values), dtype=bool)
-        stuck[at[np.repeat(lengths >= least, lengths)]] = True
+        stuck[at[np.repeat(lengths >= _SEVERAL, lengths)]] = True
         marked.append(stuck)
         # Stuck cells do not count where it is asked how often the reading changes.
         free = values[at[~stuck[at]]]
@@ -193,7 +189,7 @@ def drop_unknown_temperatures(
         for j in range(recording.thermometers):
             measured = recording.measured[:, j]
             values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
-            (frozen,) = _find_stuck([values_c], recording.period_s)
+            (frozen,) = _find_stuck([values_c])
             runs, what = _unknown(recording, j, ~measured | frozen, max_gap_s)
             for first, last in runs:
                 wrench[first:last] = np.nan
@@ -217,25 +213,20 @@ def _unknown(
     reports = np.flatnonzero(recording.measured[:, j])
     usual = np.median(np.diff(reports)) if len(reports) > 1 else 0.0
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
-    cells = max(max_gap_s / recording.period_s, _SEVERAL * usual)
-    if not (runs := _long_runs(missing, present, cells)):
+    runs = []
+    for first, last in runs_of(missing):
+        at = first + np.flatnonzero(present[first:last])
+        if len(at) and at[-1] + 1 - at[0] > max(max_gap_s / recording.period_s, _SEVERAL * usual):
+            runs.append((int(at[0]), int(at[-1]) + 1))
+    if not runs:
         return [], ''
+    runs.sort(key=lambda run: run[0] - run[1])  # the longest first
     first, last = runs[0]
     verb = 'keeps one value' if recording.measured[first:last, j].any() else 'is silent'
     return runs, (
         f'Thermometer {j + 1} of {recording.name} {verb} for '
         f'{(last - first) * recording.period_s:.0f} s, from {time_in(recording, first)} on'
     )
-
-
-def _long_runs(missing: BoolArray, counts: BoolArray, cells: float) -> list[tuple[int, int]]:
-    """Find runs of more cells, each from its first that counts to its last, longest first."""
-    runs = []
-    for first, last in runs_of(missing):
-        at = first + np.flatnonzero(counts[first:last])
-        if len(at) and at[-1] + 1 - at[0] > cells:
-            runs.append((int(at[0]), int(at[-1]) + 1))
-    return sorted(runs, key=lambda run: run[0] - run[1])
 
 
 def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
@@ -245,7 +236,7 @@ def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
 
 
 def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """Name thermometers and wrenches that are silent for long."""
+    """Name thermometers that are silent for long."""
     sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
@@ -258,21 +249,6 @@ def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[
                     f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
                     f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
                 )
-    return sentences + missing_wrenches(recordings, max_gap_s)
-
-
-def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
-    """Name wrenches that are missing for long, but not between the plateaus of a chamber test."""
-    sentences = []
-    for recording in recordings if find_plateaus(recordings) is None else ():
-        missing: BoolArray = np.asarray(np.isnan(recording.wrench).all(axis=1))
-        if runs := _long_runs(missing, missing, max_gap_s / recording.period_s):
-            first, last = runs[0]
-            sentences.append(
-                f'The raw wrench of {recording.name} is missing for '
-                f'{(last - first) * recording.period_s:.0f} s, from {time_in(recording, first)} '
-                'on; nothing is known of the drift of that time.'
-            )
     return sentences
 
 
@@ -280,18 +256,16 @@ def jumping_thermometers(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that step faster than metal can, as the running node does."""
     sentences = list[str]()
     for recording in recordings if find_plateaus(recordings) is None else ():
-        for j, (values_c, measured) in enumerate(
-            zip(recording.temperature_c.T, recording.measured.T, strict=True), start=1
-        ):
-            at = np.flatnonzero(measured)
-            steps_k = np.diff(values_c[at])
+        for j in range(recording.thermometers):
+            at = np.flatnonzero(recording.measured[:, j])
+            steps_k = np.diff(recording.temperature_c[at, j])
             jumped = np.flatnonzero(jumps(steps_k, np.diff(at) * recording.period_s))
             if len(jumped):
                 when = time_in(recording, at[jumped[0] + 1])
                 sentences.append(
-                    f'Thermometer {j} of {recording.name} jumps faster than metal can: by '
-                    f'{steps_k[jumped[0]]:.1f} K at {when}, '
-                    f'the first of {len(jumped)}. Is it loose?'
+                    f'Thermometer {j + 1} of {recording.name} jumps faster than metal can: by '
+                    f'{steps_k[jumped[0]]:.1f} K at {when}, the first of {len(jumped)}. Is it '
+                    'loose?'
                 )
     return sentences
 

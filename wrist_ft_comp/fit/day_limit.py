@@ -49,22 +49,12 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     """
     if data.recordings > 1 or not data.tared or before == 0:
         return 1.0
-    width = data.bin_cells[0]
     (residual,) = (values for values in data.residual if np.isfinite(values).any())
     rows = np.flatnonzero(np.isfinite(residual))
-    y = tare(bin_means(residual[rows], rows, width), width * data.period_s)
+    y = tare(bin_means(residual[rows], rows, data.bin_cells), data.bin_s)
     further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
     longer = max(1.0, day_s / (len(residual) * data.period_s))
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
-
-
-def left_of_a_day(after: float, before: float, factor: float) -> float:
-    """
-    State what is left of a day from what is left of its blocks, RMS, by ``day_over_blocks``.
-
-    A fit that leaves less of the blocks than no compensation does not leave more of a day.
-    """
-    return max(after, min(factor * after, before))
 
 
 def largest_drift(data: AxisData) -> float:

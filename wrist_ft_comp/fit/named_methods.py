@@ -5,60 +5,39 @@ Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist
 on Multivariate Regression Method", Sensors & Transducers, 2014; docs/paper.md goes through it
 equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` has a filter
 for each latent (eq. 11 to 14, all in ``pls``), ``arx_pls`` an ARX for each latent (eq. 15 to 22).
-``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16). What
-competes are latents and their structure, or how many time constants there are, on held-out folds;
-the winner is fitted to everything, and its constants are fixed.
+``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.arx import static_gain
-from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
-from wrist_ft_comp.fit.day_limit import day_over_blocks, left_of_a_day
-from wrist_ft_comp.fit.folds import (
-    Fitted,
-    hold_out,
-    part_errors,
-    Refit,
-    refit_bins,
-    simplest_good,
-    unexplained,
-    WORTHWHILE,
-)
-from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr, fit_pls
-from wrist_ft_comp.fit.result import AxisFit, Candidate
-from wrist_ft_comp.fit.ridge_bank import (
+from wrist_ft_comp.fit.binned_sums import (
     bin_axis_data,
     BinnedData,
     build_axis_model,
-    LONG_BANK_S,
-    POOL_S,
     sum_by_fold,
 )
+from wrist_ft_comp.fit.competition import compete, Fitted, Refit
+from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
+from wrist_ft_comp.fit.result import AxisFit
+from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, POOL_S
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
-PaperMethod = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls']
 #: What each latent is: its orders, or the time constant of its filter, s.
 Structure = tuple[Orders | float, ...]
 
 
-def identify_paper_method(
-    data: AxisData, settings: IdentificationSettings, method: PaperMethod
-) -> AxisFit:
+def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     """
     Let held-out folds choose how many latents there are, and their structure.
 
@@ -66,58 +45,54 @@ def identify_paper_method(
     TooShortError is raised where no ARX finds enough consecutive samples.
     """
     features = build_features(data.temperature_c, settings, data.residual)
-    width, orders = len(features.names), settings.orders
+    method, orders = settings.method, settings.orders
     # Hats take all latents, so that every knot keeps its own coefficients.
     fixed = settings.latents or (len(orders) if len(orders) > 1 else 0)
-    fixed = fixed or (width if features.kind == 'hats' else 0)
-    most = fixed or width
-    structures: list[Structure] = [(STATIC,) * most]
+    fixed = fixed or (features.width if features.kind == 'hats' else 0)
+    most = fixed or features.width
+    structures: dict[str, Structure] = {'': (0.0,)}
     if method == 'filtered_pls':
-        structures = [(tau_s,) * most for tau_s in LONG_BANK_S]
-    elif method == 'arx_pls' and orders:
-        structures = [orders if len(orders) > 1 else orders * most]
+        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in LONG_BANK_S}
     elif method == 'arx_pls':
-        structures = [choose_orders(data, build_xy_block(data, features), most)]
+        block = None if orders else build_xy_block(data, features)
+        orders = orders if block is None else choose_orders(data, block, most)
+        structures = {'': orders or (STATIC,)}
+        most = max(fixed, len(orders)) if len(orders) > 1 else most
     refits = dict[str, Refit]()
-    for r in range(fixed or 1, max(fixed, *map(len, structures)) + 1):
-        for structure in structures:
-            name = f'{method}, {r} latent{"s" if r > 1 else ""}'
-            if method == 'filtered_pls':
-                name += f', relaxation {structure[0]} s'
-            refits[name] = partial(_fit_structure, settings, method, structure[:r])
+    for r in range(fixed or 1, most + 1):
+        for of_structure, structure in structures.items():
+            name = f'{method}, {r} latent{"s" if r > 1 else ""}{of_structure}'
+            of_latents = structure[:r] if len(structure) > 1 else structure * r
+            refits[name] = partial(fit_structure, settings, of_latents)
     return compete(data, refits)
 
 
-def _fit_structure(
-    settings: IdentificationSettings, method: PaperMethod, structure: Structure, part: AxisData
+def fit_structure(
+    settings: IdentificationSettings, structure: Structure, data: AxisData
 ) -> Fitted:
-    """Fit one of the paper's methods to what is not held out."""
-    features = build_features(part.temperature_c, settings, part.residual)
-    dynamics, notes = identify(method, part, features, structure)
-    return None if dynamics is None else AxisModel(features, dynamics), notes
-
-
-def identify(
-    method: PaperMethod, data: AxisData, features: Features, structure: Structure
-) -> tuple[ArxPls | None, tuple[str, ...]]:
     """
-    Identify an axis by one of the paper's methods, with a latent for each entry of a structure.
+    Fit one of the paper's methods, with a latent for each entry of a structure.
 
-    The model is None where the inputs explain nothing. Sentences beside it say what each latent
-    is. TooShortError is raised where an ARX does not find enough consecutive samples.
+    The model is None where nothing was observed or the inputs explain nothing. Sentences beside it
+    say what each latent is. TooShortError is raised where an ARX does not find enough consecutive
+    samples.
     """
+    features = build_features(data.temperature_c, settings, data.residual)
     block = build_xy_block(data, features)
-    if not block.observed:
+    if block is None:
         return None, ()
-    if method == 'filtered_pls':
+    notes: tuple[str, ...] = ()
+    if settings.method == 'arx_pls':
+        orders = [of_latent for of_latent in structure if isinstance(of_latent, Orders)]
+        dynamics, notes = fit_arx_pls(block, orders)
+    elif settings.method == 'pcr':
+        outer = fit_pcr(block.x, block.y, len(structure))
+        latents = [static_gain(gain) for gain in outer.inner]  # u_r = b_r t_r (eq. 10)
+        dynamics = block.model(outer.rotations, latents, outer.output_loadings)
+    else:
         constants_s = [tau for tau in structure if not isinstance(tau, Orders)]
-        return fit_filtered_pls(block, constants_s, data.period_s)
-    if method == 'arx_pls':
-        return fit_arx_pls(block, [orders for orders in structure if isinstance(orders, Orders)])
-    outer = (fit_pcr if method == 'pcr' else fit_pls)(block.x, block.y, len(structure))
-    # u_r = b_r t_r (eq. 10)
-    latents = [static_gain(gain) for gain in outer.inner]
-    return block.model(outer.rotations, latents, outer.output_loadings), ()
+        dynamics, notes = fit_filtered_pls(block, constants_s, data.period_s)
+    return None if dynamics is None else AxisModel(features, dynamics), notes
 
 
 def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
@@ -127,12 +102,12 @@ def identify_hats(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     This is what ``auto`` does at the plateaus of a chamber test. Gain drift is left alone: between
     a few temperatures it is easily worse than none. ``pls`` in hats learns it.
     """
-    hats = replace(settings, features='hats')
+    hats = replace(settings, method='pls', features='hats')
     features = build_features(data.temperature_c, hats, data.residual)
-    latents = settings.latents or len(features.names)
+    latents = settings.latents or features.width
 
     def fit_zero(part: AxisData) -> Fitted:
-        model, notes = _fit_structure(hats, 'pls', (STATIC,) * latents, part)
+        model, notes = fit_structure(hats, (0.0,) * latents, part)
         return None if model is None else model.without_gain_drift(), notes
 
     return compete(data, {'zero drift in hats': fit_zero}, may_be_none=True)
@@ -165,7 +140,7 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
             compete(data, {}, may_be_none=True), candidates=fit.candidates, refusal=refusal,
             reason=f'{refusal}.')  # fmt: skip
     # The jackknife: how far the fits scatter that were made without each fold in turn.
-    others = [refits[fit.chosen](data.without(fold))[0] for fold in data.fold_numbers]
+    others = [refits[fit.chosen](data.without(fold))[0] for _, fold in data.folds_by_recording]
     others_s = [_time_constants_s(model, data.period_s) for model in others if model]
     errors_s = np.sqrt((len(others_s) - 1) * np.var(others_s, axis=0))
     return replace(
@@ -186,7 +161,7 @@ def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
     from the best of the relaxations of ``auto``, or of their pairs: above the shortest of them,
     because no sensor is known to lag less, and below twice the longest recording.
     """
-    bins, tau_s = bin_axis_data(data, data.bin_cells[0]), np.zeros(1)
+    bins, tau_s = bin_axis_data(data, data.bin_cells), np.zeros(1)
     if count:
         tried = [np.array(some) for some in combinations(POOL_S[1:], count)]
         start_s = min(tried, key=lambda some_s: _behind(bins, features, some_s)[0])
@@ -196,105 +171,24 @@ def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
             options={'xatol': 1e-5, 'fatol': 1e-9})  # fmt: skip
         tau_s = np.exp(np.sort(found.x))
     # What runs is fitted cell by cell.
-    _, gains, columns = _behind(bin_axis_data(data, 1), features, tau_s)
-    return build_axis_model(features, tau_s, gains, columns, data.period_s), ()
+    _, gains = _behind(bin_axis_data(data, 1), features, tau_s)
+    return build_axis_model(features, tau_s, gains, data.period_s), ()
 
 
 def _behind(
     data: BinnedData, features: Features, time_constants_s: FloatArray
-) -> tuple[float, FloatArray, list[FloatArray]]:
+) -> tuple[float, FloatArray]:
     """
     Fit r - w by features behind relaxations (eq. 11), each segment around its mean.
 
-    Gives the squares that are left, gains, (p,), and the features by relaxation, (n_i, K·F).
+    Gives the squares that are left, and gains of all columns but r - w, (P - 1,).
     """
-    columns: list[FloatArray] = [
-        features.expand_within(relaxed_c).reshape(len(relaxed_c), -1)
-        for relaxed_c in data.relaxed(time_constants_s)
-    ]
-    sums = sum_by_fold(data, columns)
-    normal = sums.centred(sums.fold >= -1)
-    size = 1 / np.sqrt(np.where(np.diagonal(normal) > 0, np.diagonal(normal), np.inf))
-    scaled = normal * np.outer(size, size)
+    relaxed_c = data.relaxed(time_constants_s)
+    sums = sum_by_fold(data, [features.expand_within(c).reshape(len(c), -1) for c in relaxed_c])
+    products = sums.centred(sums.fold >= -1)
+    size = 1 / np.sqrt(np.where(np.diagonal(products) > 0, np.diagonal(products), np.inf))
+    scaled = products * np.outer(size, size)
     gains = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1], rcond=ROUNDING)[0]
-    rest = normal[-1, -1] * (1 - gains @ scaled[:-1, -1])
+    rest = products[-1, -1] * (1 - gains @ scaled[:-1, -1])
     gains = np.divide(gains * size[:-1], size[-1], out=np.zeros_like(gains), where=size[-1] > 0)
-    return max(float(rest), 1e-300), gains, columns
-
-
-def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
-    """
-    Let the simplest good candidate run, fix its constants, and state held-out errors.
-
-    Candidates stand in order, the simplest first; no compensation is scored beside them. What is
-    too long for the recordings does not compete; TooShortError is raised where nothing is left.
-    """
-    bins, refits = {}, {'none': lambda _: (None, ()), **refits}
-    for name, refit in refits.items():
-        try:
-            bins[name] = refit_bins(data, refit)
-        except TooShortError as error:  # noqa: PERF203 -- each may be refused
-            too_short = error
-    competing = [name for name in bins if may_be_none or name != 'none']
-    if not competing:
-        raise too_short
-    scores = [part_errors(bins[name]) for name in competing]
-    chosen = competing[simplest_good(scores)]
-    model, notes = refits[chosen](data)
-    if data.no_sensitivity:
-        notes = (*notes, f'zero drift only: {data.no_sensitivity}')
-    time_constants_s: list[float] = []
-    if model is not None:
-        model = anchor(data, model)
-        # Those of the real positive poles.
-        lasting = model.poles.real[(np.abs(model.poles.imag) < 1e-9) & (model.poles.real > 0)]
-        time_constants_s = np.unique(np.round(-data.period_s / np.log(lasting), 6)).tolist()
-    after = {
-        name: float(np.mean([np.sqrt(np.mean(fold.errors**2)) for fold in left]))
-        for name, left in bins.items()
-    }
-    factor, unit = day_over_blocks(data, after['none']), axis_unit(data.axis)
-    rms = {name: left_of_a_day(left, after['none'], factor) for name, left in after.items()}
-    reason = f'{chosen} leaves {rms[chosen]:.3g} {unit} RMS on held-out data'
-    if chosen != 'none':
-        reason += f', no compensation {rms["none"]:.3g} {unit}'
-    best = competing[int(np.argmin([score.mean() for score in scores]))]
-    if len(competing) == 1:
-        reason += '; nothing else competed.'
-    elif best == chosen:
-        reason += f'; of {len(competing)} candidates it is the best.'
-    else:
-        reason += (
-            f'; of {len(competing)} candidates {best} is better, but by less than chance or '
-            f'{100 * WORTHWHILE:.0f} % in mean square, and it is less simple.'
-        )
-    errors = [
-        (none.recording, none.fold, none.cells, none.errors, compensated.errors)
-        for none, compensated in zip(bins['none'], bins[chosen], strict=True)
-    ]
-    held_out = hold_out(errors, data.bin_cells[0] * data.period_s, tared=data.tared)
-    return AxisFit(
-        model=model, chosen=chosen,
-        candidates=tuple(Candidate(name, value) for name, value in rms.items()),
-        rms_before=rms['none'], rms_after=rms[chosen], reason=reason,
-        time_constants_s=tuple(time_constants_s),
-        time_constant_errors_s=(float('nan'),) * len(time_constants_s), notes=notes,
-        unit=unit, held_out=held_out)  # fmt: skip
-
-
-def anchor(data: AxisData, model: AxisModel) -> AxisModel:
-    """Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if any."""
-    without_gain_error = model.anchored([0.0] * model.outputs)
-    if data.load is None or model.outputs == 1:
-        return without_gain_error
-    above, below, whole = 0.0, 0.0, 0.0
-    for values, load in zip(unexplained(data, without_gain_error), data.load, strict=True):
-        rows = np.isfinite(values) & np.isfinite(load)
-        if rows.any():
-            w = load[rows] - load[rows].mean()
-            above += float(w @ values[rows])
-            below += float(w @ w)
-            whole += float(load[rows] @ load[rows])
-    # A load that is constant within each recording leaves the gain error at T_ref open.
-    gain_error = above / below if below > ROUNDING * whole else 0.0
-    return model.anchored([0.0, gain_error])
+    return max(float(rest), 1e-300), gains

@@ -21,7 +21,6 @@ its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -29,10 +28,8 @@ from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.series import BoolArray, FloatArray, ROUNDING, stretches
+from wrist_ft_comp.series import FloatArray, ROUNDING, stretches
 
-#: A block whose remaining sum of squares is below this share of the original is exhausted.
-EXHAUSTED = 1e-24
 #: Longest stretch of constant sensitivity assumed when it is observed directly, s.
 OBSERVATION_WINDOW_S = 300.0
 #: A window shows sensitivity when its load varies by this share of the load's whole deviation.
@@ -43,63 +40,20 @@ _LOADED_SHARE = 0.2
 class XyBlock:
     """Input and output block, recording by recording; X is the input (3.2 swaps the words)."""
 
-    #: Inputs of every cell, (N_i, F), neither centred nor scaled.
+    #: E_0 of every cell, (N_i, F): centred by x̄, scaled by W_x.
     inputs: tuple[FloatArray, ...]
-    #: What was observed, (N_i, M), up to a constant of each recording; NaN where nothing was.
+    #: F_0, (N_i, M), scaled by W_y, up to a constant of each recording; NaN where nothing was
+    #: observed.
     outputs: tuple[FloatArray, ...]
-
-    @cached_property
-    def valid(self) -> tuple[BoolArray, ...]:
-        """Cells in which all outputs were observed, (N_i,)."""
-        return tuple(np.all(np.isfinite(y), axis=1) for y in self.outputs)
-
-    @property
-    def observed(self) -> bool:
-        """Whether any cell is valid; of none there is neither X nor Y."""
-        return any(valid.any() for valid in self.valid)
-
-    @cached_property
-    def input_mean(self) -> FloatArray:
-        """x̄ over the valid cells, shape (F,)."""
-        return np.asarray(self._valid_inputs.mean(axis=0))
-
-    @cached_property
-    def input_weight(self) -> FloatArray:
-        """Diagonal of W_x: one over the inputs' deviation, shape (F,); 0 for constant inputs."""
-        deviation = self._valid_inputs.std(axis=0)
-        constant = deviation <= 1e-9 * np.abs(self._valid_inputs).max(axis=0)
-        return np.where(constant, 0.0, 1.0 / np.where(constant, 1.0, deviation))
-
-    @cached_property
-    def output_weight(self) -> FloatArray:
-        """Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs."""
-        deviation = np.std(self.stack(self.outputs), axis=0)
-        return np.asarray(1.0 / np.where(deviation > 0, deviation, 1.0))
-
-    @cached_property
-    def x(self) -> FloatArray:
-        """X of eq. 3, shape (N, F): all recordings, each centred by itself, scaled by W_x."""
-        return self.stack(self.inputs) * self.input_weight
-
-    @cached_property
-    def y(self) -> FloatArray:
-        """Y of eq. 5, shape (N, M), scaled by W_y."""
-        return self.stack(self.outputs) * self.output_weight
-
-    @cached_property
-    def scaled_inputs(self) -> tuple[FloatArray, ...]:
-        """E_0 of every cell, (N_i, F): centred by x̄, scaled by W_x."""
-        return tuple((x - self.input_mean) * self.input_weight for x in self.inputs)
-
-    @cached_property
-    def scaled_outputs(self) -> tuple[FloatArray, ...]:
-        """F_0 of every cell, (N_i, M), scaled by W_y."""
-        return tuple(y * self.output_weight for y in self.outputs)
-
-    def stack(self, series: Sequence[FloatArray]) -> FloatArray:
-        """Join the valid cells of (N_i, K), each recording centred for its unknown offset."""
-        parts = [values[rows] for values, rows in zip(series, self.valid, strict=True)]
-        return np.concatenate([part - part.mean(axis=0) for part in parts if len(part)])
+    #: X of eq. 3, (N, F), and Y of eq. 5, (N, M): observed cells, each recording centred.
+    x: FloatArray
+    y: FloatArray
+    #: x̄ over the observed cells, and the diagonal of W_x: one over the inputs' deviation, 0 for
+    #: constant inputs, shape (F,).
+    input_mean: FloatArray
+    input_weight: FloatArray
+    #: Diagonal of W_y: one over the outputs' deviation, shape (M,); 1 for constant outputs.
+    output_weight: FloatArray
 
     def model(
         self, rotations: FloatArray, latents: Sequence[Arx], output_loadings: FloatArray
@@ -113,15 +67,37 @@ class XyBlock:
             output_weight=self.output_weight,
             output_mean=np.zeros(len(self.output_weight)))  # fmt: skip
 
-    @cached_property
-    def _valid_inputs(self) -> FloatArray:
-        return np.concatenate([x[rows] for x, rows in zip(self.inputs, self.valid, strict=True)])
+
+def stack(series: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> FloatArray:
+    """Join the observed cells of (N_i, K), each recording centred for its unknown offset."""
+    rows = [np.isfinite(y).all(axis=1) for y in outputs]
+    parts = [values[seen] for values, seen in zip(series, rows, strict=True) if seen.any()]
+    return np.concatenate([part - part.mean(axis=0) for part in parts])
 
 
-def build_xy_block(data: AxisData, features: Features) -> XyBlock:
-    """Expand the temperatures of an axis to features, and observe its drift."""
-    inputs = tuple(features.expand(temperature_c) for temperature_c in data.temperature_c)
-    return XyBlock(inputs, tuple(observe_drift(data)))
+def scale_block(inputs: Sequence[FloatArray], outputs: Sequence[FloatArray]) -> XyBlock | None:
+    """Centre and scale inputs, (N_i, F), and outputs, (N_i, M); None where none is observed."""
+    rows = [np.isfinite(y).all(axis=1) for y in outputs]
+    seen = np.concatenate([x[observed] for x, observed in zip(inputs, rows, strict=True)])
+    if not len(seen):
+        return None
+    mean, deviation = seen.mean(axis=0), seen.std(axis=0)
+    varies = deviation > 1e-9 * np.abs(seen).max(axis=0)
+    input_weight = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=varies)
+    x, y = stack(inputs, outputs), stack(outputs, outputs)
+    spread = np.std(y, axis=0)
+    output_weight = np.divide(1.0, spread, out=np.ones_like(spread), where=spread > 0)
+    return XyBlock(
+        inputs=tuple((values - mean) * input_weight for values in inputs),
+        outputs=tuple(values * output_weight for values in outputs),
+        x=x * input_weight, y=y * output_weight,
+        input_mean=mean, input_weight=input_weight, output_weight=output_weight)  # fmt: skip
+
+
+def build_xy_block(data: AxisData, features: Features) -> XyBlock | None:
+    """Expand the temperatures of an axis to features, and observe its drift; None without any."""
+    inputs = [features.expand(temperature_c) for temperature_c in data.temperature_c]
+    return scale_block(inputs, observe_drift(data))
 
 
 def observe_drift(data: AxisData) -> list[FloatArray]:
@@ -141,10 +117,8 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
         observed = np.full((len(residual), 2), np.nan)
         present = np.isfinite(residual) & np.isfinite(load)
         at = np.flatnonzero(present)
-        parts = stretches(present, data.period_s)[at]
-        starts = at[np.searchsorted(parts, parts)]  # first cell of the stretch that a cell is in
-        # Windows count anew in each stretch, so none crosses a gap.
-        windows = np.stack((parts, (at - starts) // cells), axis=1)
+        # A window belongs to one stretch, so none crosses a gap.
+        windows = np.stack((stretches(present, data.period_s)[at], at // cells), axis=1)
         window = np.unique(windows, axis=0, return_inverse=True)[1].reshape(-1)
         count = np.bincount(window)
         w = load[at] - (np.bincount(window, load[at]) / count)[window]
@@ -162,21 +136,14 @@ def observe_drift(data: AxisData) -> list[FloatArray]:
 class Pls:
     """A fitted outer model with R latents, F inputs and M outputs."""
 
-    #: W, columns of length 1, and P, shapes (F, R).
-    weights: FloatArray
-    loadings: FloatArray
+    #: R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4).
+    rotations: FloatArray
     #: Diagonal of B (eq. 9), shape (R,).
     inner: FloatArray
     #: Q, columns of length 1, shape (M, R).
     output_loadings: FloatArray
     #: T of the data that were fitted, shape (N, R).
     scores: FloatArray
-
-    @property
-    def rotations(self) -> FloatArray:
-        """R = W (PᵀW)⁻¹, shape (F, R), so that T = X R (eq. 4)."""
-        # (F, R) = (F, R) (R, R)⁻¹
-        return self.weights @ np.linalg.inv(self.loadings.T @ self.weights)
 
     @property
     def coefficients(self) -> FloatArray:
@@ -202,7 +169,8 @@ def fit_pls(
     deflation D, (F, F); without it there are no filters.
     """
     f, deflation = y.copy(), np.eye(x.shape[1])  # F_r of eq. 5; E_r = E_0 D
-    x_limit, y_limit = (EXHAUSTED * float(np.sum(block**2)) for block in (x, y))
+    # A block of which no more than rounding remains is exhausted.
+    x_limit, y_limit = (ROUNDING**2 * float(np.sum(block**2)) for block in (x, y))
     components: list[tuple[FloatArray, ...]] = []
     while len(components) < latents and np.sum(f**2) > y_limit:
         e = behind(len(components), deflation) if behind else x @ deflation  # eq. 11
@@ -221,7 +189,8 @@ def fit_pls(
         np.reshape([latent[part] for latent in components], (-1, size)).T  # (0, size) without any
         for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x), 1))
     )
-    return Pls(weights=w_, loadings=p_, inner=b_[0], output_loadings=q_, scores=t_)
+    # (F, R) = (F, R) (R, R)⁻¹
+    return Pls(w_ @ np.linalg.inv(p_.T @ w_), inner=b_[0], output_loadings=q_, scores=t_)
 
 
 def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
@@ -240,7 +209,7 @@ def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     """Fit principal component regression, the paper's starting point, as ``fit_pls``."""
     _, singular, directions = np.linalg.svd(x, full_matrices=False)
-    rank = int(np.count_nonzero(singular**2 > EXHAUSTED * np.sum(singular**2)))
+    rank = int(np.count_nonzero(singular > ROUNDING * np.linalg.norm(singular)))
     kept = directions[: min(latents, rank) if np.any(y) else 0]
     weights = np.reshape([fix_signs(v) for v in kept], (-1, x.shape[1])).T
     scores = x @ weights
@@ -248,7 +217,7 @@ def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
     slopes = y.T @ scores / np.sum(scores**2, axis=0)
     inner = np.linalg.norm(slopes, axis=0)
     output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
-    return Pls(weights, weights, inner, output_loadings, scores)
+    return Pls(weights, inner, output_loadings, scores)
 
 
 def fit_filtered_pls(
@@ -257,20 +226,21 @@ def fit_filtered_pls(
     """
     Fit a latent behind each relaxation, 0 is none, or fewer where a block is exhausted.
 
-    The model is None where the inputs explain nothing; beside it stands h_r of each latent, in
-    words.
+    Without any relaxation it is PLS. The model is None where the inputs explain nothing; beside it
+    stands h_r of each latent that has one, in words.
     """
     filters = [relaxation(time_constant_s, period_s) for time_constant_s in time_constants_s]
 
     def behind(r: int, deflation: FloatArray) -> FloatArray:
         """Deflate the inputs of all cells, and filter each recording by itself (eq. 11)."""
-        return block.stack([free_run(filters[r], e @ deflation) for e in block.scaled_inputs])
+        return stack([free_run(filters[r], e @ deflation) for e in block.inputs], block.outputs)
 
     outer = fit_pls(block.x, block.y, len(filters), behind)
-    pairs = list(zip(filters, outer.inner.tolist(), strict=False))
     notes = [
-        f'latent {r}: h is {f"a relaxation of {tau:g} s" if tau else "none"}'
-        for r, tau in enumerate(time_constants_s[: len(pairs)], 1)
+        f'latent {r}: h is a relaxation of {tau:g} s'
+        for r, tau in enumerate(time_constants_s[: len(outer.inner)], 1)
+        if tau
     ]
-    latents = [Arx(h.a, b * h.b, h.first_lag) for h, b in pairs]
+    # u_r = b_r h_r(t_r) (eq. 10 and 14)
+    latents = [Arx(h.a, b * h.b) for h, b in zip(filters, outer.inner, strict=False)]
     return block.model(outer.rotations, latents, outer.output_loadings), tuple(notes)

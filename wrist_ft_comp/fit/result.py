@@ -80,15 +80,15 @@ class AxisFit:
     candidates: tuple[Candidate, ...]
     #: Root mean square error of no compensation, mean over held-out folds, in the unit.
     rms_before: float
-    #: The same of the winner, as it is stated of a day (``left_of_a_day``).
+    #: The same of the winner, as it is stated of a day (``day_over_blocks``).
     rms_after: float
-    #: Time constants of the model's relaxations, increasing, s.
+    #: Time constants that were searched, increasing, s, ...
     time_constants_s: tuple[float, ...] = ()
     #: What had to be mended, and what could not be learnt, in sentences.
     notes: tuple[str, ...] = ()
     #: Why this candidate, in a sentence with its numbers.
     reason: str = ''
-    #: Standard errors of the time constants, s; NaN where these were not searched.
+    #: ... and their standard errors, s.
     time_constant_errors_s: tuple[float, ...] = ()
     #: Why this axis could not be learnt although it drifts; empty when it was.
     refusal: str = ''

@@ -14,23 +14,18 @@ from scipy.ndimage import median_filter
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.axis_data import JUDGED_BIN_S
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, time_in
-from wrist_ft_comp.series import FloatArray, noise_level, ROUNDING
-from wrist_ft_comp.steps import BESIDE_S, find_steps, Step
+from wrist_ft_comp.series import noise_level, ROUNDING
+from wrist_ft_comp.steps import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
 
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
 #: longer touch both ends are steps.
 _LEVEL_S = BESIDE_S
-#: A reading stands out where it is this many standard deviations of its noise from its level ...
-_OUTLYING_SIGMA = 12.0
-#: ... and this share of the axis' range: sudden heat bends less within two minutes.
+#: A reading stands out by this share of the axis' range (and as a step does, by its noise): sudden
+#: heat bends less within two minutes.
 _OUTLYING_SHARE = 0.2
-#: Readings that scatter by more around their level are not those of a still sensor, N; torques at
-#: a lever of 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-_MOVING_N = 1.0
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
@@ -60,15 +55,9 @@ def segment(
     return segmented, sentences
 
 
-def moving_limit(axis: str) -> float:
-    """Return what no reading of a still sensor moves by without heat, N or N m."""
-    return _MOVING_N if axis_unit(axis) == 'N' else 0.1 * _MOVING_N
-
-
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
     """Make readings NaN that stand out from the level of minutes, and say so."""
-    wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
-    declared = reference.replace('payload', 'constant, as there is no specific force')
+    wrench, sentences = recording.wrench.copy(), list[str]()
     width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, 3)
     for axis in recording.axes_present:
         column = AXES.index(axis)
@@ -79,74 +68,56 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         level = median_filter(raw, width, mode='nearest')
         distance = np.abs(raw - level)
         limit = max(
-            _OUTLYING_SIGMA * noise_level([raw]),
+            SMALLEST_SIGMA * noise_level([raw]),
             _OUTLYING_SHARE * float(np.ptp(level)),
             ROUNDING * float(np.abs(raw).max()),
         )
-        outlying = distance > limit
-        scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
-        if scatter > moving_limit(axis):
-            swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
-        if not outlying.any():
+        cells = at[distance > limit]
+        if not len(cells):
             continue
-        size = f'{rounded(float(distance[outlying].max()))} {axis_unit(axis)}'
-        cells = at[outlying]
-        share = float(outlying.mean())
+        share, size = len(cells) / len(at), f'{rounded(float(distance.max()))} {axis_unit(axis)}'
+        first = time_in(recording, cells[0])
         if share > MOST_LEFT_OUT and len(cells) > 1:
+            declared = reference.replace('payload', 'constant, as there is no specific force')
             raise CalibrationRefusedError(
                 f'{axis} of {recording.name} moves by up to {size} for {100 * share:.0f} % '
-                f'of the time, although the load was declared {declared}, first at '
-                f'{time_in(recording, cells[0])}: the robot moved, or something touched the '
-                'sensor. Record again without, or record what makes it known: the specific force '
-                '(--reference payload) or the load itself (--reference recorded).'
+                f'of the time, although the load was declared {declared}, first at {first}: the '
+                'robot moved, or something touched the sensor. Record again without, or record '
+                'what makes it known: the specific force (--reference payload) or the load itself '
+                '(--reference recorded).'
             )
         wrench[cells, column] = np.nan
         sentences.append(
             f'{axis} of {recording.name} stands out by up to {size} for '
-            f'{len(cells) * recording.period_s:.0f} s in all, first at '
-            f'{time_in(recording, cells[0])}; left out.'
-        )
-    if swings:
-        sentences.insert(
-            0,
-            f'{recording.name} swings around its levels of {_LEVEL_S:.0f} s, RMS: '
-            f'{", ".join(swings)}, although the load was declared {declared}. Did the robot move, '
-            'or does something vibrate? Record again standing still, or with the specific force '
-            '(--reference payload).',
+            f'{len(cells) * recording.period_s:.0f} s in all, first at {first}; left out.'
         )
     return replace(recording, wrench=wrench), sentences
 
 
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     """Take steps of the zero out of a recording, and name them."""
-    columns = [AXES.index(axis) for axis in recording.axes_present]
-    noise: FloatArray = np.zeros(len(columns))
-    for n, column in enumerate(columns):
+    noise_of = dict[int, float]()
+    for column in map(AXES.index, recording.axes_present):
         # The noise of a reading is at least that of its rounding; a constant has none.
         values = recording.wrench[:, column][np.isfinite(recording.wrench[:, column])]
         moves = np.abs(np.diff(values))
         moves = moves[moves > ROUNDING * np.abs(values).max()]
-        rounding = float(moves.min()) / np.sqrt(12) if len(moves) else 0.0
-        noise[n] = max(noise_level([values]), rounding)
-    columns = [column for column, of_axis in zip(columns, noise, strict=True) if of_axis > 0]
-    raw, noise = recording.wrench[:, columns], noise[noise > 0]
+        if len(moves):
+            noise_of[column] = max(noise_level([values]), float(moves.min()) / np.sqrt(12))
+    columns, noise = list(noise_of), np.array(list(noise_of.values()))
+    raw = recording.wrench[:, columns]
     counts = np.asarray(np.isfinite(raw).all(axis=1))
     if not columns or not counts.any():
         return recording, []
     # Drift moves on while nothing is recorded, so no step is looked for across a gap.
     at = np.flatnonzero(counts)
-    widest = max(JUDGED_BIN_S / recording.period_s, 1.0)
+    widest = max(BESIDE_S / 4 / recording.period_s, 1.0)
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
     smallest = _STEP_SHARE * (np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0))
-    steps = list[Step]()
+    steps, one_load = list[Step](), np.zeros(len(raw), dtype=np.int64)
     for begin, end in pairwise(begins):
-        found = find_steps(
-            raw[np.newaxis, begin:end],
-            np.zeros(end - begin, dtype=np.int64),
-            counts[begin:end],
-            noise,
-            recording.period_s,
-        )
+        part = raw[np.newaxis, begin:end], one_load[begin:end], counts[begin:end]
+        found = find_steps(*part, noise, recording.period_s)
         steps += [
             replace(step, cell=begin + step.cell)
             for step in sorted(found, key=lambda step: step.cell)

@@ -1,8 +1,8 @@
 """
 How each thermometer is predicted from the others: ridge regressions and held-out errors.
 
-The others stand behind the longest bank of relaxations of ``auto``, with its strengths of the
-ridge; the strength that errs least is taken.
+The others stand behind the longest bank of relaxations of ``auto``, with its ridge of middle
+strength.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.fit.data_checks import runs_of
-from wrist_ft_comp.fit.ridge_bank import LONG_BANK_S, STRENGTHS
+from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
@@ -45,28 +45,29 @@ def predict_each_other(
     period_s, thermometers = recordings[0].period_s, recordings[0].thermometers
     cells = max(1, round(_MEAN_S / period_s))
     mean_s = cells * period_s
-    means_c = [_in_parts(r.temperature_c, cells).mean(axis=1) for r in recordings]
-    target_c = np.concatenate(means_c)
-    if thermometers < 2 or len(target_c) * mean_s < 6 * _USUAL_S:
+    whole_means = sum(len(recording) // cells for recording in recordings)
+    if thermometers < 2 or whole_means * mean_s < 6 * _USUAL_S:
         return None
-    # Relaxed cell by cell and then averaged, (n, K, J), as what it is compared with.
+    # Relaxed cell by cell and then averaged, (n_i, K, J), as what it is compared with.
     filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
-    relaxed_c = np.concatenate(
-        [
-            np.stack(
-                [_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters],
-                axis=1,
-            )
-            for r in recordings
-        ]
-    )
+    relaxed = [
+        np.stack([_in_parts(free_run(h, r.temperature_c), cells).mean(axis=1) for h in filters], 1)
+        for r in recordings
+    ]
+    means_c = [of_recording[:, 0] for of_recording in relaxed]  # the first has no memory
+    relaxed_c, target_c = np.concatenate(relaxed), np.concatenate(means_c)
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
     averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_USUAL_S / 2, _USUAL_S))
     gains = np.zeros((thermometers, len(filters), thermometers))
     constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
     for j in range(thermometers):
         others = np.delete(relaxed_c, j, axis=2).reshape(len(relaxed_c), -1)
-        error_k, of_others, constant_c[j] = _fit(others, target_c[:, j], fold)
+        error_k = np.empty(len(others))
+        for number in np.unique(fold):
+            out = fold == number
+            from_rest, rest_c = _ridge(others[~out], target_c[~out, j])
+            error_k[out] = target_c[out, j] - rest_c - others[out] @ from_rest
+        of_others, constant_c[j] = _ridge(others, target_c[:, j])
         gains[j] = np.insert(of_others.reshape(len(filters), -1), j, 0.0, axis=1)
         # What is usual: how far the prediction moves while the thermometer stands still or is
         # silent, how large the averaged error gets, how much it changes, how long silence lasts.
@@ -96,27 +97,12 @@ def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:
     return values[: len(values) // cells * cells].reshape(-1, cells, values.shape[1])
 
 
-def _fit(
-    columns: FloatArray, target_c: FloatArray, fold: IntArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Regress by the strength that errs least, over folds: its errors, gains and constant."""
-    best = (np.inf, 0.0, target_c)
-    for strength in STRENGTHS:
-        error_k, logs = np.empty_like(target_c), []
-        for number in np.unique(fold):
-            out = fold == number
-            gains, constant_c = _ridge(columns[~out], target_c[~out], strength)
-            error_k[out] = target_c[out] - constant_c - columns[out] @ gains
-            logs.append(np.log(max(np.mean(error_k[out] ** 2), 1e-12)))  # 1 µK is none
-        best = min(best, (float(np.mean(logs)), strength, error_k), key=lambda found: found[0])
-    return best[2], *_ridge(columns, target_c, best[1])
-
-
-def _ridge(columns: FloatArray, target_c: FloatArray, strength: float) -> tuple[FloatArray, float]:
+def _ridge(columns: FloatArray, target_c: FloatArray) -> tuple[FloatArray, float]:
     """Regress on columns, (n, C), with a free constant: gains, (C,), and the constant."""
     mean, size = columns.mean(axis=0), columns.std(axis=0)
     size = np.where(size > 0, size, 1.0)
     scaled, middle_c = (columns - mean) / size, float(target_c.mean())
-    gram = scaled.T @ scaled + strength * len(scaled) * np.eye(len(size))
+    # The middle one: the strongest errs more in drawn worlds, and the weakest no less.
+    gram = scaled.T @ scaled + STRENGTHS[1] * len(scaled) * np.eye(len(size))
     gains = np.linalg.solve(gram, scaled.T @ (target_c - middle_c)) / size
     return gains, middle_c - float(mean @ gains)

@@ -16,8 +16,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
-from wrist_ft_comp.fit.auto import HARMFUL_FOLD
 from wrist_ft_comp.fit.calibrate import calibrate
+from wrist_ft_comp.fit.competition import HARMFUL_FOLD
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings

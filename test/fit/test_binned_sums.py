@@ -1,18 +1,17 @@
-"""The candidates of ``auto``, and the sums that they are fitted to, written out row by row."""
+"""The sums that ``auto`` is fitted to, and its ridge fits, written out row by row."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.ridge_bank import (
+from wrist_ft_comp.fit.binned_sums import bin_axis_data, sum_by_fold
+from wrist_ft_comp.fit.ridge_average import (
     BANKS_S,
-    bin_axis_data,
     candidates,
     DEGREE_PENALTY,
-    Pool,
+    fit_ridge,
     POOL_S,
-    sum_by_fold,
 )
 
 HIGHEST = 3
@@ -58,10 +57,9 @@ def stacked(problem, columns, kept, steps=NONE):
         for k, value in enumerate(problem.residual[i]):
             if np.isnan(value) or problem.folds[i][k] not in kept:
                 continue
-            x = of_recording[k]
+            x = np.insert(of_recording[k], 0, 1.0)
             if problem.load is not None:
-                w = problem.load[i][k]
-                x = np.concatenate((x, w * x, [w]))
+                x = np.concatenate((x, problem.load[i][k] * x))
             rows.append(np.append(x, value))
             segments.append((i, sum(k >= step for step in steps[i])))
     rows, segments = np.array(rows), np.array(segments)
@@ -82,30 +80,28 @@ def test_there_are_ten_for_each_degree_and_the_simplest_comes_first():
 @pytest.mark.parametrize('candidate', candidates(HIGHEST)[::3], ids=str)
 def test_ridge_is_least_squares_with_a_row_per_penalty(problem, columns, candidate):
     """Ten times the penalty with every power; the load and its products count as first powers."""
-    pool = Pool(HIGHEST, 1, problem.load is not None)
     everything = stacked(problem, columns, {0, 1, 2})
     x, y = everything[:, :-1], everything[:, -1]
-    places = [int(np.flatnonzero(tau == POOL_S)[0]) for tau in candidate.bank_s]
-    zero = [HIGHEST * k + power for k in places for power in range(candidate.degree)]
-    half = HIGHEST * len(POOL_S)
-    gain = [half + HIGHEST * k for k in places] if pool.loaded else []
-    used = [*zero, *gain, *([2 * half] if pool.loaded else [])]
-    powers = np.array([1 + k % HIGHEST for k in zero] + [1] * (len(used) - len(zero)))
+    places = [1 + HIGHEST * int(np.flatnonzero(tau == POOL_S)[0]) for tau in candidate.bank_s]
+    zero = [k + power for k in places for power in range(candidate.degree)]
+    half = 1 + HIGHEST * len(POOL_S)
+    gain = [half, *(half + k for k in places)] if problem.load is not None else []
+    used = [*zero, *gain]
+    powers = np.array([1 + (k - 1) % HIGHEST for k in zero] + [1] * (len(used) - len(zero)))
     penalty = np.sqrt(candidate.strength * DEGREE_PENALTY ** (powers - 1.0))
     rows = np.diag(penalty * np.linalg.norm(x[:, used], axis=0))
     target = np.concatenate((y, np.zeros(len(used))))
     expected = np.zeros(x.shape[1] + 1)
     expected[used] = np.linalg.lstsq(np.concatenate((x[:, used], rows)), target, rcond=None)[0]
     expected[-1] = -1.0
-    found = pool.fit(candidate, everything.T @ everything)
+    found = fit_ridge(candidate, HIGHEST, 1, everything.T @ everything)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-9)
 
 
 def test_a_last_bin_that_is_not_full_keeps_its_own_mean_temperature(make_axis_data):
     binned = bin_axis_data(make_axis_data([np.arange(25.0)], [np.zeros(25)], period_s=1.0), 10)
     np.testing.assert_allclose(binned.temperature_c[0][:, 0], [4.5, 14.5, 22.0])
-    np.testing.assert_array_equal(binned.sums[0].count, [10, 10, 5])
-    assert binned.period_s == 10.0
+    np.testing.assert_array_equal(binned.moments[0][:, 0, 0], [10, 10, 5])
 
 
 @pytest.mark.parametrize('kept', [{0, 1, 2}, {0, 2}, {1}])
@@ -129,6 +125,6 @@ def test_a_column_that_only_differs_between_recordings_holds_nothing(make_axis_d
     cells = bin_axis_data(make_axis_data(temperatures, [t[:, 0] for t in temperatures]), 1)
     sums = sum_by_fold(cells, cells.temperature_c)
     products = sums.centred(sums.fold >= 0)
-    assert not products[1].any()
-    assert not products[:, 1].any()
-    assert (np.diagonal(products)[[0, 2]] > 1).all()
+    assert not products[2].any()
+    assert not products[:, 2].any()
+    assert (np.diagonal(products)[[1, 3]] > 1).all()
