@@ -231,7 +231,7 @@ class TemperatureInput(Part):
         clocks = self._tracker.clocks
         self._events.note(
             stray=clocks.strays,
-            leapt=clocks.leaps + clocks.restarts,
+            leapt=clocks.leaps,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(self._tracker.spikes)},
         )
 

@@ -121,7 +121,7 @@ class DriftTracker:
                 continue
             if spikes.wrong_starts > wrong_starts:
                 self._forget()
-                self.grid.begin_at(at_ns // self.grid.period_ns)
+                self.grid.hold_before(at_ns // self.grid.period_ns)
                 if self.following:
                     self.forgot = True
                     self.origin = (
