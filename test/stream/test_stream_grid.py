@@ -53,7 +53,7 @@ class Node:
     """Feeds a tracker and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
-        self.tracker = DriftTracker(thermometers, SECOND, patience_s, 10.0)
+        self.tracker = DriftTracker(thermometers, SECOND, patience_s)
         self.averager = CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):

@@ -103,7 +103,7 @@ class StateKeeper(Part):
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
         doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.drivers))
         key = (self.live_sha256(), *tares, doubts, drivers)
-        return key, tracker.end_ns if tracker.following else None
+        return key, tracker.end_ns if stream.compensating else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
@@ -115,7 +115,7 @@ class StateKeeper(Part):
             self._logged_origin = tracker.origin
             if self._loaded is not None:
                 self.outcome = self._logged_origin
-                if not tracker.awaiting_gap:
+                if tracker.awaited is None:
                     self._loaded = None
             self.hub.log.write(WARN if tracker.forgot else OK, tracker.origin)
         present = self._present()
@@ -129,7 +129,7 @@ class StateKeeper(Part):
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
         saved_ns = time.time_ns()
-        if self._loaded is not None and stream.tracker.awaiting_gap:
+        if self._loaded is not None and stream.tracker.awaited is not None:
             saved_ns = self._loaded.saved_ns  # a state that is not yet used does not get younger
         state = SavedState(
             saved_ns, self.live_sha256(), stream.tare, stream.memory(), stream.external_tare,

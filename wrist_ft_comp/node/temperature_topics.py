@@ -309,14 +309,13 @@ class TemperatureInput(Part):
     def _events_of_samples(self) -> Iterator[str]:
         """Say what has happened to samples lately: spikes, jumps, stray stamps."""
         recent = self._events.recent()
-        jumps_k = self._tracker.remembered_jumps_k
-        for j, (spikes, jump_k) in enumerate(zip(self._tracker.spikes, jumps_k, strict=True)):
+        for j, spikes in enumerate(self._tracker.spikes):
             if spikes.leaves_out or f'spike {j}' in recent:
                 yield (
                     f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
                     f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
                 )
-            if jump_k:
+            if jump_k := spikes.stayed_k:
                 yield (
                     f'thermometer {j + 1} jumped by {jump_k:.1f} K, faster than metal can, and '
                     'stayed; is it loose? The correction follows at max_drift_rate'

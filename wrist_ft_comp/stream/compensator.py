@@ -48,13 +48,11 @@ class StreamSettings:
     max_drift_n: float = 200.0
     #: How fast that drift may change, N/s; of a torque, a tenth of it in N m/s.
     max_drift_rate_n_s: float = 1.0
-    #: Temperatures kept for a model that goes live later, s.
-    history_s: float = 6 * 3600.0
 
     def __post_init__(self) -> None:
         check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
         check_range('max_drift_n', self.max_drift_n, 0.0)
-        for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
+        for name in ('temperature_timeout_s', 'max_drift_rate_n_s'):
             check_range(name, getattr(self, name), 0.0, above=True)
 
 
@@ -114,16 +112,15 @@ class Compensator:
         self.settings = settings = settings or StreamSettings()
         self.thermometers = thermometers
         period_ns = round(settings.thermal_period_s * NANOSECONDS)
-        patience_s, history_s = settings.temperature_timeout_s, settings.history_s
-        self.tracker = DriftTracker(thermometers, period_ns, patience_s, history_s)
+        self.tracker = DriftTracker(thermometers, period_ns, settings.temperature_timeout_s)
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
         #: Of the wrench, and of the external wrench; raw, N and N m, shape (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
         self.external_tare: FloatArray = np.zeros(len(AXES))
         #: Whether somebody tared; else a tare is what keeps the output at a change of model.
         self.tared = False
-        #: Sentences on what has happened since the last tare that may have moved the zero.
-        self.zero_doubts: list[str] = []
+        #: What has been said since the last tare on why the zero may have moved.
+        self._said: list[str] = []
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
         #: the model, within the limits.
         self.compensation = no_drift()
@@ -138,8 +135,6 @@ class Compensator:
         self._tare_waits = False
         #: When that tare was taken, ns; None where none waits.
         self._tared_ns: int | None = None
-        #: From when on the model has forgotten what a thermometer read before it jumped back, ns.
-        self._forgotten_ns: dict[int, int] = {}
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -152,7 +147,19 @@ class Compensator:
     @property
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
-        return self.tracker.following
+        return self.tracker.state is not None
+
+    @property
+    def zero_doubts(self) -> list[str]:
+        """Sentences on what has happened since the last tare that may have moved the zero."""
+        doubts = (spikes.doubt(*self._remembered) for spikes in self.tracker.spikes)
+        jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
+        return self._said + jumps
+
+    @property
+    def _remembered(self) -> tuple[int, float]:
+        """Time of the temperatures, ns, and for how long the model remembers them, s."""
+        return self.tracker.end_ns, 0.0 if self.model is None else longest_gap_s(self.model)
 
     def add_temperature(
         self,
@@ -174,28 +181,8 @@ class Compensator:
             raise SettingsError(
                 f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
             )
-        had_drift, spikes = self.compensating, self.tracker.spikes[thermometer]
-        jumps, off_k = spikes.jumps, spikes.stayed_k
+        had_drift = self.compensating
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
-        name = f'thermometer {thermometer + 1}'
-        if spikes.jumps > jumps:
-            self._withdraw_doubt(f'{name} jumped by ')
-            if spikes.stayed_k:
-                # It acts for as long as it lasts, whatever the model remembers.
-                self.doubt_zero(
-                    f'{name} jumped by {spikes.stayed_k:.1f} K and stayed there; is it loose? '
-                    'Mend it, or tare where it is to stay so'
-                )
-            elif off_k and self.model is not None:
-                memory_s = longest_gap_s(self.model)
-                self._forgotten_ns[thermometer] = stamp_ns + round(memory_s * NANOSECONDS)
-                self.doubt_zero(
-                    f'{name} was off by {off_k:.1f} K until it jumped back; the model remembers '
-                    f'that for {memory_s / 60:.0f} min'
-                )
-        elif stamp_ns >= self._forgotten_ns.get(thermometer, stamp_ns + 1):
-            del self._forgotten_ns[thermometer]
-            self._withdraw_doubt(f'{name} was off by ')
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
@@ -278,28 +265,26 @@ class Compensator:
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
         self._forget_doubts()
-        self._tare_waits = not self.compensating or self.tracker.awaiting_gap
+        self._tare_waits = not self.compensating or self.tracker.awaited is not None
         self._tared_ns = stamp_ns if self._tare_waits else None
-        for thermometer, until_ns in self._forgotten_ns.items():
-            self.doubt_zero(
-                f'the tare was taken while the model remembers that thermometer {thermometer + 1} '
-                f'was off; tare again in {(until_ns - stamp_ns) / NANOSECONDS / 60:.0f} min'
-            )
+        for j, spikes in enumerate(self.tracker.spikes, start=1):
+            if wait_s := spikes.remembered_s(*self._remembered):
+                self.doubt_zero(
+                    f'the tare was taken while the model remembers that thermometer {j} was off; '
+                    f'tare again in {wait_s / 60:.0f} min'
+                )
         self._refresh_correction()
         return self.tare
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
-        if why not in self.zero_doubts:
-            self.zero_doubts.append(why)
-
-    def _withdraw_doubt(self, beginning: str) -> None:
-        self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(beginning)]
+        if why not in self._said:
+            self._said.append(why)
 
     def _forget_doubts(self) -> None:
-        self.zero_doubts.clear()
+        self._said.clear()
         for spikes in self.tracker.spikes:
-            spikes.jumped_k = 0.0
+            spikes.forget_jumps()
 
     def reset_tare(self) -> None:
         """Forget both tares."""

@@ -74,9 +74,10 @@ class SpikeFilter:
         self.strange_c = self.believed_c = math.nan
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
-        #: How often a reading that had been left out was believed, and how far the thermometer has
-        #: jumped by that since the last tare, K.
-        self.jumps, self.jumped_k = 0, 0.0
+        #: How far it has jumped since the last tare, K, by readings that were believed at last.
+        self.jumped_k = 0.0
+        #: How far it was off before that until it jumped back, K, and when it did.
+        self.off_k, self.back_ns = 0.0, -math.inf
         #: By how much the clock of the stamps was set since the start.
         self.shift_ns = 0
         #: The first and the last reading that were believed, and how many.
@@ -91,6 +92,28 @@ class SpikeFilter:
     def stayed_k(self) -> float:
         """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
         return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
+
+    def remembered_s(self, now_ns: int, memory_s: float) -> float:
+        """For how long a model remembers what it read before it jumped back, s; 0 if not."""
+        return max(memory_s - (now_ns - self.shift_ns - self.back_ns) / NANOSECONDS, 0.0)
+
+    def doubt(self, now_ns: int, memory_s: float) -> str:
+        """Say what it read since the last tare that moves the zero; empty if nothing does."""
+        if self.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
+            return (
+                f'jumped by {self.stayed_k:.1f} K and stayed there; is it loose? Mend it, or tare '
+                'where it is to stay so'
+            )
+        if self.off_k and self.remembered_s(now_ns, memory_s):
+            return (
+                f'was off by {self.off_k:.1f} K until it jumped back; the model remembers that '
+                f'for {memory_s / 60:.0f} min'
+            )
+        return ''
+
+    def forget_jumps(self) -> None:
+        """Take what it reads now for right: a tare was taken."""
+        self.jumped_k = self.off_k = 0.0
 
     @property
     def leaves_out(self) -> bool:
@@ -127,8 +150,10 @@ class SpikeFilter:
         else:
             is_jump = agrees
         if last is not None and is_jump:
-            self.jumps += 1
+            stayed_k = self.stayed_k
             self.jumped_k += temperature_c - last[1]
+            if stayed_k and not self.stayed_k:
+                self.off_k, self.back_ns = stayed_k, stamp_ns
         self._last, self._other = sample, None
         self._count += 1
         return True
