@@ -148,7 +148,7 @@ def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
         averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
         averager.add_raw(cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
-        averager.add_cells([ThermalCell(cell, np.array([20.0]), (0,))])
+        averager.add_cells([ThermalCell(cell, np.array([20.0]), np.array([True]))])
         rows += averager.rows()
     rows += averager.rows(final=True)
     np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])

@@ -153,7 +153,9 @@ class _Group:
                 (self.strange, f'are {why_unusable(self.channels[0], self.first_strange)}'),
                 (self.out_of_order, 'have a stamp that does not increase'),
             )
-            counts = (f'{count} of {self.samples} samples {why}' for count, why in reasons if count)
+            counts = (
+                f'{count} of {self.samples} samples {why}' for count, why in reasons if count
+            )
             sentence = f'{title}: {" and ".join(counts)}; '
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'

@@ -26,7 +26,7 @@ MAX_SENSITIVITY = 0.5
 #: Nor does sensitivity move by more than this per second.
 MAX_SENSITIVITY_RATE = 0.01
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
-LATE_TEMPERATURE_S = 30.0
+_LATE_TEMPERATURE_S = 30.0
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
@@ -152,14 +152,15 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        doubts = (spikes.doubt(*self._remembered) for spikes in self.tracker.spikes)
+        time_ns, memory_s = self.tracker.end_ns, self._memory_s
+        doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
         jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
         return self._said + jumps
 
     @property
-    def _remembered(self) -> tuple[int, float]:
-        """Time of the temperatures, ns, and for how long the model remembers them, s."""
-        return self.tracker.end_ns, 0.0 if self.model is None else longest_gap_s(self.model)
+    def _memory_s(self) -> float:
+        """For how long the model remembers a temperature, s; 0 without one."""
+        return 0.0 if self.model is None else longest_gap_s(self.model)
 
     def add_temperature(
         self,
@@ -186,17 +187,15 @@ class Compensator:
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
-        if self._tare_waits:
-            if self._tared_ns is not None:
-                late_s = (stamp_ns - self._tared_ns) / NANOSECONDS
-                if late_s > LATE_TEMPERATURE_S:
-                    self.doubt_zero(
-                        f'the tare was taken {late_s:.0f} s before the temperatures came, and '
-                        'holds what drifted since; call ~/tare'
-                    )
-            self._settle(target, self._reading(keep_output_of or (stamp_ns, _UNLOADED)))
-        elif not had_drift:
-            self._settle(target, None)
+        late_s = 0.0 if self._tared_ns is None else (stamp_ns - self._tared_ns) / NANOSECONDS
+        if late_s > _LATE_TEMPERATURE_S:
+            self.doubt_zero(
+                f'the tare was taken {late_s:.0f} s before the temperatures came, and holds what '
+                'drifted since; call ~/tare'
+            )
+        if self._tare_waits or not had_drift:
+            wrench = keep_output_of or (stamp_ns, _UNLOADED)
+            self._settle(target, self._reading(wrench) if self._tare_waits else None)
         self._tare_waits, self._tared_ns = False, None
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
@@ -268,7 +267,7 @@ class Compensator:
         self._tare_waits = not self.compensating or self.tracker.awaited is not None
         self._tared_ns = stamp_ns if self._tare_waits else None
         for j, spikes in enumerate(self.tracker.spikes, start=1):
-            if wait_s := spikes.remembered_s(*self._remembered):
+            if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
                 self.doubt_zero(
                     f'the tare was taken while the model remembers that thermometer {j} was off; '
                     f'tare again in {wait_s / 60:.0f} min'
@@ -288,7 +287,7 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._tare_waits = False
+        self._tare_waits, self._tared_ns = False, None
         self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
@@ -315,27 +314,15 @@ class Compensator:
         self.tracker.resume(memory, by_clock_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
-    def seldom_reports(self) -> dict[int, tuple[float, FloatArray]]:
-        """
-        List the thermometers that report more seldom than each thermal cell, counted from 0.
-
-        Gives how far their reports are apart, s, and how far the drift that is subtracted may be
-        behind, N and N m, (6,): as far as its last report moved it.
-        """
-        grid = self.tracker.grid
-        return {
-            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, move)
-            for j, move in self._moves.items()
-            if grid.spacing(j) > 1
-        }
-
     def seldom_doubts(self) -> list[str]:
         """Say whose seldom reports leave more of the drift than the model does."""
-        sentences, deviation = [], {} if self.model is None else self.model.deviation
-        for j, (spacing_s, behind) in self.seldom_reports().items():
+        sentences, grid = [], self.tracker.grid
+        deviation = {} if self.model is None else self.model.deviation
+        for j, behind in self._moves.items():
             excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
             worst = int(np.argmax(excess / axis_limits(1.0)))
-            if excess[worst] > 0:
+            if grid.spacing(j) > 1 and excess[worst] > 0:
+                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
                 sentences.append(
                     f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
                     f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '

@@ -52,8 +52,6 @@ class DriftTracker:
         self._count, self._patience_s = thermometers, patience_s
         #: After the newest cell that was run; None before there are a model and a temperature.
         self.state: DriftState | None = None
-        #: For how many cells each thermometer has been silent.
-        self._silent = (0,) * thermometers
         #: Memory to continue from at the first cell, and its age by the system's clock, s; None
         #: when that has come, or where no other stream was before.
         self.awaited: tuple[ThermalMemory, float] | None = None
@@ -124,12 +122,6 @@ class DriftTracker:
                 self._next += cells
                 self.end_ns += cells * period_ns
                 cell = self._next
-            if self.state is not None:
-                leapt_s, passed_s = (leap.to_ns - leap.from_ns) / 1e9, leap.passed_ns / 1e9
-                self.origin = (
-                    f'stamps of the temperatures leapt by {leapt_s:.0f} s while {passed_s:.0f} s '
-                    'passed: their clock was set, and the drift goes on'
-                )
         self.grid.move_to(cell)
 
     def _take(self, cell: ThermalCell) -> None:
@@ -145,7 +137,7 @@ class DriftTracker:
             if state is None or self._next is None:
                 state = thermometer_faults.start(prediction, believed_c, state)
             self.thermometers = thermometer_faults.step(
-                prediction, state, believed_c, np.array(cell.measured), period_s, gap * period_s
+                prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             believed_c = self.thermometers.believed_c
         line_c = believed_c[np.newaxis]
@@ -156,7 +148,7 @@ class DriftTracker:
         if self.model is not None:
             self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
-        self._silent, self._next = cell.silent, cell.number + 1
+        self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
 
     def _cross(self, gap: int) -> None:
@@ -190,9 +182,7 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            rejected = self.grid.rejected
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
-            self.grid.rejected = rejected
             self._forget()
         self.model, self.state, self.awaited = model, None, None
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
@@ -213,9 +203,10 @@ class DriftTracker:
             return self.awaited[0]
         if self.state is None or self.reading_c is None:
             return None
+        period_ns = self.grid.period_ns
         return ThermalMemory(
-            self.end_ns, self.grid.period_ns, self.reading_c, self._silent, self.state,
-            compensation, self._start_c, blocks_of(self.history_c, self.grid.period_ns),
+            self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
+            self.state, compensation, self._start_c, blocks_of(self.history_c, period_ns),
             self.thermometers)  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
@@ -232,7 +223,7 @@ class DriftTracker:
         self.clocks.expect(memory.end_ns)
         blocks = [np.tile(temperature_c, (cells, 1)) for temperature_c, cells in memory.history]
         self.history_c = np.concatenate((self.history_c, *blocks))
-        self._next, self._silent = memory.end_ns // memory.period_ns, memory.silent
+        self._next = memory.end_ns // memory.period_ns
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
         for spikes, value_c, cells in zip(
             self.spikes, memory.temperature_c.tolist(), memory.silent, strict=True

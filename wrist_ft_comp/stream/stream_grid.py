@@ -21,7 +21,7 @@ from wrist_ft_comp.channels import (
     ROTATION_CHANNEL,
     temperature_channel,
 )
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import BoolArray, FloatArray
 from wrist_ft_comp.stream.thermal_memory import outage_cells
 
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
@@ -44,13 +44,8 @@ class ThermalCell:
     number: int
     #: Mean or held temperatures, °C, shape (J,).
     temperature_c: FloatArray
-    #: For how many cells, up to this one, each thermometer had no sample, shape (J,).
-    silent: tuple[int, ...]
-
-    @property
-    def measured(self) -> tuple[bool, ...]:
-        """Which thermometers had a sample of their own."""
-        return tuple(cells == 0 for cells in self.silent)
+    #: Which thermometers had a sample of their own, shape (J,).
+    measured: BoolArray
 
 
 class ThermalGrid:
@@ -92,12 +87,12 @@ class ThermalGrid:
         if any(map(isnan, self._held_c)):
             self._begin_anew()
         else:
-            self.go_on(cell, self._held_c, self._silent(int(self._next)))
+            self.go_on(cell, self._held_c, self.silent(int(self._next)))
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[ThermalCell]:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""
         cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
-        if self._has_begun:
+        if len(self._newest) == self._thermometers:  # all have reported
             if cell < self._next:
                 self.rejected += 1
                 return []
@@ -114,11 +109,6 @@ class ThermalGrid:
         counts[thermometer] += 1
         return done + self._complete(cell)
 
-    @property
-    def _has_begun(self) -> bool:
-        """Whether every thermometer has reported."""
-        return len(self._newest) == self._thermometers
-
     def spacing(self, thermometer: int) -> int:
         """Tell how many cells the last reports of a thermometer are apart; 1 at first."""
         spacings = self._spacings[thermometer]
@@ -127,7 +117,8 @@ class ThermalGrid:
     def _complete(self, newest: int) -> list[ThermalCell]:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
         overdue = max(*self._newest.values(), newest) - self._patience
-        if not self._has_begun:  # what is older than the patience is only held, not kept
+        if len(self._newest) < self._thermometers:
+            # What is older than the patience is only held, not kept.
             self.hold_before(overdue)
             return []
         if self._first is not None:
@@ -145,7 +136,8 @@ class ThermalGrid:
         end, done = max(min(heard), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
             self.hold_before(cell + 1)
-            done.append(ThermalCell(cell, np.array(self._held_c), self._silent(cell + 1)))
+            measured = np.array(self._held_from) == cell
+            done.append(ThermalCell(cell, np.array(self._held_c), measured))
         return done
 
     def hold_before(self, end: int) -> None:
@@ -156,9 +148,9 @@ class ThermalGrid:
                 if count:
                     self._held_c[j], self._held_from[j] = total_c / count, cell
 
-    def _silent(self, end: int) -> tuple[int, ...]:
-        """Count the cells before an end since each held value was measured."""
-        return tuple(end - 1 - cell for cell in self._held_from)
+    def silent(self, end: int) -> tuple[int, ...]:
+        """Count the cells before an end since each held value was measured, (J,)."""
+        return tuple(max(end - 1 - cell, 0) for cell in self._held_from)
 
 
 def row_channels(thermometers: int, *, with_force: bool = False) -> tuple[str, ...]:
