@@ -283,7 +283,7 @@ class Compensator:
     def _forget_doubts(self) -> None:
         self._said.clear()
         for spikes in self.tracker.spikes:
-            spikes.forget_jumps()
+            spikes.jumped_k = spikes.off_k = 0.0
 
     def reset_tare(self) -> None:
         """Forget both tares."""

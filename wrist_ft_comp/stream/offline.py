@@ -39,12 +39,11 @@ def simulate_drift(
     """
     if recording.thermometers != model.thermometers:
         absent = temperature_channel(recording.thermometers)
-        empty = [warning for warning in recording.warnings if warning.startswith(absent)]
+        empty = [f' {warning}' for warning in recording.warnings if warning.startswith(absent)]
         raise RecordingError(
-            f'{recording.name} has {recording.thermometers} '
-            f'thermometer{"s" * (recording.thermometers > 1)}, the model expects '
-            f'{model.thermometers}.{"".join(f" {warning}" for warning in empty)} Name the '
-            'topics, or keep the columns, that it was calibrated with.'
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}.{"".join(empty)} Name the topics, or keep the columns, that it '
+            'was calibrated with.'
         )
     if recording.period_ns != model.period_ns:
         raise RecordingError(
