@@ -147,30 +147,28 @@ def test_the_force_path_has_no_memory(model):
     assert pickle.dumps(compensator) == before
 
 
-class TestLimits:
-    @pytest.mark.parametrize('sign', [-1.0, 1.0])
-    def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
-        limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
-        for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
-            rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
-            target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
-            moved = limits.rate_limit(target, drift, 2.5)
-            np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
-            np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
-            assert limits.too_fast == too_fast
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(sign):
+    limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
+    for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
+        rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
+        target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
+        moved = limits.rate_limit(target, drift, 2.5)
+        np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
+        np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
+        assert limits.too_fast == too_fast
 
-    def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(self):
-        limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
-        for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
-            target = Drift(*(share * np.array(part) for part in largest))
-            for part, limit in zip(limits.saturate(target), largest, strict=True):
-                np.testing.assert_allclose(part, reached * np.array(limit))
-            assert limits.too_large == (AXES if abs(share) > 1 else ())
-        one = np.where(np.arange(6) == 3, np.nan, 1.0)
-        np.testing.assert_array_equal(
-            limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1]
-        )
-        assert limits.too_large == ('torque_x',)
+
+def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number():
+    limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
+    for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
+        target = Drift(*(share * np.array(part) for part in largest))
+        for part, limit in zip(limits.saturate(target), largest, strict=True):
+            np.testing.assert_allclose(part, reached * np.array(limit))
+        assert limits.too_large == (AXES if abs(share) > 1 else ())
+    one = np.where(np.arange(6) == 3, np.nan, 1.0)
+    np.testing.assert_array_equal(limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1])
+    assert limits.too_large == ('torque_x',)
 
 
 def test_thermometers_that_report_each_second_are_followed_within_one(make_model):

@@ -194,10 +194,8 @@ def left(day, model):
     return np.sqrt(np.mean((error - error[:6].mean()) ** 2))
 
 
-FAULTS = [(2, 'dead'), (2, 'frozen'), (3, 'dead'), (3, 'frozen')]
-
-
-@pytest.mark.parametrize(('thermometers', 'fault'), FAULTS)
+@pytest.mark.parametrize('thermometers', [2, 3])
+@pytest.mark.parametrize('fault', ['dead', 'frozen'])
 def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
     learn, make_day, thermometers, fault
 ):
