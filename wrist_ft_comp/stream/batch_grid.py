@@ -136,10 +136,6 @@ class _Group:
         counts = np.diff(starts, append=len(cells))
         self.sums.append((cells[starts], np.add.reduceat(values, starts, axis=0), counts))
 
-    def _column_in(self, unit: str) -> str:
-        """Name a table's column of this thermometer in another unit."""
-        return self.channels[0].removesuffix('c') + unit.lower()
-
     def judge(
         self, name: str, max_bad_share: float, source: TemperatureSource | None
     ) -> Iterator[str]:
@@ -160,7 +156,8 @@ class _Group:
             if dropped > max_bad_share * self.samples:
                 remedy = 'Record again, or remove those samples.'
                 if self.of_temperature and not math.isnan(self.first_strange):
-                    in_unit = source.in_unit if source else self._column_in
+                    column = self.channels[0].removesuffix('c')
+                    in_unit = source.in_unit if source else lambda unit: column + unit.lower()
                     remedy = unit_remedy(self.first_strange, in_unit)
                 raise RecordingError(
                     f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}'

@@ -169,7 +169,7 @@ class ClockComparison:
         self.ahead_s: dict[str, float] = {}
         self._patience_ns = round(patience_s * NANOSECONDS)
         #: Stamp and arrival of the newest wrench, ns.
-        self._wrench_ns: tuple[int, int] | None = None
+        self._wrench_ns: tuple[float, float] = 0, -math.inf
         self._since_ns: dict[str, int] = {}
 
     def note_wrench(self, stamp_ns: int, arrival_ns: int) -> None:
@@ -178,8 +178,6 @@ class ClockComparison:
 
     def note(self, source: str, stamp_ns: int, arrival_ns: int, limit_s: float) -> None:
         """Take a sample of a source, ns, whose clock may be off by ``limit_s``, or by a second."""
-        if self._wrench_ns is None:
-            return
         wrench_ns, came_ns = self._wrench_ns
         if arrival_ns - came_ns > _FRESH_WRENCH_S * NANOSECONDS:
             return

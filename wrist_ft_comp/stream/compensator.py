@@ -30,10 +30,6 @@ _LATE_TEMPERATURE_S = 30.0
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
-#: Raw, corrected and external wrench, shapes (6,).
-_Reading = tuple[FloatArray, FloatArray, FloatArray]
-#: Stands for the wrench before one has come.
-_UNLOADED = (np.nan,) * len(AXES)
 
 
 @dataclass(frozen=True)
@@ -194,8 +190,8 @@ class Compensator:
                 'drifted since; call ~/tare'
             )
         if self._tare_waits or not had_drift:
-            wrench = keep_output_of or (stamp_ns, _UNLOADED)
-            self._settle(target, self._reading(wrench) if self._tare_waits else None)
+            unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
+            self._settle(target, (keep_output_of or unloaded) if self._tare_waits else None)
         self._tare_waits, self._tared_ns = False, None
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
@@ -244,10 +240,9 @@ class Compensator:
         """
         if model is not None:
             check_fits(model, self.thermometers)
-        reading = self._reading(keep_output_of)
         self.tracker.use(model)
-        self._tare_waits = reading is not None and not self.compensating
-        self._settle(self.limits.saturate(self.tracker.drift), reading)
+        self._tare_waits = keep_output_of is not None and not self.compensating
+        self._settle(self.limits.saturate(self.tracker.drift), keep_output_of)
 
     def set_tare(
         self, raw: FloatArray, stamp_ns: int, weight: FloatArray | None = None
@@ -335,25 +330,20 @@ class Compensator:
         share = (stamp_ns - self._begun_ns) / self._ramp_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
-    def _reading(self, wrench: Wrench | None) -> _Reading | None:
-        """Correct a wrench; numbers that are not finite count as unloaded."""
-        if wrench is None:
-            return None
-        stamp_ns, raw = wrench
-        finite = np.where(np.isfinite(raw), raw, self.compensation_at(stamp_ns).zero + self.tare)
-        external = self.correct(stamp_ns, finite.tolist(), external=True)
-        return finite, np.array(self.correct(stamp_ns, finite.tolist())), np.array(external)
-
-    def _settle(self, target: Drift, reading: _Reading | None) -> None:
-        """Jump to a drift; the tares take up the jump of the reading."""
+    def _settle(self, target: Drift, keep_output_of: Wrench | None) -> None:
+        """Jump to a drift; the tares take up the jump of a wrench; unloaded where it is NaN."""
+        if keep_output_of is not None:
+            stamp_ns, raw = keep_output_of
+            before = self.compensation_at(stamp_ns)
+            gain = (1.0 + target.sensitivity) / (1.0 + before.sensitivity)
+            finite = np.where(np.isfinite(raw), raw, before.zero + self.tare)
+            self.tare, self.external_tare = (
+                finite - target.zero - gain * (finite - before.zero - tare)
+                for tare in (self.tare, self.external_tare)
+            )
         self.compensation = self._begun = target
         self.limits.too_fast, self._end_ns = (), 0
         self._moves.clear()
-        if reading is not None:
-            raw, *corrected = reading
-            self.tare, self.external_tare = (
-                raw - target.zero - (1.0 + target.sensitivity) * wrench for wrench in corrected
-            )
         self._refresh_correction()
 
     def _refresh_correction(self) -> None:
