@@ -264,7 +264,7 @@ class Compensator:
         for j, spikes in enumerate(self.tracker.spikes, start=1):
             if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
                 self.doubt_zero(
-                    f'the tare was taken while the model remembers that thermometer {j} was off; '
+                    f'the tare was taken while the model remembers that thermometer {j} jumped; '
                     f'tare again in {wait_s / 60:.0f} min'
                 )
         self._refresh_correction()

@@ -85,8 +85,8 @@ class SpikeFilter:
         self.wrong_starts = 0
         #: How far it has jumped since the last tare, K, by readings that were believed at last.
         self.jumped_k = 0.0
-        #: How far it was off before that until it jumped back, K, and when it did.
-        self.off_k, self.back_ns = 0.0, -math.inf
+        #: When it jumped last, and how far it was off until then where it jumped back, K.
+        self.jumped_ns, self.off_k = -math.inf, 0.0
         #: By how much the clock of the stamps was set since the start.
         self.shift_ns = 0
         #: Since the start, and those that were left out since the last one that was believed.
@@ -99,8 +99,8 @@ class SpikeFilter:
         return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:
-        """For how long a model remembers what it read before it jumped back, s; 0 if not."""
-        return max(memory_s - (now_ns - self.shift_ns - self.back_ns) / NANOSECONDS, 0.0)
+        """For how long a model remembers what it read before it jumped, s; 0 if not."""
+        return max(memory_s - (now_ns - self.shift_ns - self.jumped_ns) / NANOSECONDS, 0.0)
 
     def doubt(self, now_ns: int, memory_s: float) -> str:
         """Say what it read since the last tare that moves the zero; empty if nothing does."""
@@ -159,10 +159,9 @@ class SpikeFilter:
         return True
 
     def _jump(self, stamp_ns: int, by_k: float) -> None:
-        stayed_k = self.stayed_k
+        before_k = self.stayed_k
         self.jumped_k += by_k
-        if stayed_k and not self.stayed_k:
-            self.off_k, self.back_ns = stayed_k, stamp_ns
+        self.jumped_ns, self.off_k = stamp_ns, 0.0 if self.stayed_k else before_k
 
     def admit_all(
         self, stamps_ns: IntArray, temperature_c: FloatArray
