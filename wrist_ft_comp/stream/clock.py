@@ -85,13 +85,14 @@ class SourceClocks:
         self.leap: Leap | None = None
         self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
-        #: The highest stamp that counted since the last leap, and where another stream ended.
+        #: The highest stamp that counted since the last leap.
         self._highest_ns = NO_TIME
-        self._expected_ns: int | None = None
 
     def expect(self, stamp_ns: int) -> None:
         """Set the stamp where another stream ended, with which first samples are compared."""
-        self._expected_ns = self._highest_ns = stamp_ns
+        self._highest_ns = stamp_ns
+        for source, clock in enumerate(self._clocks):
+            clock.last = Sample(source, stamp_ns, math.nan)
 
     def admit(self, sample: Sample) -> list[Sample]:
         """Take a sample; give those that count now: none, this one, or also some kept back."""
@@ -100,12 +101,11 @@ class SourceClocks:
             self.rejected += 1
             return []
         last, usual_ns = clock.last, clock.step_ns or 0
-        last_ns = self._expected_ns if last is None else last.stamp_ns
-        step_ns = 0 if last_ns is None else sample.stamp_ns - last_ns
+        step_ns = 0 if last is None else sample.stamp_ns - last.stamp_ns
         if leaps(step_ns, usual_ns):
             step_ns -= _passed_ns(last, sample) or 0  # a silence that arrival confirms
         kept, clock.kept = clock.kept, None
-        if last_ns is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
+        if last is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
             self.strays += kept is not None
             if last is not None and sample.stamp_ns <= last.stamp_ns:
                 self.rejected += 1
@@ -115,30 +115,28 @@ class SourceClocks:
         # Time goes on from the one that was kept where this one is a step behind it.
         kept_ns = sample.stamp_ns if kept is None else kept.stamp_ns
         follows = clock.step_ns is None or not leaps(
-            sample.stamp_ns - kept_ns, max(usual_ns, kept_ns - last_ns)
+            sample.stamp_ns - kept_ns, max(usual_ns, kept_ns - last.stamp_ns)
         )
         if kept is None or sample.stamp_ns <= kept_ns or not follows:
             self.strays += kept is not None
             clock.kept = sample
             return []
-        self.leap = self._leap_of_all(last, last_ns, kept, sample)
+        self.leap = self._leap_of_all(last, kept, sample)
         ran_back = self.leap is not None and self.leap.to_ns < self.leap.from_ns
         self.leaps += clock.step_ns is not None or ran_back
         return self._take(clock, kept, sample)
 
-    def _leap_of_all(
-        self, last: Sample | None, last_ns: int, first: Sample, second: Sample
-    ) -> Leap | None:
+    def _leap_of_all(self, last: Sample, first: Sample, second: Sample) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
         passed_ns = _passed_ns(last, first)
         is_silence, follows_others = False, second.stamp_ns >= self._highest_ns - self._patience_ns
-        if first.stamp_ns > last_ns:
+        if first.stamp_ns > last.stamp_ns:
             is_silence = passed_ns is None
             follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
         if is_silence or follows_others:
             return None
         self._highest_ns = first.stamp_ns
-        return Leap(last_ns, first.stamp_ns, passed_ns)
+        return Leap(last.stamp_ns, first.stamp_ns, passed_ns)
 
     def _take(self, clock: _Clock, *samples: Sample) -> list[Sample]:
         for sample in samples:
