@@ -69,9 +69,8 @@ class DriftTracker:
     @property
     def replaced(self) -> list[int]:
         """Which thermometers are replaced by their predictions, counted from 0."""
-        if self.thermometers is None:
-            return []
-        return [int(j) for j in np.flatnonzero(self.thermometers.replaced)]
+        state = self.thermometers
+        return [] if state is None else np.flatnonzero(state.replaced).tolist()
 
     @property
     def thermometer_doubts(self) -> list[str]:
