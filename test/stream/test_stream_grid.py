@@ -110,6 +110,15 @@ def test_a_held_temperature_is_not_written_as_measured(other):
     np.testing.assert_equal(rows[1], (1, 1.0, NAN, 20.0, expected))
 
 
+def test_thermal_cells_that_are_shorter_than_a_row_give_their_mean():
+    averager = CellAverager(SECOND, 1)
+    for cell in range(3):
+        averager.add(RAW, cell * SECOND, [1.0] * 6)
+        for celsius in (20.0, 22.0):
+            averager.add_cells([ThermalCell(cell, np.array([celsius]), np.array([True]))])
+    assert [row[12] for _, row in averager.rows()] == [21.0, 21.0]
+
+
 def as_read(rows):
     """The recording that a reader makes of one axis, its reference and the temperature."""
     stamps = np.array([stamp for stamp, _ in rows])

@@ -6,6 +6,7 @@ Corrects a stream of wrenches: drift, limits and tare. No wrench changes the nex
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -126,11 +127,9 @@ class Compensator:
         self._ramp_ns, self._end_ns = period_ns, 0
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self._moves: dict[int, FloatArray] = {}
-        #: Whether a tare or a change of the model came before the drift begins: the tare takes up
-        #: the drift then, so that the output stays.
-        self._tare_waits = False
-        #: When that tare was taken, ns; None where none waits.
-        self._tared_ns: int | None = None
+        #: When a tare was taken before the drift begins: it takes up the drift then, so that the
+        #: output stays. None where none waits, inf where nobody knows, or the model was changed.
+        self._waits_since_ns: float | None = None
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -175,24 +174,25 @@ class Compensator:
         passed where that of the stamps was. SettingsError without such a thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
-            raise SettingsError(
-                f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
-            )
+            last = self.thermometers - 1
+            raise SettingsError(f'Thermometers are counted from 0 to {last}; got {thermometer}.')
         had_drift = self.compensating
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
-        late_s = 0.0 if self._tared_ns is None else (stamp_ns - self._tared_ns) / NANOSECONDS
-        if late_s > _LATE_TEMPERATURE_S:
-            self.doubt_zero(
-                f'the tare was taken {late_s:.0f} s before the temperatures came, and holds what '
-                'drifted since; call ~/tare'
-            )
-        if self._tare_waits or not had_drift:
+        since_ns, self._waits_since_ns = self._waits_since_ns, None
+        if since_ns is not None:
+            late_s = (stamp_ns - since_ns) / NANOSECONDS
+            if late_s > _LATE_TEMPERATURE_S:
+                self.doubt_zero(
+                    f'the tare was taken {late_s:.0f} s before the temperatures came, and holds '
+                    'what drifted since; call ~/tare'
+                )
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
-            self._settle(target, (keep_output_of or unloaded) if self._tare_waits else None)
-        self._tare_waits, self._tared_ns = False, None
+            self._settle(target, keep_output_of or unloaded)
+        elif not had_drift:
+            self._settle(target, None)
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
         grid = self.tracker.grid
@@ -241,7 +241,10 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         self.tracker.use(model)
-        self._tare_waits = keep_output_of is not None and not self.compensating
+        if keep_output_of is None or self.compensating:
+            self._waits_since_ns = None
+        elif self._waits_since_ns is None:
+            self._waits_since_ns = math.inf
         self._settle(self.limits.saturate(self.tracker.drift), keep_output_of)
 
     def set_tare(
@@ -259,8 +262,8 @@ class Compensator:
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
         self._forget_doubts()
-        self._tare_waits = not self.compensating or self.tracker.awaited is not None
-        self._tared_ns = stamp_ns if self._tare_waits else None
+        has_drift = self.compensating and self.tracker.awaited is None
+        self._waits_since_ns = None if has_drift else stamp_ns
         for j, spikes in enumerate(self.tracker.spikes, start=1):
             if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
                 self.doubt_zero(
@@ -282,7 +285,7 @@ class Compensator:
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._tare_waits, self._tared_ns = False, None
+        self._waits_since_ns = None
         self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
@@ -297,7 +300,8 @@ class Compensator:
         """
         self.tare, self.external_tare = tare, external
         self.tared = bool(tare.any() or external.any())
-        self._tare_waits |= before_drift
+        if before_drift:
+            self._waits_since_ns = math.inf
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:
