@@ -130,6 +130,8 @@ class Compensator:
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, inf where nobody knows, or the model was changed.
         self._waits_since_ns: float | None = None
+        #: For how long the model remembers a temperature, s; 0 without one.
+        self._memory_s = 0.0
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -151,11 +153,6 @@ class Compensator:
         doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
         jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
         return self._said + jumps
-
-    @property
-    def _memory_s(self) -> float:
-        """For how long the model remembers a temperature, s; 0 without one."""
-        return 0.0 if self.model is None else longest_gap_s(self.model)
 
     def add_temperature(
         self,
@@ -241,6 +238,7 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         self.tracker.use(model)
+        self._memory_s = 0.0 if model is None else longest_gap_s(model)
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
