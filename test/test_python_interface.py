@@ -37,7 +37,7 @@ SIGNATURES = {
     'Compensator': '(thermometers, settings=None, model=None)',
     'TareCollector': '(duration_s, max_deviation_n)',
     'StreamSettings': '(thermal_period_s=1.0, temperature_timeout_s=5.0, max_drift_n=200.0, '
-    'max_drift_rate_n_s=1.0, history_s=21600.0)',
+    'max_drift_rate_n_s=1.0)',
 }
 METHODS = {
     Compensator.add_temperature: '(self, thermometer, stamp_ns, temperature_c, '

@@ -76,10 +76,6 @@ def kelvin(values):
     return values + 273.15
 
 
-def fahrenheit(values):
-    return values * 1.8 + 32
-
-
 def frozen(first, last):
     """Let force z keep its value for some rows."""
     return lambda table: table['force_z'].__setitem__(
@@ -163,9 +159,6 @@ WARNED = {
     'one wrench that is none': (put('force_z', np.inf, 300), '1 of 600 .* not finite; they', ALL),
     'one stamp hours ahead': (
         put('stamp_s', plus(5e4), 300), '1 of 600 samples have a stamp that does not inc', ALL),
-    'a temperature in Fahrenheit': (
-        put('temperature_c', fahrenheit),
-        r'hot throughout: .* Fahrenheit it would be 21.0 °C: then name it \S+(_f|:F)\.$', ALL),
     'columns that nobody knows': (
         both(put('note', 1.0), put('Torque_Z', 1.0), put('force_y_kn', 1.0)),
         r'used: note, Torque_Z, force_y_kn. .*force_y=force_y_kn:kN,torque_z=Torque_Z', COLUMNS),

@@ -121,7 +121,7 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
     ):
         for command, more in (('evaluate', []), ('compensate', out)):
             sentence = run(command, pair_model, path, *more).sentence
-            assert f'{path.name} has 1 thermometer, the model expects 2. {words}' in sentence
+            assert f'{path.name} has 1 thermometers, the model expects 2. {words}' in sentence
 
 
 @pytest.fixture(scope='module')

@@ -77,7 +77,7 @@ def test_a_backward_stamp_is_seen_across_blocks():
     ]
     recording = grid_samples(blocks, max_bad_share=0.5)
     np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
-    assert '2 of 8 samples are not finite and 2 have a stamp that' in recording.warnings[0]
+    assert '2 of 8 samples are not finite and 2 of 8 samples have' in recording.warnings[0]
 
 
 def test_too_large_a_share_of_unusable_samples_is_refused():

@@ -100,8 +100,6 @@ def test_a_clock_that_is_set_leaves_the_thermal_state(make_model, set_s, silent_
         assert not compensator.tracker.forgot
         assert compensator.tracker.end_ns == stamp_ns - SECOND // 2
     assert drifts[1] == pytest.approx(drifts[0], abs=0.03)
-    words = f'leapt by {set_s + silent_s} s while {silent_s} s passed: their clock was set'
-    assert words in compensator.tracker.origin
 
 
 def test_wrong_first_readings_are_forgotten_and_it_is_said(make_model):
@@ -128,12 +126,12 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
             last_c = celsius
         drifts.append(compensator.compensation_at(second * SECOND).zero[2])
         if second > 200:
-            ((spacing_s, behind),) = compensator.seldom_reports().values()
-            assert spacing_s == (15 if rounded_k else 30)
-            assert abs(2.0 * second / 30.0 - drifts[-1]) <= behind[2] + 0.1 < 2.3 * spacing_s / 15
+            behind = compensator._moves[0][2]
+            spacing_s = 15 if rounded_k else 30
+            assert abs(2.0 * second / 30.0 - drifts[-1]) <= behind + 0.1 < 2.3 * spacing_s / 15
             (doubt,) = compensator.seldom_doubts()
-            assert f'reports every {spacing_s:.3g} s' in doubt
-            assert f'force_z may be {behind[2]:.2g} N behind' in doubt
+            assert f'reports every {spacing_s} s' in doubt
+            assert f'force_z may be {behind:.2g} N behind' in doubt
     assert np.abs(np.diff(drifts))[200:].max() < 0.1, 'a step of 2 N otherwise'
     assert not compensator.limits.too_fast
 
@@ -149,30 +147,28 @@ def test_the_force_path_has_no_memory(model):
     assert pickle.dumps(compensator) == before
 
 
-class TestLimits:
-    @pytest.mark.parametrize('sign', [-1.0, 1.0])
-    def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(self, sign):
-        limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
-        for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
-            rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
-            target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
-            moved = limits.rate_limit(target, drift, 2.5)
-            np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
-            np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
-            assert limits.too_fast == too_fast
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(sign):
+    limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
+    for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
+        rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
+        target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
+        moved = limits.rate_limit(target, drift, 2.5)
+        np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
+        np.testing.assert_allclose(moved.sensitivity - 0.1, reached * rates[1])
+        assert limits.too_fast == too_fast
 
-    def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number(self):
-        limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
-        for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
-            target = Drift(*(share * np.array(part) for part in largest))
-            for part, limit in zip(limits.saturate(target), largest, strict=True):
-                np.testing.assert_allclose(part, reached * np.array(limit))
-            assert limits.too_large == (AXES if abs(share) > 1 else ())
-        one = np.where(np.arange(6) == 3, np.nan, 1.0)
-        np.testing.assert_array_equal(
-            limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1]
-        )
-        assert limits.too_large == ('torque_x',)
+
+def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number():
+    limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
+    for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
+        target = Drift(*(share * np.array(part) for part in largest))
+        for part, limit in zip(limits.saturate(target), largest, strict=True):
+            np.testing.assert_allclose(part, reached * np.array(limit))
+        assert limits.too_large == (AXES if abs(share) > 1 else ())
+    one = np.where(np.arange(6) == 3, np.nan, 1.0)
+    np.testing.assert_array_equal(limits.saturate(Drift(one, one / 4)).zero, [1, 1, 1, 0, 1, 1])
+    assert limits.too_large == ('torque_x',)
 
 
 def test_thermometers_that_report_each_second_are_followed_within_one(make_model):
@@ -180,7 +176,7 @@ def test_thermometers_that_report_each_second_are_followed_within_one(make_model
     compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
     for second in (*range(40), *(k for k in range(100, 200) if k % 4)):
         compensator.add_temperature(0, second * SECOND, 20.0 + second / 1000)
-        assert compensator.seldom_reports() == {}
+        assert compensator.seldom_doubts() == []
         begun = compensator.compensation_at((second + 1) * SECOND).zero
         np.testing.assert_array_equal(begun, compensator.compensation.zero)
 

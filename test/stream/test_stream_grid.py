@@ -9,7 +9,14 @@ from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.stream_grid import CellAverager, row_channels, ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.stream_grid import (
+    CellAverager,
+    RAW,
+    REFERENCE,
+    row_channels,
+    ThermalCell,
+    ThermalGrid,
+)
 
 SECOND = 1_000_000_000
 
@@ -53,7 +60,7 @@ class Node:
     """Feeds a tracker and an averager as the node does."""
 
     def __init__(self, thermometers=1, patience_s=3.0):
-        self.tracker = DriftTracker(thermometers, SECOND, patience_s, 10.0)
+        self.tracker = DriftTracker(thermometers, SECOND, patience_s)
         self.averager = CellAverager(SECOND, thermometers)
 
     def heat(self, at_s, *celsius):
@@ -62,10 +69,10 @@ class Node:
                 self.averager.add_cells(self.tracker.add(Sample(j, round(at_s * SECOND), value)))
 
     def raw(self, at_s, value):
-        self.averager.add_raw(round(at_s * SECOND), [value] * 6)
+        self.averager.add(RAW, round(at_s * SECOND), [value] * 6)
 
     def reference(self, at_s, value):
-        self.averager.add_reference(round(at_s * SECOND), [value] * 6)
+        self.averager.add(REFERENCE, round(at_s * SECOND), [value] * 6)
 
 
 def cells(rows):
@@ -101,6 +108,15 @@ def test_a_held_temperature_is_not_written_as_measured(other):
     rows = cells(node.averager.rows(final=True))
     expected = NAN if other is None else other
     np.testing.assert_equal(rows[1], (1, 1.0, NAN, 20.0, expected))
+
+
+def test_thermal_cells_that_are_shorter_than_a_row_give_their_mean():
+    averager = CellAverager(SECOND, 1)
+    for cell in range(3):
+        averager.add(RAW, cell * SECOND, [1.0] * 6)
+        for celsius in (20.0, 22.0):
+            averager.add_cells([ThermalCell(cell, np.array([celsius]), np.array([True]))])
+    assert [row[12] for _, row in averager.rows()] == [21.0, 21.0]
 
 
 def as_read(rows):
@@ -146,9 +162,9 @@ def test_specific_force_is_a_mean_and_speed_of_rotation_a_root_mean_square():
     )
     for cell, force, speed in ((5, 9.0, 3.0), (5, 11.0, None), (5, 10.0, 4.0), (6, 8.0, None)):
         averager.add_force(cell * SECOND, (0.0, 1.0, force), speed)
-        averager.add_raw(cell * SECOND, [1.0] * 6)
+        averager.add(RAW, cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
-        averager.add_cells([ThermalCell(cell, np.array([20.0]), (0,))])
+        averager.add_cells([ThermalCell(cell, np.array([20.0]), np.array([True]))])
         rows += averager.rows()
     rows += averager.rows(final=True)
     np.testing.assert_allclose(rows[0][1][-5:], [20, 0, 1, 10, math.sqrt(12.5)])

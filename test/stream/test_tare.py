@@ -26,9 +26,8 @@ def noisy(samples=101):
 
 
 def test_the_tare_is_the_mean_and_the_middle_of_its_time():
-    wrenches = noisy()
-    mean, stamp_ns = collect(wrenches).result()
-    np.testing.assert_allclose(mean, wrenches.sum(axis=0) / 101, rtol=1e-12)
+    mean, stamp_ns = collect(noisy()).result()
+    np.testing.assert_allclose(mean, noisy().sum(axis=0) / 101, rtol=1e-12)
     assert stamp_ns == START + SECOND // 2
 
 
@@ -44,7 +43,6 @@ def test_the_stretch_is_complete_after_its_duration_and_ten_steps(step_ns, waiti
     [
         (1.0, 0.09, ''),
         (1.0, 0.11, 'torque_z moved by 0.11 N m while taring; at most 0.1 N m'),
-        (1.0, 0.3, 'torque_z moved by 0.3 N m while taring; at most 0.1 N m'),
         (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
     ],
 )

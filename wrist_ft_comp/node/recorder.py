@@ -27,7 +27,14 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import CellAverager, Row, row_channels, ThermalCell
+from wrist_ft_comp.stream.stream_grid import (
+    CellAverager,
+    RAW,
+    REFERENCE,
+    Row,
+    row_channels,
+    ThermalCell,
+)
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
@@ -124,7 +131,7 @@ class Recorder(Part):
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
         for recording in self._running:
-            recording.averager.add_raw(stamp_ns, raw)
+            recording.averager.add(RAW, stamp_ns, raw)
 
     def on_specific_force(
         self, stamp_ns: int, specific_force: Vector, speed: float | None
@@ -254,7 +261,7 @@ class RecordService(Part):
             return
         # The comparison is false for NaN.
         if self.current is not None and math.hypot(*reference) < LARGEST:
-            self.current.averager.add_reference(stamp_ns or self.hub.now_ns(), reference)
+            self.current.averager.add(REFERENCE, stamp_ns or self.hub.now_ns(), reference)
 
     def spans(self) -> dict[str, str]:
         """Give how long the present recording is, and which temperatures it spans."""

@@ -102,7 +102,7 @@ class StateKeeper(Part):
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
         doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers))
         key = (self.live.sha256, *tares, doubts, drivers)
-        return key, tracker.end_ns if tracker.following else None
+        return key, tracker.end_ns if stream.compensating else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
@@ -126,7 +126,7 @@ class StateKeeper(Part):
         self._due = time.monotonic() + SAVE_PERIOD_S
         self._saved = self._present()
         # A state that is not yet used does not get younger.
-        saved_ns = self._loaded_ns if stream.tracker.awaiting_gap else time.time_ns()
+        saved_ns = self._loaded_ns if stream.tracker.awaited is not None else time.time_ns()
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
             tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),

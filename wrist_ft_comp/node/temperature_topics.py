@@ -227,7 +227,7 @@ class TemperatureInput(Part):
         rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
         grown, elapsed_s = self._growth.since(
             usable=self.usable, unusable=self.unusable, rejected=rejected,
-            leapt=clocks.leaps + clocks.restarts,
+            leapt=clocks.leaps,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(tracker.spikes)},
         )  # fmt: skip
         numbers = {
@@ -296,7 +296,7 @@ class TemperatureInput(Part):
         limit_s = self.compensator.settings.temperature_timeout_s
         problems = {j: why for topic in self.by_topic for j, why in topic.problems.items()}
         drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
-        silent, seldom = [], self.compensator.seldom_reports()
+        silent, grid = [], self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):
             topic, heard_s = thermometer.topic, thermometer.heard_s
             if j in problems:
@@ -308,7 +308,7 @@ class TemperatureInput(Part):
                 why = why or f'{topic} has a publisher that sends none'
                 yield f'thermometer {j + 1} has not reported: {why}; {drift}'
             else:
-                spacing_s = seldom[j][0] if j in seldom else 0.0
+                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
                 is_silent = time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)
                 if is_silent and j not in self._tracker.replaced:
                     silent.append(j)

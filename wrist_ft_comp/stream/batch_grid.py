@@ -25,7 +25,7 @@ from wrist_ft_comp.channels import (
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stream.clock import in_order, NO_TIME
 from wrist_ft_comp.stream.thermal_memory import fill_gaps
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
@@ -44,8 +44,6 @@ _LEAST_GRAVITY = 0.5
 _FASTEST_HZ = 50_000.0
 #: Up to this many samples may lie closer together: a burst.
 _BURST = 100
-#: A thermometer that always reads between these, °C, is probably one of 15 to 60 °C in °F.
-_HOT_C = (59.0, 140.0)
 #: What to do where stamps may be in another unit than the one they are read in.
 UNIT_OF_STAMPS = (
     'Is the unit of the stamps right? Another one is named by the column, such as stamp_ms, or, '
@@ -57,132 +55,16 @@ def why_unusable(channel: str, value: float) -> str:
     """Say what is wrong with readings of a channel such as a value that no sensor makes."""
     if not math.isfinite(value):
         return 'not finite'
-    (low, high), unit = _limits(channel), ' °C' if _is_temperature((channel,)) else ''
+    (low, high), unit = _limits(channel), ' °C' if channel.startswith('temperature') else ''
     return f'outside {low:g} to {high:g}{unit}, which no sensor reads, such as {value:.4g}{unit}'
 
 
 def _limits(channel: str) -> tuple[float, float]:
-    return PLAUSIBLE_C if _is_temperature((channel,)) else (-LARGEST, LARGEST)
-
-
-def _is_temperature(channels: tuple[str, ...]) -> bool:
-    return channels[0].startswith('temperature')
-
-
-@dataclass
-class Tally:
-    """Samples of a group of channels: how many came, how many were dropped, and why."""
-
-    samples: int = 0
-    not_finite: int = 0
-    out_of_order: int = 0
-    #: Readings that no sensor makes, and the first of them.
-    implausible: int = 0
-    first_implausible: float = math.nan
-    #: Of the samples that can be used: first and last stamp, ns, least and largest reading.
-    first_ns: int = NO_TIME
-    last_ns: int = NO_TIME
-    least: float = math.inf
-    largest: float = -math.inf
-    #: Of a thermometer: readings that metal cannot have gone to.
-    spikes: SpikeFilter = field(default_factory=SpikeFilter)
-
-
-class SampleChecks:
-    """Drops and counts samples that no sensor can have measured; sources are those of a bag."""
-
-    def __init__(self, name: str, sources: Sequence[TemperatureSource] = ()) -> None:
-        self._name = name
-        self._sources = {temperature_channel(j): source for j, source in enumerate(sources)}
-        #: By the channels that share their samples.
-        self.tallies: defaultdict[tuple[str, ...], Tally] = defaultdict(Tally)
-
-    def admit(self, samples: Samples) -> Samples:
-        """Take a block, in order of time; returns the part of it that can be used."""
-        stamps_ns, values = samples.stamps_ns, samples.values
-        tally = self.tallies[samples.channels]
-        low, high = np.array([_limits(channel) for channel in samples.channels]).T
-        finite = np.isfinite(values).all(axis=1)
-        plausible = ((values > low) & (values < high)).all(axis=1)
-        ordered = in_order(stamps_ns, tally.last_ns)
-        tally.samples += len(values)
-        tally.out_of_order += int(np.count_nonzero(~ordered))
-        tally.not_finite += int(np.count_nonzero(ordered & ~finite))
-        strange = values[ordered & finite & ~plausible]
-        if len(strange) and not tally.implausible:
-            tally.first_implausible = float(strange[0][np.argmax(np.abs(strange[0]))])
-        tally.implausible += len(strange)
-        usable = ordered & plausible
-        if not usable.all():
-            stamps_ns, values = stamps_ns[usable], values[usable]
-        if _is_temperature(samples.channels) and values.shape[1] == 1 and len(values):
-            stamps_ns, column = tally.spikes.admit_all(stamps_ns, values[:, 0])
-            values = column[:, np.newaxis]
-        if len(values):
-            tally.first_ns = int(stamps_ns[0]) if tally.first_ns == NO_TIME else tally.first_ns
-            tally.last_ns = int(stamps_ns[-1])
-            tally.least = min(tally.least, float(values.min()))
-            tally.largest = max(tally.largest, float(values.max()))
-        return Samples(samples.channels, stamps_ns, values)
-
-    def judge(self, max_bad_share: float = 0.01) -> Iterator[tuple[str, bool]]:
-        """Give sentences about dropped and doubtful samples; True where they are too many."""
-        for channels, tally in self.tallies.items():
-            of_temperature = _is_temperature(channels)
-            title = channels[0] if len(channels) == 1 else f'{channels[0]} … {channels[-1]}'
-            title = f'{title} of {self._name}'
-            if of_temperature and not tally.samples:
-                yield f'{title} holds no sample; it is left out.', False
-
-            reasons = (
-                (tally.not_finite, 'are not finite'),
-                (tally.out_of_order, 'have a stamp that does not increase'),
-                (tally.implausible, f'are {why_unusable(channels[0], tally.first_implausible)}'),
-            )
-            dropped = sum(count for count, _ in reasons)
-            if dropped:
-                (first, why), *others = [pair for pair in reasons if pair[0]]
-                counts = [why, *(f'{count} {reason}' for count, reason in others)]
-                sentence = f'{title}: {first} of {tally.samples} samples {" and ".join(counts)}; '
-                if dropped <= max_bad_share * tally.samples:
-                    yield f'{sentence}they were dropped.', False
-                else:
-                    remedy = 'Record again, or remove those samples.'
-                    if of_temperature and 2 * tally.implausible > dropped:
-                        remedy = self._remedy(channels[0], tally.first_implausible)
-                    yield f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}', True
-
-            if tally.spikes.first:
-                stamp_ns, reading_c = tally.spikes.first
-                sentence = (
-                    f'{title}: {tally.spikes.dropped} of {tally.samples} samples are where metal '
-                    f'cannot have gone, first at stamp {stamp_ns / NANOSECONDS:.0f} s with '
-                    f'{reading_c:.1f} °C; left out.'
-                )
-                yield sentence, False
-            used, span_ns = tally.samples - dropped, tally.last_ns - tally.first_ns
-            if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
-                sentence = (
-                    f'{title}: {used} samples within {span_ns / NANOSECONDS:.3g} s; no sensor '
-                    f'makes more than {_FASTEST_HZ:g} a second. {UNIT_OF_STAMPS}'
-                )
-                yield sentence, True
-            if of_temperature and _HOT_C[0] < tally.least <= tally.largest < _HOT_C[1]:
-                sentence = (
-                    f'{title} is hot throughout: {tally.least:.1f} to {tally.largest:.1f} °C. '
-                    f'{self._remedy(channels[0], tally.least)}'
-                )
-                yield sentence, False
-
-    def _remedy(self, channel: str, value_c: float) -> str:
-        """Say how to name a temperature that is probably in another unit."""
-        if source := self._sources.get(channel):
-            return unit_remedy(value_c, source.in_unit)
-        return unit_remedy(value_c, lambda unit: channel.removesuffix('c') + unit.lower())
+    return PLAUSIBLE_C if channel.startswith('temperature') else (-LARGEST, LARGEST)
 
 
 class CellSums(NamedTuple):
-    """What the samples of a channel are in cells: numbers, ascending, sums and counts, (n,)."""
+    """What the samples of a channel are in cells: numbers, sums and counts, shape (n,)."""
 
     cells: IntArray
     sums: FloatArray
@@ -196,6 +78,104 @@ class CellSums(NamedTuple):
         means: FloatArray = np.full(size, np.nan)
         np.divide(sums, counts, out=means, where=counts > 0)
         return means
+
+
+@dataclass(eq=False)
+class _Group:
+    """Channels that share their samples: sums over cells, and what was dropped, and why."""
+
+    channels: tuple[str, ...]
+    period_ns: int
+    samples: int = 0
+    out_of_order: int = 0
+    #: Readings that no sensor makes, and the first number among them, NaN where none is one.
+    strange: int = 0
+    first_strange: float = math.nan
+    #: First and last stamp of the samples that can be used, ns.
+    first_ns: int = NO_TIME
+    last_ns: int = NO_TIME
+    #: Of a thermometer: readings that metal cannot have gone to.
+    spikes: SpikeFilter = field(default_factory=SpikeFilter)
+    #: Of every block: cells, ascending, sums, shape (n, C), and counts.
+    sums: list[tuple[IntArray, FloatArray, IntArray]] = field(default_factory=list)
+
+    @property
+    def of_temperature(self) -> bool:
+        """Whether it is a thermometer."""
+        return self.channels[0].startswith('temperature')
+
+    def add(self, stamps_ns: IntArray, values: FloatArray) -> None:
+        """Sum up a block of samples, (n,) and (n, C), but for those that are dropped."""
+        low, high = np.array([_limits(channel) for channel in self.channels]).T
+        plausible = ((values > low) & (values < high)).all(axis=1)
+        ordered = in_order(stamps_ns, self.last_ns)
+        self.samples += len(values)
+        self.out_of_order += int(np.count_nonzero(~ordered))
+        strange = values[ordered & ~plausible]
+        self.strange += len(strange)
+        numbers = strange[np.isfinite(strange).all(axis=1)]
+        if len(numbers) and math.isnan(self.first_strange):
+            self.first_strange = float(numbers[0][np.argmax(np.abs(numbers[0]))])
+        usable = ordered & plausible
+        if not usable.all():
+            stamps_ns, values = stamps_ns[usable], values[usable]
+        if self.of_temperature and len(values):
+            wrong_starts = self.spikes.wrong_starts
+            stamps_ns, column = self.spikes.admit_all(stamps_ns, values[:, 0])
+            values = column[:, np.newaxis]
+            if self.spikes.wrong_starts > wrong_starts:
+                self.sums.clear()
+        if not len(values):
+            return
+        self.first_ns = int(stamps_ns[0]) if self.first_ns == NO_TIME else self.first_ns
+        self.last_ns = int(stamps_ns[-1])
+        if ROTATION_CHANNEL in self.channels:
+            values = values**2  # the mean speed of a motion to and fro says nothing
+        cells = stamps_ns // self.period_ns
+        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
+        counts = np.diff(starts, append=len(cells))
+        self.sums.append((cells[starts], np.add.reduceat(values, starts, axis=0), counts))
+
+    def judge(
+        self, name: str, max_bad_share: float, source: TemperatureSource | None
+    ) -> Iterator[str]:
+        """Say what was dropped and what is doubtful; RecordingError where too much was."""
+        first, *others = self.channels
+        title = f'{first} … {others[-1]} of {name}' if others else f'{first} of {name}'
+        if self.of_temperature and not self.samples:
+            yield f'{title} holds no sample; it is left out.'
+        if dropped := self.strange + self.out_of_order:
+            reasons = (
+                (self.strange, f'are {why_unusable(self.channels[0], self.first_strange)}'),
+                (self.out_of_order, 'have a stamp that does not increase'),
+            )
+            counts = (
+                f'{count} of {self.samples} samples {why}' for count, why in reasons if count
+            )
+            sentence = f'{title}: {" and ".join(counts)}; '
+            if dropped > max_bad_share * self.samples:
+                remedy = 'Record again, or remove those samples.'
+                if self.of_temperature and not math.isnan(self.first_strange):
+                    column = self.channels[0].removesuffix('c')
+                    in_unit = source.in_unit if source else lambda unit: column + unit.lower()
+                    remedy = unit_remedy(self.first_strange, in_unit)
+                raise RecordingError(
+                    f'{sentence}at most {max_bad_share:.1%} may be unusable. {remedy}'
+                )
+            yield f'{sentence}they were dropped.'
+        if self.spikes.first:
+            stamp_ns, reading_c = self.spikes.first
+            yield (
+                f'{title}: {self.spikes.dropped} of {self.samples} samples are where metal cannot '
+                f'have gone, first at stamp {stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} '
+                '°C; left out.'
+            )
+        used, span_ns = self.samples - dropped, self.last_ns - self.first_ns
+        if used > _BURST and span_ns * _FASTEST_HZ < used * NANOSECONDS:
+            raise RecordingError(
+                f'{title}: {used} samples within {span_ns / NANOSECONDS:.3g} s; no sensor makes '
+                f'more than {_FASTEST_HZ:g} a second. {UNIT_OF_STAMPS}'
+            )
 
 
 def grid_samples(
@@ -219,51 +199,39 @@ def grid_samples(
             f'The thermal period must be above 0 and at most {PERIODS_S[1]:g} s; got {period_s} s.'
         )
     period_ns = round(period_s * NANOSECONDS)
-    checks, parts = SampleChecks(name, temperatures), defaultdict[str, list[CellSums]](list)
+    groups: dict[tuple[str, ...], _Group] = {}
     for block in blocks:
-        spikes = checks.tallies[block.channels].spikes
-        wrong_starts = spikes.wrong_starts
-        usable = checks.admit(block)
-        if spikes.wrong_starts > wrong_starts:
-            parts.pop(block.channels[0], None)
-        if not len(usable.values):
-            continue
-        # The mean speed of a motion to and fro says nothing.
-        values = usable.values**2 if ROTATION_CHANNEL in usable.channels else usable.values
-        cells = usable.stamps_ns // period_ns
-        starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
-        sums = np.add.reduceat(values, starts, axis=0)
-        counts = np.diff(starts, append=len(cells))
-        for column, channel in enumerate(usable.channels):
-            parts[channel].append(CellSums(cells[starts], sums[:, column], counts))
+        group = groups.setdefault(block.channels, _Group(block.channels, period_ns))
+        group.add(block.stamps_ns, block.values)
+    sources = {temperature_channel(j): source for j, source in enumerate(temperatures)}
+    warnings, parts = list[str](), defaultdict[str, list[CellSums]](list)
+    for group in groups.values():
+        warnings += group.judge(name, max_bad_share, sources.get(group.channels[0]))
+        for cells, sums, counts in group.sums:
+            for channel, column in zip(group.channels, sums.T, strict=True):
+                parts[channel].append(CellSums(cells, column, counts))
     found = {
         channel: CellSums(*map(np.concatenate, zip(*of_channel, strict=True)))
         for channel, of_channel in parts.items()
     }
-
-    warnings = []
-    for sentence, is_too_much in checks.judge(max_bad_share):
-        if is_too_much:
-            raise RecordingError(sentence)
-        warnings.append(sentence)
-    thermometers = [j for j in range(100) if temperature_channel(j) in found]
-    if thermometers != list(range(len(thermometers) or 1)):
-        missing = next(j for j in range(100) if j not in thermometers)
+    count = sum(channel.startswith('temperature') for channel in found)
+    channels = [temperature_channel(j) for j in range(max(count, 1))]
+    if missing := [channel for channel in channels if channel not in found]:
         raise RecordingError(
-            f'{name} holds no usable {temperature_channel(missing)}. Expected a sample in at '
-            'least one thermal cell; record the temperature beside the wrench. A node keeps none '
-            'before all of its thermometers have reported.'
+            f'{name} holds no usable {missing[0]}. Expected a sample in at least one thermal '
+            'cell; record the temperature beside the wrench. A node keeps none before all of its '
+            'thermometers have reported.'
         )
     if found.keys().isdisjoint(AXES):
         raise RecordingError(
             f'{name} holds no wrench. Expected at least one of {", ".join(AXES)}; got '
             f'{", ".join(sorted(found))}.'
         )
-    channels = [temperature_channel(j) for j in thermometers]
-    first = max(int(found[channel].cells[0]) for channel in channels)
-    last = max(int(sums.cells[-1]) for sums in found.values())
+    first = max(int(found[channel].cells.min()) for channel in channels)
+    last = max(int(sums.cells.max()) for sums in found.values())
     remedy = '' if temperatures else UNIT_OF_STAMPS
-    warnings += _judge_channels(found, channels, name, period_s, (first, last), remedy)
+    warnings += _judge_axes(found, name)
+    warnings += _judge_times(found, name, period_s, (first, last), remedy)
 
     def table(*channels: str) -> FloatArray:
         """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
@@ -275,17 +243,18 @@ def grid_samples(
 
     temperature_c = table(*channels)
     # Those that were silent in the first cell keep what they read last, perhaps years before.
-    newest = [int(cells[cells <= first].max()) for cells, *_ in (found[c] for c in channels)]
-    before_c = np.array(
-        [found[c].means(cell, cell)[0] for c, cell in zip(channels, newest, strict=True)]
-    )
+    before_c = np.zeros(len(channels))
+    for j, channel in enumerate(channels):
+        cells = found[channel].cells
+        newest = int(cells[cells <= first].max())
+        before_c[j] = found[channel].means(newest, newest)[0]
     force = speed = None
     if not found.keys().isdisjoint(FORCE_CHANNELS):
         force = table(*FORCE_CHANNELS)
         norms = np.linalg.norm(force, axis=1)
-        known: BoolArray = np.asarray(np.isfinite(norms))
-        force = np.where(known[:, np.newaxis], force, np.nan)
-        if not known.any() or np.median(norms[known]) < _LEAST_GRAVITY:
+        force[np.isnan(norms)] = np.nan
+        norms = norms[np.isfinite(norms)]
+        if not len(norms) or np.median(norms) < _LEAST_GRAVITY:
             force = None
             warnings.append(
                 f'The accelerometer of {name} does not feel gravity, and counts as absent. Record '
@@ -301,25 +270,30 @@ def grid_samples(
         specific_force=force, rotation_speed=speed)  # fmt: skip
 
 
-def _judge_channels(  # noqa: PLR0913, PLR0917 -- what a sentence needs
-    found: dict[str, CellSums], thermometers: Sequence[str], name: str, period_s: float,
-    ends: tuple[int, int], remedy: str,
-) -> Iterator[str]:  # fmt: skip
-    """Refuse stamps that are no times of one recording; drop dead axes, doubt a late start."""
-    axes, (first, last) = [axis for axis in AXES if axis in found], ends
+def _judge_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
+    """Drop dead axes beside ones that live."""
+    axes = [axis for axis in AXES if axis in found]
     dead = [axis for axis in axes if not found[axis].sums.any()]
     if dead and dead != axes:
         yield (
             f'{", ".join(dead)} of {name}: exactly 0 in every sample; counted as absent. Where '
             'such an axis exists, it is broken.'
         )
-        axes = [axis for axis in axes if axis not in dead]
         for axis in dead:
             del found[axis]
+
+
+def _judge_times(
+    found: dict[str, CellSums], name: str, period_s: float, ends: tuple[int, int], remedy: str
+) -> Iterator[str]:
+    """Refuse stamps that are no times of one recording; doubt a thermometer that came late."""
+    first, last = ends
+    axes = [axis for axis in AXES if axis in found]
+    thermometers = [channel for channel in found if channel.startswith('temperature')]
     for thermometer in thermometers:
         for axis in axes:
             one, other = found[thermometer].cells, found[axis].cells
-            apart_s = (max(one[0], other[0]) - min(one[-1], other[-1])) * period_s
+            apart_s = (max(one.min(), other.min()) - min(one.max(), other.max())) * period_s
             if apart_s > SAME_CLOCK_S:
                 raise RecordingError(
                     f'Stamps of {axis} and {thermometer} of {name} are {apart_s:.0f} s apart; '
@@ -337,9 +311,9 @@ def _judge_channels(  # noqa: PLR0913, PLR0917 -- what a sentence needs
     cells = np.unique(np.concatenate([found[axis].cells for axis in axes]))
     lost_s = np.count_nonzero(cells < first) * period_s
     if lost_s > _LATE_S:
-        late = next(j for j, t in enumerate(thermometers) if found[t].cells[0] == first)
+        begins = [found[temperature_channel(j)].cells.min() for j in range(len(thermometers))]
         yield (
-            f'Thermometer {late + 1} of {name} came {lost_s:.0f} s after the first wrench. What '
-            'was before it is not used. If the sensor was warming up by then, record again, with '
-            'all thermometers from the beginning.'
+            f'Thermometer {np.argmax(begins) + 1} of {name} came {lost_s:.0f} s after the first '
+            'wrench. What was before it is not used. If the sensor was warming up by then, record '
+            'again, with all thermometers from the beginning.'
         )

@@ -11,13 +11,13 @@ is by the steady clock of the receiver, which nobody sets; files and simulations
     ran back     stamps go on earlier, and arrival is not known
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS, SAME_CLOCK_S
+from wrist_ft_comp.series import BoolArray, IntArray, NANOSECONDS
 
 #: The stamp of a sample that came without one.
 NO_TIME = int(np.iinfo(np.int64).min)
@@ -25,8 +25,6 @@ NO_TIME = int(np.iinfo(np.int64).min)
 LEAP_S = 60.0
 #: ... and by more usual steps than this, because those of a slow sensor are long.
 _LEAP_STEPS = 4
-#: Samples that ascend confirm a leap from this number on, however far apart they are.
-_CONFIRMING_SAMPLES = 3
 #: Two sources have two clocks where their stamps, less their arrival, differ for this time, s: a
 #: busy computer delays for less. Shorter ones would warn of a clock that is being set ...
 APART_FOR_S = 30.0
@@ -65,15 +63,8 @@ class _Clock:
     last: Sample | None = None
     #: Step between the last two samples; None before the second.
     step_ns: int | None = None
-    #: Samples far from the last one, in the order of their stamps.
-    kept: list[Sample] = field(default_factory=list)
-
-
-def _passed_ns(before: Sample | None, after: Sample) -> int | None:
-    """Time between two samples by their arrival, ns; None where it is not known."""
-    if before is None or before.arrival_ns is None or after.arrival_ns is None:
-        return None
-    return after.arrival_ns - before.arrival_ns
+    #: A sample far from the last one.
+    kept: Sample | None = None
 
 
 class SourceClocks:
@@ -81,26 +72,27 @@ class SourceClocks:
     Checks the stamps of several sources, each against its own last one.
 
     A sample whose stamp leaps is kept back until the next ones of its source show whether time
-    goes on from it (the next one is near it, or three in a row ascend) or from the time before.
+    goes on from it, or from the time before.
     """
 
     def __init__(self, sources: int, patience_s: float) -> None:
         #: Samples that were dropped as strays, and because their stamp was not later, or no number
         #: in them.
         self.strays = self.rejected = 0
-        #: How often stamps went on elsewhere, and how often that was earlier.
-        self.leaps = self.restarts = 0
+        #: How often stamps of a source went on elsewhere.
+        self.leaps = 0
         #: A leap of the clock of all sources, at the sample that was taken last.
         self.leap: Leap | None = None
         self._patience_ns = round(patience_s * NANOSECONDS)
         self._clocks = [_Clock() for _ in range(sources)]
-        #: The highest stamp that counted since the last leap, and where another stream ended.
+        #: The highest stamp that counted since the last leap.
         self._highest_ns = NO_TIME
-        self._expected_ns: int | None = None
 
     def expect(self, stamp_ns: int) -> None:
         """Set the stamp where another stream ended, with which first samples are compared."""
-        self._expected_ns = self._highest_ns = stamp_ns
+        self._highest_ns = stamp_ns
+        for source, clock in enumerate(self._clocks):
+            clock.last = Sample(source, stamp_ns, math.nan)
 
     def admit(self, sample: Sample) -> list[Sample]:
         """Take a sample; give those that count now: none, this one, or also some kept back."""
@@ -108,57 +100,57 @@ class SourceClocks:
         if not math.isfinite(sample.temperature_c):
             self.rejected += 1
             return []
-        last_ns = self._expected_ns if clock.last is None else clock.last.stamp_ns
-        step_ns, last = sample.stamp_ns - (last_ns or 0), clock.last
-        usual_ns = clock.step_ns or 0
-        if leaps(step_ns, usual_ns) and (passed_ns := _passed_ns(last, sample)):
-            step_ns -= passed_ns  # a silence that arrival confirms
-        if last_ns is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
-            self.strays += len(clock.kept)
-            clock.kept = []
-            if clock.last is not None and sample.stamp_ns <= clock.last.stamp_ns:
+        last, usual_ns = clock.last, clock.step_ns or 0
+        step_ns = 0 if last is None else sample.stamp_ns - last.stamp_ns
+        if leaps(step_ns, usual_ns):
+            step_ns -= _passed_ns(last, sample) or 0  # a silence that arrival confirms
+        kept, clock.kept = clock.kept, None
+        if last is None or not (step_ns < -self._patience_ns or leaps(step_ns, usual_ns)):
+            self.strays += kept is not None
+            if last is not None and sample.stamp_ns <= last.stamp_ns:
                 self.rejected += 1
                 return []
-            return self._take(clock, [sample])
+            return self._take(clock, sample)
 
-        if clock.kept and sample.stamp_ns <= clock.kept[-1].stamp_ns:
-            self.strays += len(clock.kept)
-            clock.kept = []
-        clock.kept.append(sample)
-        if len(clock.kept) == 1:
+        # Time goes on from the one that was kept where this one is a step behind it.
+        kept_ns = sample.stamp_ns if kept is None else kept.stamp_ns
+        follows = clock.step_ns is None or not leaps(
+            sample.stamp_ns - kept_ns, max(usual_ns, kept_ns - last.stamp_ns)
+        )
+        if kept is None or sample.stamp_ns <= kept_ns or not follows:
+            self.strays += kept is not None
+            clock.kept = sample
             return []
-        if not leaps(sample.stamp_ns - clock.kept[-2].stamp_ns, usual_ns):
-            self.strays += len(clock.kept) - 2
-            clock.kept = clock.kept[-2:]
-        elif clock.step_ns is not None and len(clock.kept) < _CONFIRMING_SAMPLES:
-            return []
-        self.leaps += clock.step_ns is not None
-        self.leap = self._leap(clock, last_ns)
-        self.restarts += self.leap is not None and self.leap.to_ns < self.leap.from_ns
-        return self._take(clock, clock.kept)
+        self.leap = self._leap_of_all(last, kept, sample)
+        ran_back = self.leap is not None and self.leap.to_ns < self.leap.from_ns
+        self.leaps += clock.step_ns is not None or ran_back
+        return self._take(clock, kept, sample)
 
-    def _leap(self, clock: _Clock, last_ns: int) -> Leap | None:
+    def _leap_of_all(self, last: Sample, first: Sample, second: Sample) -> Leap | None:
         """Find out whether the clock of all was set; one source after the other notices that."""
-        first = clock.kept[0]
-        step_ns, passed_ns = first.stamp_ns - last_ns, _passed_ns(clock.last, first)
-        if step_ns > 0:
+        passed_ns = _passed_ns(last, first)
+        is_silence, follows_others = False, second.stamp_ns >= self._highest_ns - self._patience_ns
+        if first.stamp_ns > last.stamp_ns:
+            is_silence = passed_ns is None
             follows_others = first.stamp_ns <= self._highest_ns + self._patience_ns
-        else:
-            follows_others = clock.kept[-1].stamp_ns >= self._highest_ns - self._patience_ns
-        if follows_others:
+        if is_silence or follows_others:
             return None
-        if passed_ns is None and step_ns > 0:
-            return None  # a silence
         self._highest_ns = first.stamp_ns
-        return Leap(last_ns, first.stamp_ns, passed_ns)
+        return Leap(last.stamp_ns, first.stamp_ns, passed_ns)
 
-    def _take(self, clock: _Clock, samples: list[Sample]) -> list[Sample]:
+    def _take(self, clock: _Clock, *samples: Sample) -> list[Sample]:
         for sample in samples:
             clock.step_ns = None if clock.last is None else sample.stamp_ns - clock.last.stamp_ns
             clock.last = sample
             self._highest_ns = max(self._highest_ns, sample.stamp_ns)
-        clock.kept = []
-        return samples
+        return list(samples)
+
+
+def _passed_ns(before: Sample | None, after: Sample) -> int | None:
+    """Time between two samples by their arrival, ns; None where it is not known."""
+    if before is None or before.arrival_ns is None or after.arrival_ns is None:
+        return None
+    return after.arrival_ns - before.arrival_ns
 
 
 class ClockComparison:
@@ -171,31 +163,27 @@ class ClockComparison:
 
     def __init__(self, patience_s: float = APART_FOR_S) -> None:
         #: By how much the stamps of a source are ahead of those of the wrench, s; only sources for
-        #: which that has been too much for the whole patience, or is hours.
+        #: which that has been too much for the whole patience.
         self.ahead_s: dict[str, float] = {}
         self._patience_ns = round(patience_s * NANOSECONDS)
-        #: The newest wrench: its stamp minus its arrival, and its arrival, ns.
-        self._wrench_ns: tuple[int, int] | None = None
+        #: Stamp and arrival of the newest wrench, ns.
+        self._wrench_ns: tuple[float, float] = 0, -math.inf
         self._since_ns: dict[str, int] = {}
 
     def note_wrench(self, stamp_ns: int, arrival_ns: int) -> None:
         """Take the stamp of a wrench that has just come, and its arrival, ns."""
-        self._wrench_ns = stamp_ns - arrival_ns, arrival_ns
+        self._wrench_ns = stamp_ns, arrival_ns
 
     def note(self, source: str, stamp_ns: int, arrival_ns: int, limit_s: float) -> None:
         """Take a sample of a source, ns, whose clock may be off by ``limit_s``, or by a second."""
-        if self._wrench_ns is None:
-            return
-        wrench_ahead_ns, came_ns = self._wrench_ns
+        wrench_ns, came_ns = self._wrench_ns
         if arrival_ns - came_ns > _FRESH_WRENCH_S * NANOSECONDS:
             return
-        ahead_s = (stamp_ns - arrival_ns - wrench_ahead_ns) / NANOSECONDS
+        ahead_s = (stamp_ns - arrival_ns - (wrench_ns - came_ns)) / NANOSECONDS
         if abs(ahead_s) <= max(limit_s, _LEAST_APART_S):
             self._since_ns.pop(source, None)
             self.ahead_s.pop(source, None)
-            return
-        apart_ns = arrival_ns - self._since_ns.setdefault(source, arrival_ns)
-        if apart_ns >= self._patience_ns or abs(ahead_s) > SAME_CLOCK_S:
+        elif arrival_ns - self._since_ns.setdefault(source, arrival_ns) >= self._patience_ns:
             self.ahead_s[source] = ahead_s
 
 

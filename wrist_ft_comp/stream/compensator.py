@@ -6,6 +6,7 @@ Corrects a stream of wrenches: drift, limits and tare. No wrench changes the nex
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -26,14 +27,10 @@ MAX_SENSITIVITY = 0.5
 #: Nor does sensitivity move by more than this per second.
 MAX_SENSITIVITY_RATE = 0.01
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
-LATE_TEMPERATURE_S = 30.0
+_LATE_TEMPERATURE_S = 30.0
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
-#: Raw, corrected and external wrench, shapes (6,).
-_Reading = tuple[FloatArray, FloatArray, FloatArray]
-#: Stands for the wrench before one has come.
-_UNLOADED = (np.nan,) * len(AXES)
 
 
 @dataclass(frozen=True)
@@ -48,13 +45,11 @@ class StreamSettings:
     max_drift_n: float = 200.0
     #: How fast that drift may change, N/s; of a torque, a tenth of it in N m/s.
     max_drift_rate_n_s: float = 1.0
-    #: Temperatures kept for a model that goes live later, s.
-    history_s: float = 6 * 3600.0
 
     def __post_init__(self) -> None:
         check_range('thermal_period_s', self.thermal_period_s, *PERIODS_S)
         check_range('max_drift_n', self.max_drift_n, 0.0)
-        for name in ('temperature_timeout_s', 'max_drift_rate_n_s', 'history_s'):
+        for name in ('temperature_timeout_s', 'max_drift_rate_n_s'):
             check_range(name, getattr(self, name), 0.0, above=True)
 
 
@@ -114,16 +109,15 @@ class Compensator:
         self.settings = settings = settings or StreamSettings()
         self.thermometers = thermometers
         period_ns = round(settings.thermal_period_s * NANOSECONDS)
-        patience_s, history_s = settings.temperature_timeout_s, settings.history_s
-        self.tracker = DriftTracker(thermometers, period_ns, patience_s, history_s)
+        self.tracker = DriftTracker(thermometers, period_ns, settings.temperature_timeout_s)
         self.limits = Limits(settings.max_drift_n, settings.max_drift_rate_n_s)
         #: Of the wrench, and of the external wrench; raw, N and N m, shape (6,).
         self.tare: FloatArray = np.zeros(len(AXES))
         self.external_tare: FloatArray = np.zeros(len(AXES))
         #: Whether somebody tared; else a tare is what keeps the output at a change of model.
         self.tared = False
-        #: Sentences on what has happened since the last tare that may have moved the zero.
-        self.zero_doubts: list[str] = []
+        #: What has been said since the last tare on why the zero may have moved.
+        self._said: list[str] = []
         #: What is subtracted at the end of the present ramp, which lasts one cell: the drift of
         #: the model, within the limits.
         self.compensation = no_drift()
@@ -133,13 +127,11 @@ class Compensator:
         self._ramp_ns, self._end_ns = period_ns, 0
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self._moves: dict[int, FloatArray] = {}
-        #: Whether a tare or a change of the model came before the drift begins: the tare takes up
-        #: the drift then, so that the output stays.
-        self._tare_waits = False
-        #: When that tare was taken, ns; None where none waits.
-        self._tared_ns: int | None = None
-        #: From when on the model has forgotten what a thermometer read before it jumped, ns.
-        self._forgotten_ns: dict[int, int] = {}
+        #: When a tare was taken before the drift begins: it takes up the drift then, so that the
+        #: output stays. None where none waits, inf where nobody knows, or the model was changed.
+        self._waits_since_ns: float | None = None
+        #: For how long the model remembers a temperature, s; 0 without one.
+        self._memory_s = 0.0
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -152,7 +144,15 @@ class Compensator:
     @property
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
-        return self.tracker.following
+        return self.tracker.state is not None
+
+    @property
+    def zero_doubts(self) -> list[str]:
+        """Sentences on what has happened since the last tare that may have moved the zero."""
+        time_ns, memory_s = self.tracker.end_ns, self._memory_s
+        doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
+        jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
+        return self._said + jumps
 
     def add_temperature(
         self,
@@ -171,46 +171,25 @@ class Compensator:
         passed where that of the stamps was. SettingsError without such a thermometer.
         """
         if not 0 <= thermometer < self.thermometers:
-            raise SettingsError(
-                f'Thermometers are counted from 0 to {self.thermometers - 1}; got {thermometer}.'
-            )
-        had_drift, spikes = self.compensating, self.tracker.spikes[thermometer]
-        jumps, off_k = spikes.jumps, spikes.stayed_k
+            last = self.thermometers - 1
+            raise SettingsError(f'Thermometers are counted from 0 to {last}; got {thermometer}.')
+        had_drift = self.compensating
         cells = self.tracker.add(Sample(thermometer, stamp_ns, temperature_c, arrival_ns))
-        name = f'thermometer {thermometer + 1}'
-        if spikes.jumps > jumps:
-            self._withdraw_doubt(f'{name} jumped by ')
-            memory_s = 0.0 if self.model is None else longest_gap_s(self.model)
-            self._forgotten_ns[thermometer] = stamp_ns + round(memory_s * NANOSECONDS)
-            if spikes.stayed_k:
-                # It acts for as long as it lasts, whatever the model remembers.
-                self.doubt_zero(
-                    f'{name} jumped by {spikes.stayed_k:.1f} K and stayed there; is it loose? '
-                    'Mend it, or tare where it is to stay so'
-                )
-            elif off_k and memory_s:
-                self.doubt_zero(
-                    f'{name} was off by {off_k:.1f} K until it jumped back; the model remembers '
-                    f'that for {memory_s / 60:.0f} min'
-                )
-        elif stamp_ns >= self._forgotten_ns.get(thermometer, stamp_ns + 1):
-            del self._forgotten_ns[thermometer]
-            self._withdraw_doubt(f'{name} was off by ')
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
-        if self._tare_waits:
-            if self._tared_ns is not None:
-                late_s = (stamp_ns - self._tared_ns) / NANOSECONDS
-                if late_s > LATE_TEMPERATURE_S:
-                    self.doubt_zero(
-                        f'the tare was taken {late_s:.0f} s before the temperatures came, and '
-                        'holds what drifted since; call ~/tare'
-                    )
-            self._settle(target, self._reading(keep_output_of or (stamp_ns, _UNLOADED)))
+        since_ns, self._waits_since_ns = self._waits_since_ns, None
+        if since_ns is not None:
+            late_s = (stamp_ns - since_ns) / NANOSECONDS
+            if late_s > _LATE_TEMPERATURE_S:
+                self.doubt_zero(
+                    f'the tare was taken {late_s:.0f} s before the temperatures came, and holds '
+                    'what drifted since; call ~/tare'
+                )
+            unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
+            self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
             self._settle(target, None)
-        self._tare_waits, self._tared_ns = False, None
         self._begun, self._begun_ns = self.compensation_at(stamp_ns), stamp_ns
         # The ramp lasts a cell, or until a thermometer that reports seldom does so again.
         grid = self.tracker.grid
@@ -258,10 +237,13 @@ class Compensator:
         """
         if model is not None:
             check_fits(model, self.thermometers)
-        reading = self._reading(keep_output_of)
         self.tracker.use(model)
-        self._tare_waits = reading is not None and not self.compensating
-        self._settle(self.limits.saturate(self.tracker.drift), reading)
+        self._memory_s = 0.0 if model is None else longest_gap_s(model)
+        if keep_output_of is None or self.compensating:
+            self._waits_since_ns = None
+        elif self._waits_since_ns is None:
+            self._waits_since_ns = math.inf
+        self._settle(self.limits.saturate(self.tracker.drift), keep_output_of)
 
     def set_tare(
         self, raw: FloatArray, stamp_ns: int, weight: FloatArray | None = None
@@ -278,32 +260,30 @@ class Compensator:
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
         self._forget_doubts()
-        self._tare_waits = not self.compensating or self.tracker.awaiting_gap
-        self._tared_ns = stamp_ns if self._tare_waits else None
-        for thermometer, until_ns in self._forgotten_ns.items():
-            self.doubt_zero(
-                f'the tare was taken while the model remembers that thermometer {thermometer + 1} '
-                f'jumped; tare again in {(until_ns - stamp_ns) / NANOSECONDS / 60:.0f} min'
-            )
+        has_drift = self.compensating and self.tracker.awaited is None
+        self._waits_since_ns = None if has_drift else stamp_ns
+        for j, spikes in enumerate(self.tracker.spikes, start=1):
+            if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
+                self.doubt_zero(
+                    f'the tare was taken while the model remembers that thermometer {j} jumped; '
+                    f'tare again in {wait_s / 60:.0f} min'
+                )
         self._refresh_correction()
         return self.tare
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
-        if why not in self.zero_doubts:
-            self.zero_doubts.append(why)
-
-    def _withdraw_doubt(self, beginning: str) -> None:
-        self.zero_doubts[:] = [d for d in self.zero_doubts if not d.startswith(beginning)]
+        if why not in self._said:
+            self._said.append(why)
 
     def _forget_doubts(self) -> None:
-        self.zero_doubts.clear()
+        self._said.clear()
         for spikes in self.tracker.spikes:
-            spikes.jumped_k = 0.0
+            spikes.jumped_k = spikes.off_k = 0.0
 
     def reset_tare(self) -> None:
         """Forget both tares."""
-        self._tare_waits = False
+        self._waits_since_ns = None
         self._forget_doubts()
         self.restore_tare(np.zeros(len(AXES)), np.zeros(len(AXES)))
 
@@ -318,7 +298,8 @@ class Compensator:
         """
         self.tare, self.external_tare = tare, external
         self.tared = bool(tare.any() or external.any())
-        self._tare_waits |= before_drift
+        if before_drift:
+            self._waits_since_ns = math.inf
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:
@@ -330,27 +311,15 @@ class Compensator:
         self.tracker.resume(memory, by_clock_s)
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
-    def seldom_reports(self) -> dict[int, tuple[float, FloatArray]]:
-        """
-        List the thermometers that report more seldom than each thermal cell, counted from 0.
-
-        Gives how far their reports are apart, s, and how far the drift that is subtracted may be
-        behind, N and N m, (6,): as far as its last report moved it.
-        """
-        grid = self.tracker.grid
-        return {
-            j: (grid.spacing(j) * grid.period_ns / NANOSECONDS, move)
-            for j, move in self._moves.items()
-            if grid.spacing(j) > 1
-        }
-
     def seldom_doubts(self) -> list[str]:
         """Say whose seldom reports leave more of the drift than the model does."""
-        sentences, deviation = [], {} if self.model is None else self.model.deviation
-        for j, (spacing_s, behind) in self.seldom_reports().items():
+        sentences, grid = [], self.tracker.grid
+        deviation = {} if self.model is None else self.model.deviation
+        for j, behind in self._moves.items():
             excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
             worst = int(np.argmax(excess / axis_limits(1.0)))
-            if excess[worst] > 0:
+            if grid.spacing(j) > 1 and excess[worst] > 0:
+                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
                 sentences.append(
                     f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
                     f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '
@@ -363,25 +332,20 @@ class Compensator:
         share = (stamp_ns - self._begun_ns) / self._ramp_ns
         return 0.0 if share < 0.0 else min(share, 1.0)
 
-    def _reading(self, wrench: Wrench | None) -> _Reading | None:
-        """Correct a wrench; numbers that are not finite count as unloaded."""
-        if wrench is None:
-            return None
-        stamp_ns, raw = wrench
-        finite = np.where(np.isfinite(raw), raw, self.compensation_at(stamp_ns).zero + self.tare)
-        external = self.correct(stamp_ns, finite.tolist(), external=True)
-        return finite, np.array(self.correct(stamp_ns, finite.tolist())), np.array(external)
-
-    def _settle(self, target: Drift, reading: _Reading | None) -> None:
-        """Jump to a drift; the tares take up the jump of the reading."""
+    def _settle(self, target: Drift, keep_output_of: Wrench | None) -> None:
+        """Jump to a drift; the tares take up the jump of a wrench; unloaded where it is NaN."""
+        if keep_output_of is not None:
+            stamp_ns, raw = keep_output_of
+            before = self.compensation_at(stamp_ns)
+            gain = (1.0 + target.sensitivity) / (1.0 + before.sensitivity)
+            finite = np.where(np.isfinite(raw), raw, before.zero + self.tare)
+            self.tare, self.external_tare = (
+                finite - target.zero - gain * (finite - before.zero - tare)
+                for tare in (self.tare, self.external_tare)
+            )
         self.compensation = self._begun = target
         self.limits.too_fast, self._end_ns = (), 0
         self._moves.clear()
-        if reading is not None:
-            raw, *corrected = reading
-            self.tare, self.external_tare = (
-                raw - target.zero - (1.0 + target.sensitivity) * wrench for wrench in corrected
-            )
         self._refresh_correction()
 
     def _refresh_correction(self) -> None:

@@ -10,7 +10,8 @@ from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
-    longest_gap_cells,
+    longest_gap_s,
+    MOST_GAP_S,
     ThermalMemory,
     why_forgotten,
 )
@@ -29,9 +30,7 @@ _STARTS_ANEW = 'so the drift starts at the steady state of the present temperatu
 class DriftTracker:
     """Follows the temperatures with a model, cell by cell; a model brings its own period."""
 
-    def __init__(
-        self, thermometers: int, period_ns: int, patience_s: float, history_s: float
-    ) -> None:
+    def __init__(self, thermometers: int, period_ns: int, patience_s: float) -> None:
         self.model: DriftModel | None = None
         #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
         self.temperature_c: FloatArray | None = None
@@ -50,13 +49,12 @@ class DriftTracker:
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
         #: What is known of the thermometers; None where the model does not predict them.
         self.thermometers: ThermometerState | None = None
-        self._count, self._patience_s, self._history_s = thermometers, patience_s, history_s
-        #: After the newest cell that was run.
-        self._state: DriftState | None = None
-        #: For how many cells each thermometer has been silent.
-        self._silent = (0,) * thermometers
-        #: Memory to continue from at the first cell, and its age by the system's clock, s.
-        self._awaited: tuple[ThermalMemory, float] | None = None
+        self._count, self._patience_s = thermometers, patience_s
+        #: After the newest cell that was run; None before there are a model and a temperature.
+        self.state: DriftState | None = None
+        #: Memory to continue from at the first cell, and its age by the system's clock, s; None
+        #: when that has come, or where no other stream was before.
+        self.awaited: tuple[ThermalMemory, float] | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -69,27 +67,10 @@ class DriftTracker:
         self._start_c: FloatArray = self.history_c
 
     @property
-    def _longest_gap_s(self) -> float:
-        """Longest gap, s, in whole cells, after which the drift goes on from its state."""
-        period_ns = self.grid.period_ns
-        return longest_gap_cells(self.model, period_ns) * period_ns / NANOSECONDS
-
-    @property
-    def following(self) -> bool:
-        """Whether there is a model and its thermal state has started."""
-        return self._state is not None
-
-    @property
-    def awaiting_gap(self) -> bool:
-        """Whether a restarted stream still waits for the first temperatures after its gap."""
-        return self._awaited is not None
-
-    @property
     def replaced(self) -> list[int]:
         """Which thermometers are replaced by their predictions, counted from 0."""
-        if self.thermometers is None:
-            return []
-        return [int(j) for j in np.flatnonzero(self.thermometers.replaced)]
+        state = self.thermometers
+        return [] if state is None else np.flatnonzero(state.replaced).tolist()
 
     @property
     def thermometer_doubts(self) -> list[str]:
@@ -102,11 +83,6 @@ class DriftTracker:
             'plugs or topics exchanged? The drift is wrong until that is mended'
             for i, j in thermometer_faults.exchanged(model.prediction, state)
         ]
-
-    @property
-    def remembered_jumps_k(self) -> list[float]:
-        """How far each thermometer has jumped and stayed since the last tare, K; else 0."""
-        return [spikes.stayed_k for spikes in self.spikes]
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""
@@ -121,8 +97,8 @@ class DriftTracker:
                 continue
             if spikes.wrong_starts > wrong_starts:
                 self._forget()
-                self.grid.begin_at(at_ns // self.grid.period_ns)
-                if self.following:
+                self.grid.hold_before(at_ns // self.grid.period_ns)
+                if self.state is not None:
                     self.forgot = True
                     self.origin = (
                         f'the first readings of thermometer {source + 1}, such as '
@@ -145,53 +121,41 @@ class DriftTracker:
                 self._next += cells
                 self.end_ns += cells * period_ns
                 cell = self._next
-            if self.following:
-                leapt_s, passed_s = (leap.to_ns - leap.from_ns) / 1e9, leap.passed_ns / 1e9
-                self.origin = (
-                    f'stamps of the temperatures leapt by {leapt_s:.0f} s while {passed_s:.0f} s '
-                    'passed: their clock was set, and the drift goes on'
-                )
         self.grid.move_to(cell)
 
     def _take(self, cell: ThermalCell) -> None:
         """Take a cell, and those of the gap before it."""
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
-        if gap or self._awaited:
+        if gap or self.awaited:
             self._cross(gap)
-        believed_c, before_c = cell.temperature_c, self.temperature_c
-        if self._next is None or before_c is None:  # there is nothing before it
-            gap, before_c = 0, believed_c
-        gap = max(gap, 0)
+        gap = 0 if self._next is None else max(gap, 0)
+        believed_c = cell.temperature_c
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
                 state = thermometer_faults.start(prediction, believed_c, state)
             self.thermometers = thermometer_faults.step(
-                prediction, state, believed_c, np.array(cell.measured), period_s, gap * period_s
+                prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             believed_c = self.thermometers.believed_c
         line_c = believed_c[np.newaxis]
-        if gap:
-            line_c = np.linspace(before_c, believed_c, gap + 2)[1:].astype(float)
-        self._remember(line_c)
+        if gap and self.temperature_c is not None:
+            line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
+        most = max(round(MOST_GAP_S / period_s), 1)
+        self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
             self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
-        self._silent, self._next = cell.silent, cell.number + 1
+        self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
-
-    def _remember(self, line_c: FloatArray) -> None:
-        """Add cells, °C, (n, J), to the history, and drop the oldest."""
-        most = max(round(self._history_s * NANOSECONDS / self.grid.period_ns), 1)
-        self.history_c = np.concatenate((self.history_c, line_c))[-most:]
 
     def _cross(self, gap: int) -> None:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
         gap_s = gap * self.grid.period_ns / NANOSECONDS
-        memory, by_clock_s = self._awaited or (None, 0.0)
-        self._awaited = None
-        problem = why_forgotten(gap_s, self._longest_gap_s, by_clock_s)
+        memory, by_clock_s = self.awaited or (None, 0.0)
+        self.awaited = None
+        problem = why_forgotten(gap_s, longest_gap_s(self.model), by_clock_s)
         if problem:
             self._forget()
         if self.model is None or (0 <= gap_s < _REPORTED_GAP_S and not memory):
@@ -206,44 +170,42 @@ class DriftTracker:
         """Run the model through cells, °C, (n, J); the six hours of an outage take it 0.1 s."""
         if self.origin == _NOT_YET:
             self.origin = 'the drift started at the steady state of the first temperatures'
-        if self._state is None or len(self._start_c) < model.start_cells:
+        if self.state is None or len(self._start_c) < model.start_cells:
             # The start is run again with every cell of it, from the mean of those that have come.
             cells_c = np.concatenate((self._start_c, cells_c))
             self._start_c = cells_c[: model.start_cells]
-            self._state = drift_model.at_rest(model, self._start_c)
-        self._state, drift = drift_model.run(model, self._state, cells_c, last_only=True)
+            self.state = drift_model.at_rest(model, self._start_c)
+        self.state, drift = drift_model.run(model, self.state, cells_c, last_only=True)
         self.drift = Drift(drift.zero[0], drift.sensitivity[0])
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            rejected = self.grid.rejected
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
-            self.grid.rejected = rejected
             self._forget()
-        before, self.thermometers = self.thermometers, None
-        self.model, self._state, self._awaited = model, None, None
+        self.model, self.state, self.awaited = model, None, None
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
-        if model is None or not len(self.history_c):
-            return
-        self._run(model, self.history_c)
-        self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
-        if before is not None and (prediction := model.prediction) is not None:
-            self.thermometers = before
-            if len(prediction.time_constants_s) != len(before.relaxed_c):
-                self.thermometers = thermometer_faults.start(prediction, before.reading_c, before)
+        if model is not None and len(self.history_c):
+            self._run(model, self.history_c)
+            self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
+        before, prediction = self.thermometers, None if model is None else model.prediction
+        if prediction is None:
+            self.thermometers = None
+        elif before is not None and len(prediction.time_constants_s) != len(before.relaxed_c):
+            self.thermometers = thermometer_faults.start(prediction, before.reading_c, before)
 
     def memory(self, compensation: Drift) -> ThermalMemory | None:
         """Give what a restarted stream needs to continue; None before there is a state."""
-        if self._awaited is not None:
-            return self._awaited[0]
-        if self._state is None or self.reading_c is None:
+        if self.awaited is not None:
+            return self.awaited[0]
+        if self.state is None or self.reading_c is None:
             return None
+        period_ns = self.grid.period_ns
         return ThermalMemory(
-            self.end_ns, self.grid.period_ns, self.reading_c, self._silent, self._state,
-            compensation, self._start_c, blocks_of(self.history_c, self.grid.period_ns),
+            self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
+            self.state, compensation, self._start_c, blocks_of(self.history_c, period_ns),
             self.thermometers)  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
@@ -256,11 +218,11 @@ class DriftTracker:
         """
         if self.model is None:
             return
-        self._awaited = memory, by_clock_s
+        self.awaited = memory, by_clock_s
         self.clocks.expect(memory.end_ns)
-        for temperature_c, count in memory.history:
-            self._remember(np.tile(temperature_c, (count, 1)))
-        self._next, self._silent = memory.end_ns // memory.period_ns, memory.silent
+        blocks = [np.tile(temperature_c, (cells, 1)) for temperature_c, cells in memory.history]
+        self.history_c = np.concatenate((self.history_c, *blocks))
+        self._next = memory.end_ns // memory.period_ns
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
         for spikes, value_c, cells in zip(
             self.spikes, memory.temperature_c.tolist(), memory.silent, strict=True
@@ -271,6 +233,6 @@ class DriftTracker:
         if self.thermometers is not None:
             self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
-        self._state, self.drift = memory.filters, memory.compensation
-        problem = why_forgotten(max(by_clock_s, 0.0), self._longest_gap_s, by_clock_s)
+        self.state, self.drift = memory.filters, memory.compensation
+        problem = why_forgotten(max(by_clock_s, 0.0), longest_gap_s(self.model))
         self.origin, self.forgot = f'{problem}; {_HELD}' if problem else _HELD, bool(problem)

@@ -14,7 +14,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_faults
-from wrist_ft_comp.stream.thermal_memory import longest_gap_cells, reporting_cells
+from wrist_ft_comp.stream.thermal_memory import longest_gap_s, reporting_cells
 from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
 
@@ -39,12 +39,11 @@ def simulate_drift(
     """
     if recording.thermometers != model.thermometers:
         absent = temperature_channel(recording.thermometers)
-        empty = [warning for warning in recording.warnings if warning.startswith(absent)]
+        empty = [f' {warning}' for warning in recording.warnings if warning.startswith(absent)]
         raise RecordingError(
-            f'{recording.name} has {recording.thermometers} '
-            f'thermometer{"s" * (recording.thermometers > 1)}, the model expects '
-            f'{model.thermometers}.{"".join(f" {warning}" for warning in empty)} Name the '
-            'topics, or keep the columns, that it was calibrated with.'
+            f'{recording.name} has {recording.thermometers} thermometers, the model expects '
+            f'{model.thermometers}.{"".join(empty)} Name the topics, or keep the columns, that it '
+            'was calibrated with.'
         )
     if recording.period_ns != model.period_ns:
         raise RecordingError(
@@ -64,8 +63,8 @@ def simulate_drift(
     if believed_c:
         columns, every = np.stack(believed_c, axis=1), np.arange(len(measured))
         temperature_c = np.stack([np.interp(every, cells, column) for column in columns], axis=1)
-    longest = longest_gap_cells(model, model.period_ns)
-    soaked = cells[1:][np.diff(cells) > longest + 1].tolist()
+    longest = longest_gap_s(model) * NANOSECONDS / model.period_ns
+    soaked = cells[1:][np.diff(cells) - 1 > longest].tolist()
     parts = [
         run_from_rest(model, temperature_c[begin:end])[1]
         for begin, end in pairwise([0, *soaked, len(measured)])
@@ -97,7 +96,7 @@ def judge(
     if prediction is None or not _stands_still(temperature_c, still_cells):
         return
     cells = reporting_cells(measured, model.period_ns)
-    longest = longest_gap_cells(model, model.period_ns)
+    longest = longest_gap_s(model) * NANOSECONDS / model.period_ns
     state, last = thermometer_faults.start(prediction, temperature_c[cells[0]]), int(cells[0]) - 1
     for cell in cells.tolist():
         reading_c, missing = temperature_c[cell], cell - last - 1

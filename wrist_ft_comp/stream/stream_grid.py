@@ -21,16 +21,16 @@ from wrist_ft_comp.channels import (
     ROTATION_CHANNEL,
     temperature_channel,
 )
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import BoolArray, FloatArray
 from wrist_ft_comp.stream.thermal_memory import outage_cells
 
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
 #: a report that is missing, makes none seldom.
 _REPORTS = 3
-#: Channels of a row; SPEED is averaged as its square.
-RAW, REFERENCE, FORCE, SPEED, TEMPERATURE = range(5)
+#: First columns of what is averaged; the square of the speed of rotation is beside the force.
+RAW, REFERENCE, FORCE, TEMPERATURE = 0, 6, 12, 16
 #: A row waits for each of them for this many cells: a thermometer may be read every five minutes.
-_PATIENCE_CELLS = (50, 50, 50, 50, 600)
+_PATIENCE_CELLS = {RAW: 50, REFERENCE: 50, FORCE: 50, TEMPERATURE: 600}
 
 #: Stamp of a cell's middle, ns, and values in the order of row_channels.
 Row = tuple[int, list[float]]
@@ -44,13 +44,8 @@ class ThermalCell:
     number: int
     #: Mean or held temperatures, °C, shape (J,).
     temperature_c: FloatArray
-    #: For how many cells, up to this one, each thermometer had no sample, shape (J,).
-    silent: tuple[int, ...]
-
-    @property
-    def measured(self) -> tuple[bool, ...]:
-        """Which thermometers had a sample of their own."""
-        return tuple(cells == 0 for cells in self.silent)
+    #: Which thermometers had a sample of their own, shape (J,).
+    measured: BoolArray
 
 
 class ThermalGrid:
@@ -67,59 +62,49 @@ class ThermalGrid:
         #: The mean of the last cell of each, °C, and that cell.
         self._held_c: list[float] = [nan] * thermometers
         self._held_from = [0] * thermometers
-        self._begin()
+        self._begin_anew()
 
-    def _begin(self) -> None:
+    def _begin_anew(self) -> None:
         """Wait for all thermometers; the last values stay held."""
-        #: The first and the newest cell of each since the beginning, or an outage of all.
-        self._first: dict[int, int] = {}
+        #: The newest cell of each.
         self._newest: dict[int, int] = {}
-        self._outage = False
-        #: The cell that is emitted next; None before the first.
-        self._next: int | None = None
-        #: No cell before this one is emitted.
-        self._earliest: int | None = None
+        #: While all are waited for, at the beginning and after an outage: the first cell of each.
+        self._first: dict[int, int] | None = {}
+        #: No cell before this one is emitted any more.
+        self._next: float = -inf
         #: Sums and counts of each thermometer, by cell.
         self._open: dict[int, tuple[list[float], list[int]]] = {}
 
     def go_on(self, cell: int, held_c: Sequence[float], silent: Sequence[int]) -> None:
         """Continue at a cell, with J held temperatures, °C, and the cells since their samples."""
-        self._begin()
-        self._next, self._held_c = cell, list(held_c)
+        self._begin_anew()
+        self._next, self._first, self._held_c = cell, None, list(held_c)
         self._held_from = [cell - 1 - cells for cells in silent]
-        self._first = dict.fromkeys(range(self._thermometers), cell - 1)
-        self._newest = dict(self._first)
+        self._newest = dict.fromkeys(range(self._thermometers), cell - 1)
 
     def move_to(self, cell: int) -> None:
         """Continue at a cell of another time, whatever was open."""
-        if self._next is None or any(map(isnan, self._held_c)):
-            self._begin()
+        if any(map(isnan, self._held_c)):
+            self._begin_anew()
         else:
-            self.go_on(cell, self._held_c, self._silent(self._next))
-
-    def begin_at(self, cell: int) -> None:
-        """Emit no cell before this one."""
-        self._hold_before(cell)
-        if self._next is not None:
-            self._next = cell
+            self.go_on(cell, self._held_c, self.silent(int(self._next)))
 
     def add(self, thermometer: int, stamp_ns: int, temperature_c: float) -> list[ThermalCell]:
         """Take a sample of a thermometer, from 0; give the cells that it completed."""
         cell, done = stamp_ns // self.period_ns, list[ThermalCell]()
-        if self._next is not None:
+        if len(self._newest) == self._thermometers:  # all have reported
             if cell < self._next:
                 self.rejected += 1
                 return []
             if cell > max(self._newest.values()) + self._patience:
-                done = self._complete(cell)
-                self._first, self._outage = {}, True
+                done, self._first = self._complete(cell), {}
         if (spacing := cell - self._newest.get(thermometer, cell)) > 0:
             self._spacings[thermometer].append(spacing)
         self._newest[thermometer] = cell
-        self._first.setdefault(thermometer, cell)
-        if cell not in self._open:
-            self._open[cell] = [0.0] * self._thermometers, [0] * self._thermometers
-        sums, counts = self._open[cell]
+        if self._first is not None:
+            self._first.setdefault(thermometer, cell)
+        none = [0.0] * self._thermometers, [0] * self._thermometers
+        sums, counts = self._open.setdefault(cell, none)
         sums[thermometer] += temperature_c
         counts[thermometer] += 1
         return done + self._complete(cell)
@@ -133,43 +118,39 @@ class ThermalGrid:
         """Emit all cells that no sample can be expected for any more, now that one is newest."""
         overdue = max(*self._newest.values(), newest) - self._patience
         if len(self._newest) < self._thermometers:
-            # One never reported: what is older than the patience is only held, not kept.
-            self._hold_before(overdue)
+            # What is older than the patience is only held, not kept.
+            self.hold_before(overdue)
             return []
-        first = self._first.values()
-        if self._next is None:
-            # As in a batch: begin with the first cell by whose end all have reported.
-            self._next = max(first)
-            if self._earliest is not None:
-                self._next = max(self._next, self._earliest)
-            self._hold_before(self._next)
-        if self._outage:
-            # Go on as at the beginning, but wait for none for longer than the patience.
+        if self._first is not None:
+            first = self._first.values()
             if len(first) < self._thermometers and overdue <= min(first):
                 return []
-            self._outage = False
-            self._hold_before(max(f for f in first if f <= min(first) + self._patience))
-        done = []
+            # As in a batch: go on with the first cell by whose end all have reported. One that
+            # has a value is waited for no longer than the patience.
+            waits = any(map(isnan, self._held_c))
+            latest = max(first) if waits else min(first) + self._patience
+            self.hold_before(max(cell for cell in first if cell <= latest))
+            self._first = None
         # Of one that reports seldom, a cell has one sample only: no other is waited for.
         heard = (at + (self.spacing(j) > 1) for j, at in self._newest.items())
-        end = max(min(heard), overdue)
+        end, done = max(min(heard), overdue), []
         for cell in sorted(cell for cell in self._open if cell < end):
-            self._hold_before(cell + 1)
-            done.append(ThermalCell(cell, np.array(self._held_c), self._silent(cell + 1)))
-            self._next = cell + 1
+            self.hold_before(cell + 1)
+            measured = np.array(self._held_from) == cell
+            done.append(ThermalCell(cell, np.array(self._held_c), measured))
         return done
 
-    def _hold_before(self, end: int) -> None:
-        """Make the means of the open cells before an end the held values."""
-        self._earliest = end
-        for cell in sorted(cell for cell in self._open if cell < end):
+    def hold_before(self, end: int) -> None:
+        """Emit no cell before an end; the means of those that are open are held."""
+        self._next = max(self._next, end)
+        for cell in sorted(cell for cell in self._open if cell < self._next):
             for j, (total_c, count) in enumerate(zip(*self._open.pop(cell), strict=True)):
                 if count:
                     self._held_c[j], self._held_from[j] = total_c / count, cell
 
-    def _silent(self, end: int) -> tuple[int, ...]:
-        """Count the cells before an end since each held value was measured."""
-        return tuple(end - 1 - cell for cell in self._held_from)
+    def silent(self, end: int) -> tuple[int, ...]:
+        """Count the cells before an end since each held value was measured, (J,)."""
+        return tuple(max(end - 1 - cell, 0) for cell in self._held_from)
 
 
 def row_channels(thermometers: int, *, with_force: bool = False) -> tuple[str, ...]:
@@ -189,41 +170,32 @@ class CellAverager:
 
     def __init__(self, period_ns: int, thermometers: int, *, with_force: bool = False) -> None:
         self._period_ns, self._with_force = period_ns, with_force
-        self._widths = (len(AXES), len(REFERENCE_CHANNELS), len(FORCE_CHANNELS), 1, thermometers)
-        #: By cell: of each channel, the count and the sums; temperatures come as means.
-        self._cells: dict[int, list[list[float]]] = {}
-        #: By channel, its newest cell, to which more may come; of temperatures, the one after it.
+        self._width = TEMPERATURE + thermometers
+        #: Sums and counts by cell, in columns from RAW, REFERENCE, FORCE and TEMPERATURE on.
+        self._cells: dict[int, tuple[list[float], list[int]]] = {}
+        #: Newest cell by first column, to which more may come; of temperatures, the one after it.
         self._latest: dict[int, int] = {}
         #: Cells before it have their row; their samples come too late, unless time ran back.
         self._begin = -inf
 
-    def add_raw(self, stamp_ns: int, wrench: Sequence[float]) -> None:
-        """Take a raw wrench, N and N m, axis order AXES."""
-        self._add(RAW, stamp_ns, wrench)
-
-    def add_reference(self, stamp_ns: int, wrench: Sequence[float]) -> None:
-        """Take a reference wrench, N and N m, axis order AXES."""
-        self._add(REFERENCE, stamp_ns, wrench)
-
     def add_force(self, stamp_ns: int, force: Sequence[float], speed: float | None) -> None:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
-        self._add(FORCE, stamp_ns, force)
-        if speed is not None:
-            self._sum(SPEED, stamp_ns // self._period_ns, (speed * speed,))
+        self.add(FORCE, stamp_ns, force if speed is None else (*force, speed * speed))
 
-    def _add(self, channel: int, stamp_ns: int, values: Sequence[float]) -> None:
+    def add(self, column: int, stamp_ns: int, values: Sequence[float]) -> None:
+        """Take a RAW or a REFERENCE wrench, N and N m, axis order AXES."""
         cell = stamp_ns // self._period_ns
-        self._latest[channel] = cell
+        self._latest[column] = cell
         self._latest.setdefault(TEMPERATURE, cell)  # they are waited for from the beginning
-        self._sum(channel, cell, values)
+        self._sum(cell, column, values)
 
-    def _sum(self, channel: int, cell: int, values: Sequence[float]) -> None:
+    def _sum(self, cell: int, column: int, values: Sequence[float]) -> None:
         if cell not in self._cells:
-            self._cells[cell] = [[0.0] * (1 + width) for width in self._widths]
-        sums = self._cells[cell][channel]
-        sums[0] += 1.0
-        for i, value in enumerate(values, start=1):
+            self._cells[cell] = [0.0] * self._width, [0] * self._width
+        sums, counts = self._cells[cell]
+        for i, value in enumerate(values, column):
             sums[i] += value
+            counts[i] += 1
 
     def add_cells(self, completed: Sequence[ThermalCell]) -> None:
         """Take cells whose temperatures are complete; held values are not written as measured."""
@@ -231,47 +203,46 @@ class CellAverager:
             end = cell.number + 1
             if end < self._latest.get(TEMPERATURE, end):  # time ran back: what waits is of before
                 self._cells = {at: sums for at, sums in self._cells.items() if at < self._begin}
-                for channel, latest in self._latest.items():
-                    self._latest[channel] = min(latest, cell.number)
+                for column, latest in self._latest.items():
+                    self._latest[column] = min(latest, cell.number)
                 self._begin = cell.number
             self._latest[TEMPERATURE] = end
             self._cells = {
-                at: sums for at, sums in self._cells.items() if at >= self._begin or sums[-1][0]
+                at: (sums, counts)
+                for at, (sums, counts) in self._cells.items()
+                if at >= self._begin or any(counts[TEMPERATURE:])
             }
-            self._sum(TEMPERATURE, cell.number, ())
-            self._cells[cell.number][TEMPERATURE][1:] = [
-                float(value_c) if measured else nan
-                for value_c, measured in zip(cell.temperature_c, cell.measured, strict=True)
-            ]
+            for j in np.flatnonzero(cell.measured).tolist():
+                self._sum(cell.number, TEMPERATURE + j, cell.temperature_c[j : j + 1].tolist())
 
     def rows(self, *, final: bool = False) -> list[Row]:
         """Take rows that are complete or overdue; all, when nothing more comes."""
         if not self._latest:
             return []
-        # What makes no row and is far from the newest cells is of another clock.
         heard = self._latest[TEMPERATURE]
-        now = max(self._latest.get(RAW, heard), heard)
-        waiting = {cell for cell, sums in self._cells.items() if sums[RAW][0] or sums[-1][0]}
+        now, near = max(self._latest.get(RAW, heard), heard), _PATIENCE_CELLS[RAW]
+        # What makes no row and is far from the newest cells is of another clock.
         self._cells = {
-            cell: sums
-            for cell, sums in self._cells.items()
-            if cell in waiting or abs(cell - now) <= _PATIENCE_CELLS[RAW]
+            cell: (sums, counts)
+            for cell, (sums, counts) in self._cells.items()
+            if counts[RAW] or any(counts[TEMPERATURE:]) or abs(cell - now) <= near
         }
-        overdue = [now + 1 - patience for patience in _PATIENCE_CELLS]
-        end = min(max(at, overdue[channel]) for channel, at in self._latest.items())
+        overdue = {column: now + 1 - cells for column, cells in _PATIENCE_CELLS.items()}
+        end = min(max(at, overdue[column]) for column, at in self._latest.items())
         if final:
             end = heard if heard > overdue[TEMPERATURE] else now + 1
         rows = []
-        for cell in sorted(waiting):
+        for cell, (sums, counts) in sorted(self._cells.items()):
             # The last temperature before a silence comes after it, and makes a row of its own.
-            if cell >= end or (cell < self._begin and not self._cells[cell][TEMPERATURE][0]):
+            is_row = any(counts[TEMPERATURE:]) or (counts[RAW] and cell >= self._begin)
+            if cell >= end or not is_row:
                 continue
+            del self._cells[cell]
             self._begin = max(self._begin, cell + 1)
-            raw, reference, force, (square,), temperatures_c = (
-                [value / count if count else nan for value in sums]
-                for count, *sums in self._cells.pop(cell)
-            )
-            motion = [*force, sqrt(square)] if self._with_force else []
-            stamp_ns = cell * self._period_ns + self._period_ns // 2
-            rows.append((stamp_ns, [*raw, *reference, *temperatures_c, *motion]))
+            means = [total / n if n else nan for total, n in zip(sums, counts, strict=True)]
+            *force, square = means[FORCE:TEMPERATURE]
+            values = means[:FORCE] + means[TEMPERATURE:]
+            if self._with_force:
+                values += [*force, sqrt(square)]
+            rows.append((cell * self._period_ns + self._period_ns // 2, values))
         return rows

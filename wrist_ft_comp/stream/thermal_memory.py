@@ -16,10 +16,9 @@ ended, and holds the drift until then. A restart is a gap like any other: the se
 hour of temperatures, and a restart takes seconds.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 TIME_CONSTANTS = 3.0
 #: Shortest memory that is assumed of a model, s.
 LEAST_GAP_S = 60.0
-#: Longest memory that is assumed, s; the stream keeps as many cells.
+#: Longest memory that is assumed, s; the stream keeps the temperatures of that time.
 MOST_GAP_S = 6 * 3600.0
 #: All thermometers were out when none reported for longer, s; and after an outage one is waited
 #: for as long. It is the default of temperature_timeout, which the stream uses.
@@ -43,23 +42,18 @@ OUTAGE_S = 5.0
 SPAN_S = 60.0
 
 
-def slowest_time_constant_s(model: DriftModel) -> float:
-    """Find the time, s, after which a model has forgotten all but 1/e: τ = -h / ln |pole|."""
-    radii = np.concatenate([[0.0], *(np.abs(axis.poles) for axis in model.axes.values())])
+def longest_gap_s(model: DriftModel | None) -> float:
+    """
+    Compute the longest gap, s, after which a model may continue from its state; None keeps most.
+
+    It is three of the slowest time constants, τ = -h / ln |pole|, within bounds.
+    """
+    if model is None:
+        return MOST_GAP_S
+    radius = max((np.abs(axis.poles).max(initial=0) for axis in model.axes.values()), default=0)
     period_s = model.period_ns / NANOSECONDS
-    return float(-period_s / np.log(radii.max())) if radii.max() > 0 else 0.0
-
-
-def longest_gap_s(model: DriftModel) -> float:
-    """Compute the longest gap, s, after which a model may continue from its state."""
-    remembered_s = min(TIME_CONSTANTS * slowest_time_constant_s(model), MOST_GAP_S)
-    return max(remembered_s, LEAST_GAP_S, model.start_s)
-
-
-def longest_gap_cells(model: DriftModel | None, period_ns: int) -> int:
-    """Compute ``longest_gap_s`` in whole cells; without a model, as many as the stream keeps."""
-    longest_s = MOST_GAP_S if model is None else longest_gap_s(model)
-    return int(longest_s * NANOSECONDS / period_ns)
+    slowest_s = -period_s / math.log(radius) if radius > 0 else 0.0
+    return max(min(TIME_CONSTANTS * slowest_s, MOST_GAP_S), LEAST_GAP_S, model.start_s)
 
 
 def outage_cells(period_ns: int, outage_s: float = OUTAGE_S) -> int:
@@ -99,14 +93,9 @@ def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> st
     """
     Say why a thermal state cannot be used after a gap, in half a sentence; empty where it can.
 
-    The gap is ``gap_s`` long by the stamps and ``by_clock_s`` by the system's clock, s, negative
-    where they ran back, 0 without such a clock. The state can be used for ``longest_s``.
+    The gap is ``gap_s`` long by the stamps, negative where they ran back, and ``by_clock_s`` by
+    the system's clock, 0 without one. The state can be used for ``longest_s``.
     """
-    if by_clock_s < -LEAP_S:
-        return (
-            f'the saved state is from {-by_clock_s:.0f} s in the future: the system clock was set '
-            'back'
-        )
     if gap_s < -LEAP_S:
         return (
             f'the thermal state is {-gap_s:.0f} s ahead of the temperatures: their stamps are of '
@@ -169,24 +158,25 @@ class ThermalMemory:
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     """Whether a memory, perhaps from a file, has the shapes of a model, so that it can be used."""
-    shape, start_c = (model.thermometers,), memory.start_c
-    rows = (memory.temperature_c, *start_c, *(mean_c for mean_c, _ in memory.history))
+    shape, start_c, reading_c = (model.thermometers,), memory.start_c, memory.temperature_c
+    rows = (reading_c, *start_c, *(mean_c for mean_c, _ in memory.history))
     if len(memory.silent) != model.thermometers or any(row.shape != shape for row in rows):
         return False
     if memory.period_ns != model.period_ns or not 0 < len(start_c) <= model.start_cells:
         return False
-    if _shapes(memory.filters) != _shapes(drift_model.start(model, memory.temperature_c)):
-        return False
-    known = None
+    thermometers = None
     if model.prediction is not None:
-        known = thermometer_faults.start(model.prediction, memory.temperature_c)
-    if _shapes(memory.thermometers) != _shapes(known):
+        thermometers = thermometer_faults.start(model.prediction, reading_c)
+    expected = _shapes(drift_model.start(model, reading_c), thermometers)
+    if _shapes(memory.filters, memory.thermometers) != expected:
         return False
     with np.errstate(all='ignore'):
-        _, drift = drift_model.step(model, memory.filters, memory.temperature_c)
+        _, drift = drift_model.step(model, memory.filters, reading_c)
     return bool(np.isfinite(drift).all())
 
 
-def _shapes(state: Mapping[str, Any] | ThermometerState | None) -> dict[str, tuple[int, ...]]:
-    arrays = vars(state) if isinstance(state, ThermometerState) else state or {}
-    return {name: np.shape(array) for name, array in arrays.items()}
+def _shapes(
+    filters: DriftState, thermometers: ThermometerState | None
+) -> dict[str, tuple[int, ...]]:
+    parts = {**filters, **(vars(thermometers) if thermometers else {})}
+    return {name: np.shape(part) for name, part in parts.items()}

@@ -63,6 +63,15 @@ def _apart(one: Reading, other: Reading) -> bool:
     return bool(jumps(other[1] - one[1], elapsed_s))
 
 
+@dataclass
+class _Run:
+    """Readings in a row that agree with each other: when they began, the last one, how many."""
+
+    begin_ns: float
+    last: Reading
+    count: int = 1
+
+
 class SpikeFilter:
     """Leaves out the readings of a thermometer that metal cannot have gone to."""
 
@@ -74,23 +83,38 @@ class SpikeFilter:
         self.strange_c = self.believed_c = math.nan
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
-        #: How often a reading that had been left out was believed, and how far the thermometer has
-        #: jumped by that since the last tare, K.
-        self.jumps, self.jumped_k = 0, 0.0
+        #: How far it has jumped since the last tare, K, by readings that were believed at last.
+        self.jumped_k = 0.0
+        #: When it jumped last, and how far it was off until then where it jumped back, K.
+        self.jumped_ns, self.off_k = -math.inf, 0.0
         #: By how much the clock of the stamps was set since the start.
         self.shift_ns = 0
-        #: The first and the last reading that were believed, and how many.
-        self._begin_ns: float = -math.inf
-        self._last: Reading | None = None
-        self._count = 0
-        #: The first and the last one left out since then, of those that agree with each other.
-        self._other_begin_ns = 0
-        self._other: Reading | None = None
+        #: Since the start, and those that were left out since the last one that was believed.
+        self._believed: _Run | None = None
+        self._other: _Run | None = None
 
     @property
     def stayed_k(self) -> float:
         """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
         return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
+
+    def remembered_s(self, now_ns: int, memory_s: float) -> float:
+        """For how long a model remembers what it read before it jumped, s; 0 if not."""
+        return max(memory_s - (now_ns - self.shift_ns - self.jumped_ns) / NANOSECONDS, 0.0)
+
+    def doubt(self, now_ns: int, memory_s: float) -> str:
+        """Say what it read since the last tare that moves the zero; empty if nothing does."""
+        if self.stayed_k:  # it acts for as long as it lasts, whatever the model remembers
+            return (
+                f'jumped by {self.stayed_k:.1f} K and stayed there; is it loose? Mend it, or tare '
+                'where it is to stay so'
+            )
+        if self.off_k and self.remembered_s(now_ns, memory_s):
+            return (
+                f'was off by {self.off_k:.1f} K until it jumped back; the model remembers that '
+                f'for {memory_s / 60:.0f} min'
+            )
+        return ''
 
     @property
     def leaves_out(self) -> bool:
@@ -99,52 +123,56 @@ class SpikeFilter:
 
     def go_on(self, stamp_ns: int, temperature_c: float) -> None:
         """Continue from a temperature that was believed before."""
-        self._begin_ns, self._other = -math.inf, None
-        self._last = stamp_ns - self.shift_ns, temperature_c
+        self._believed = _Run(-math.inf, (stamp_ns - self.shift_ns, temperature_c))
+        self._other = None
 
     def admit(self, stamp_ns: int, temperature_c: float) -> bool:
         """Take a sample; whether it counts."""
         stamp_ns -= self.shift_ns
-        sample, last, other = (stamp_ns, temperature_c), self._last, self._other
-        agrees = other is not None and not _apart(other, sample)
-        if last is None:
-            self._begin_ns, is_jump = stamp_ns, False
-        elif _apart(last, sample):
-            self._other = sample
-            if not agrees:
-                self._other_begin_ns = stamp_ns
-            if stamp_ns - self._other_begin_ns <= last[0] - self._begin_ns:
-                self.dropped += 1
-                self.first = self.first or sample
-                self.strange_c, self.believed_c = temperature_c, last[1]
-                return False
-            self.wrong_starts += 1
-            self.dropped += self._count
-            self.first = int(self._begin_ns), last[1]
-            self.strange_c, self.believed_c = last[1], temperature_c
-            is_jump = last[0] - self._begin_ns > _START_S * NANOSECONDS  # which is the wrong one?
-            self._begin_ns, self._count = self._other_begin_ns, 0
-        else:
-            is_jump = agrees
-        if last is not None and is_jump:
-            self.jumps += 1
-            self.jumped_k += temperature_c - last[1]
-        self._last, self._other = sample, None
-        self._count += 1
+        sample, believed, other = (stamp_ns, temperature_c), self._believed, self._other
+        if believed is None:
+            self._believed = _Run(stamp_ns, sample)
+            return True
+        believed_ns, believed_c = believed.last
+        agrees = other is not None and not _apart(other.last, sample)
+        if not _apart(believed.last, sample):
+            self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
+            if agrees:
+                self._jump(stamp_ns, temperature_c - believed_c)
+            return True
+        begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
+        lasted_ns = believed_ns - believed.begin_ns
+        if stamp_ns - begin_ns <= lasted_ns:
+            self._other = _Run(begin_ns, sample)
+            self.dropped += 1
+            self.first = self.first or sample
+            self.strange_c, self.believed_c = temperature_c, believed_c
+            return False
+        # Others agree for longer than all that was believed: that was the wrong one.
+        self._believed, self._other = _Run(begin_ns, sample), None
+        self.wrong_starts += 1
+        self.dropped += believed.count
+        self.first = int(believed.begin_ns), believed_c
+        self.strange_c, self.believed_c = believed_c, temperature_c
+        if lasted_ns > _START_S * NANOSECONDS:  # which of both is the wrong one?
+            self._jump(stamp_ns, temperature_c - believed_c)
         return True
+
+    def _jump(self, stamp_ns: int, by_k: float) -> None:
+        before_k = self.stayed_k
+        self.jumped_k += by_k
+        self.jumped_ns, self.off_k = stamp_ns, 0.0 if self.stayed_k else before_k
 
     def admit_all(
         self, stamps_ns: IntArray, temperature_c: FloatArray
     ) -> tuple[IntArray, FloatArray]:
         """Take samples, (n,), as ``admit`` does; those before a new beginning are out, too."""
-        before_ns, before_c = self._last or (stamps_ns[0], temperature_c[0])
-        elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before_ns // NANOSECONDS)
-        jumped = jumps(np.diff(temperature_c, prepend=before_c), elapsed_s)
+        first, last = ((int(stamps_ns[k]), float(temperature_c[k])) for k in (0, -1))
+        before = self._believed or _Run(first[0], first, 0)
+        elapsed_s = np.diff(stamps_ns // NANOSECONDS, prepend=before.last[0] // NANOSECONDS)
+        jumped = jumps(np.diff(temperature_c, prepend=before.last[1]), elapsed_s)
         if not self.leaves_out and not jumped.any():
-            if self._last is None:
-                self._begin_ns = int(stamps_ns[0])
-            self._last = int(stamps_ns[-1]), float(temperature_c[-1])
-            self._count += len(stamps_ns)
+            self._believed = _Run(before.begin_ns, last, before.count + len(stamps_ns))
             return stamps_ns, temperature_c
         counted = np.zeros(len(stamps_ns), dtype=bool)
         for k, sample in enumerate(zip(stamps_ns.tolist(), temperature_c.tolist(), strict=True)):
