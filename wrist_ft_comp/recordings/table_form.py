@@ -173,36 +173,36 @@ def _has_unit(row: Sequence[str]) -> bool:
     return any(plain_unit(cell) in UNIT_WORDS for cell in row)
 
 
-def exact_ns(stamps: Any, form: str) -> IntArray:
+def exact_ns(texts: Any, form: str) -> IntArray:
     """
-    Convert stamps of a form: texts, or numbers of up to DIGITS digits; exact to the nanosecond.
+    Convert stamps of a form exactly to nanoseconds: texts, or numbers of up to DIGITS digits.
 
     ValueError, ArithmeticError or TypeError where one is bad.
     """
-    if form == 'ns' and getattr(stamps, 'dtype', None) == np.int64:
-        return np.asarray(stamps)
     if form == EXCEL:
-        return exact_ns(stamps, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
+        return exact_ns(texts, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
+    together = '' if isinstance(texts, np.ndarray) else ''.join(texts)
+    if ',' in together:
+        texts = [text.replace(',', '.') for text in texts]
     if unit_ns := TIME_UNITS_NS.get(form):
-        if getattr(stamps, 'dtype', None) == np.float64:
-            if not np.isfinite(stamps).all():
-                raise ValueError('a stamp is missing')
-            largest = float(np.abs(stamps).max(initial=1e-9))
-            if largest * unit_ns > np.iinfo(np.int64).max:
-                raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
-            # As whole multiples of a power of ten, all digits are kept.
-            digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
-            whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
-            if step_ns.is_integer():
-                return np.asarray(whole.astype(np.int64) * int(step_ns))
-            return np.asarray(np.rint(whole * step_ns).astype(np.int64))
-        if any('_' in stamp for stamp in stamps):
+        if '_' in together:
             raise ValueError('1_000 is no number of a table')
-        numbers = (Decimal(stamp.replace(',', '.')) * unit_ns for stamp in stamps)
-        return np.fromiter(map(round, numbers), np.int64, len(stamps))
+        if together and max(map(len, texts)) > DIGITS:
+            numbers = (Decimal(text) * unit_ns for text in texts)
+            return np.fromiter(map(round, numbers), np.int64, len(texts))
+        # A double holds all of so few digits: as whole multiples of a power of ten they are kept.
+        stamps = np.array(texts, float)
+        largest = float(np.abs(stamps).max(initial=1e-9))
+        if not largest * unit_ns <= np.iinfo(np.int64).max:
+            raise ValueError('a stamp is missing, or is beyond what 64 bits of nanoseconds hold')
+        digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
+        whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
+        if step_ns.is_integer():
+            return np.asarray(whole.astype(np.int64) * int(step_ns))
+        return np.asarray(np.rint(whole * step_ns).astype(np.int64))
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-    texts = [stamp.strip().replace(',', '.').removesuffix(' UTC') for stamp in stamps]
+    texts = [text.strip().removesuffix(' UTC') for text in texts]
     times = pandas.to_datetime(
         texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
     )
