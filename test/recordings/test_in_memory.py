@@ -97,7 +97,7 @@ def test_bad_columns_get_their_sentence(change, sentence):
 
 
 def test_a_channel_in_two_tables_is_refused():
-    with pytest.raises(RecordingError, match='table has the column force_z twice'):
+    with pytest.raises(RecordingError, match='table has force_z in two tables'):
         recording_from_columns(GOOD, {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS)})
 
 

@@ -28,7 +28,7 @@ from wrist_ft_comp.recordings.bag import (
     temperatures_inside,
     uppermost_frame,
 )
-from wrist_ft_comp.recordings.log_proposal import FAR, missing_sentence, OPEN
+from wrist_ft_comp.recordings.log_proposal import FAR, OPEN
 from wrist_ft_comp.recordings.read import (
     BAG,
     open_recording,
@@ -353,7 +353,7 @@ def _describe_table(
         columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
         topics = replace(topics, columns=columns, time=topics.time or proposal.time)
         if OPEN in columns:
-            refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
+            refusal = proposal.refusal(opened.name, opened.names, opened.lacks())
             summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
             return replace(summary, is_open=True, guessed=True, refusal=refusal), None
         opened = OpenTable(opened.tables, parse_options(topics))

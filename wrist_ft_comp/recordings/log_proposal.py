@@ -4,12 +4,12 @@ What the columns of another program's log may be: proposed by names, units and v
 A time increases; of two, one that is no row number. A temperature has its name or its unit, and
 readings that a thermometer makes. A force has its name, or it is what is left with a unit or a
 word of forces. What never changes, what counts, and texts are none of them. What cannot be told
-stays open, as in ``force_z=…``, with the columns that it could be.
+stays open, as in ``force_z=…``.
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 from math import isnan
 import re
@@ -105,56 +105,58 @@ _SMOOTH = 0.2
 _MOST_BACK = 0.05
 #: Days of a spreadsheet since 1899-12-30: from 1982 to 2118.
 _EXCEL_DAYS = 30_000, 80_000
-#: Most entries of a proposed map, and most columns that are named for one that is open.
-_MOST_ENTRIES, _MOST_CANDIDATES = 30, 12
+#: Most entries of a proposed map.
+_MOST_ENTRIES = 30
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A map of a table's columns."""
+    """A map of the columns of tables with one clock."""
 
     #: As ``--columns`` takes it; empty where nothing is missing.
     columns: str
     #: As ``--time`` takes it.
     time: str
-    #: By what is open: the columns that it could be.
-    candidates: dict[str, list[str]] = field(default_factory=dict)
 
-    def sentence(self) -> str:
-        """Say what is open, and what it could be; empty where nothing is."""
-        if OPEN not in self.columns:
-            return ''
-        could = [
-            f'{ours} could be {" or ".join(theirs)}'
-            for ours, theirs in self.candidates.items()
-            if theirs
+    @classmethod
+    def of(cls, found: Sequence[tuple[dict[str, str], str]], lacking: Sequence[str]) -> 'Proposal':
+        """Join what propose found in each table; KINDS that are lacking without it stay OPEN."""
+        times = {time for _, time in found if time}
+        entries = [
+            # Each table has its own form of times; forms of dates are found again.
+            f'{ours}={theirs}'
+            + (f':{time}' if ours == STAMP and len(times) > 1 and time in TIME_UNITS_NS else '')
+            for columns, time in found
+            for ours, theirs in columns.items()
         ]
-        sentence = f'Put the name or the number of a column in the place of {OPEN}'
-        sentence += f': {"; ".join(could)}.' if could else '.'
-        if not self.candidates.get('stamp', ['']):
+        for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
+            has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
+            if kind in lacking and not (all(has_kind) if kind == STAMP else any(has_kind)):
+                entries.append(f'{channel}={OPEN}')
+        return cls(','.join(entries), times.pop() if len(times) == 1 else '')
+
+    def refusal(self, table: str, names: Sequence[str], lacking: Sequence[str]) -> str:
+        """Say which KINDS of columns a table lacks, and what to say of them."""
+        expected = ' and '.join(_EXPECTED[kind] for kind in lacking)
+        form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
+        sentence = (
+            f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
+            f'{listed(names)}. Rename them, or say what they are, such as --columns '
+            f"'{self.columns}'{form}."
+        )
+        if OPEN in self.columns:
+            sentence += f' Put the name or the number of a column in the place of {OPEN}.'
+        if f'{STAMP}={OPEN}' in self.columns:
             sentence += (
                 f' Where no column is a time, and rows come at a fixed rate, stamp={ROW_NUMBER}*'
                 '0.01 is a hundred of them a second.'
             )
-        if not self.candidates.get('temperature_c', ['']):
+        if f'temperature_c={OPEN}' in self.columns:
             sentence += (
                 ' If the temperature is in another file with the same clock, join both: '
                 'force.csv+temperature.csv.'
             )
         return sentence
-
-
-def missing_sentence(
-    table: str, names: Sequence[str], missing: Sequence[str], proposal: Proposal
-) -> str:
-    """Say which KINDS of columns a table lacks, with a map of it."""
-    expected = ' and '.join(_EXPECTED[kind] for kind in missing)
-    form = f' --time {shlex.quote(proposal.time)}' if proposal.time not in {'', 's'} else ''
-    remedy = f"Rename them, or say what they are, such as --columns '{proposal.columns}'{form}"
-    return (
-        f'{table} has no {" and no ".join(missing)} column; expected {expected}, got '
-        f'{listed(names)}. {remedy}. {proposal.sentence()}'.rstrip()
-    )
 
 
 def warn_of_unused(placed: Placed) -> list[str]:
@@ -168,9 +170,8 @@ def warn_of_unused(placed: Placed) -> list[str]:
     if not unused:
         return []
     sentence = f'{placed.table} has columns that are not understood and not used: {listed(unused)}'
-    entries = [e for e in propose(placed).columns.split(',') if e and OPEN not in e]
-    meant = f" Perhaps they are: --columns '{','.join(entries)}'." if entries else ''
-    return [f'{sentence}.{meant}']
+    meant = Proposal.of([propose(placed)], ()).columns
+    return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
 
 
 class _Looks:
@@ -237,18 +238,13 @@ class _Looks:
         merit = 1.0 + 2.0 * is_clock + 0.5 * self._is_time_word - 0.5 * is_row_number
         return merit * float(np.mean(steps > 0))
 
-    def is_date(self) -> bool:
-        """Whether it is a date without a time of day."""
-        form = self.form if not self._is_number else ''
-        return form not in {'', *TIME_UNITS_NS} and not any(':' in cell for cell in self.filled)
-
     def temperature_unit(self) -> str | None:
         """Find the unit in which it reads like a thermometer; None where it is none."""
-        unit = self.unit_of('temperature_c')
+        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
             and not any(map(_AXIS.fullmatch, self.words))
-            and self.is_smooth()
+            and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )
         if not (unit or is_named) or not self.may_be('temperature_c'):
             return None
@@ -259,20 +255,6 @@ class _Looks:
         unit = unit or next(likely, '')
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
-
-    def is_smooth(self) -> bool:
-        """Whether it moves from sample to sample as a temperature does."""
-        steps = np.abs(self._steps)
-        return len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers))
-
-    def could_be(self, channel: str) -> bool:
-        """Whether its values do not exclude a channel, or a stamp."""
-        if not self.may_be(channel) or not len(self.numbers):
-            return False
-        if channel == STAMP:
-            return bool((self._steps > 0).all())
-        is_warm = is_plausible(float(self.numbers[0])) and self.is_smooth()
-        return is_warm or channel != 'temperature_c'
 
     def channel(self) -> str:
         """Find the axis that its name means, or ''; of a reference only if it says so."""
@@ -293,12 +275,12 @@ class _Looks:
 
 def propose(
     placed: Placed, rows: Sequence[Sequence[str]] = (), header: Header | None = None
-) -> Proposal:
+) -> tuple[dict[str, str], str]:
     """
-    Propose what columns are that are not understood.
+    Propose what columns are that are not understood, by names, units and some rows of texts.
 
-    By names, units and some rows of texts. A stamp, a force and a temperature that are missing
-    stay OPEN where no column can be said to be one.
+    By the names of ours: columns, with their factors and units, as ``--columns`` has them; and
+    the form of the times, as ``--time`` has it.
     """
     units = (*placed.units, *[''] * len(placed.names))
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(placed.names)
@@ -309,11 +291,10 @@ def propose(
         for place, name in enumerate(placed.names)
         if place not in used and (name or any(cells[place]))
     ]
-    absent = [c for c in (*STAMP_COLUMNS, *CHANNELS) if c not in placed.columns]
-    found, time = _find_times(free, sign) if STAMP in absent else ({}, '')
-    _find_channels(free, found, absent, placed)
+    found, time = _find_times(free, sign) if STAMP not in placed.columns else ({}, '')
+    _find_channels(free, found, [c for c in CHANNELS if c not in placed.columns], placed)
 
-    entries = []
+    proposed = {}
     order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
     for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
         looks, factor, quantity = found[channel], '', channel.split('_')[0]
@@ -324,31 +305,33 @@ def propose(
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
             factor = f'*{1 / counts:g}' if counts > 1 else ''
-        entries.append(f'{channel}={_called(placed, looks)}{factor}{f":{unit}" if unit else ""}')
-    candidates: dict[str, list[str]] = {}
-    for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
-        if {*kind}.isdisjoint({*placed.columns, *found}):
-            entries.append(f'{channel}={OPEN}')
-            may_be = [_called(placed, looks) for looks in free if looks.could_be(channel)]
-            candidates[channel] = may_be[:_MOST_CANDIDATES]
-    return Proposal(','.join(entries[:_MOST_ENTRIES]), time, candidates)
+        # A map names a column by its number where its name is none for a map.
+        name = placed.names[looks.place]
+        by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
+        name = str(looks.place + 1) if by_number else name
+        proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
+        if len(proposed) == _MOST_ENTRIES:
+            break
+    return proposed, time
 
 
 def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
     """Take the columns of the stamps from those that are free, and their form."""
-    found: dict[str, _Looks] = {}
     scores = {looks: score for looks in free if (score := looks.time_score())}
     if not scores:
-        return found, ''
+        return {}, ''
     best = max(scores, key=scores.__getitem__)
-    found[STAMP], time = best, best.form
-    nanosec = [x for x in free if _NANOSEC.fullmatch(x.plain) and time == 's']
-    dates = [x for x in free if x.is_date() and time.startswith(('%H', '%I'))]
-    if nanosec:
-        found[STAMP_NANOSEC] = nanosec[0]
-    if dates:
-        joined = map(' '.join, zip(dates[0].filled, best.filled, strict=False))
-        found[STAMP_DATE], time = dates[0], find_form([*joined], month_first=sign == ',')
+    found, time = {STAMP: best}, best.form
+    is_time_of_day = time.startswith(('%H', '%I'))
+    for looks in free:
+        if _NANOSEC.fullmatch(looks.plain) and time == 's':
+            found.setdefault(STAMP_NANOSEC, looks)
+        is_date = looks.form == 'iso' or looks.form.startswith('%')
+        if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
+            found.setdefault(STAMP_DATE, looks)
+    if date := found.get(STAMP_DATE):
+        joined = map(' '.join, zip(date.filled, best.filled, strict=False))
+        time = find_form([*joined], month_first=sign == ',')
     others = {looks for looks, score in scores.items() if score > 1}
     free[:] = [looks for looks in free if looks not in others | {*found.values()}]
     return found, time
@@ -402,10 +385,3 @@ def _find_channels(
         )
         for looks in [*forces][:1]:
             take('force_z', looks)
-
-
-def _called(placed: Placed, looks: _Looks) -> str:
-    """Name a column as a map can: by its number where its name is none for a map."""
-    name = placed.names[looks.place]
-    by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
-    return str(looks.place + 1) if by_number else name
