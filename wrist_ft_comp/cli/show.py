@@ -133,7 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
             described = replace(described, warnings=said)
         document = {
             **vars(described),
-            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in described.candidates],
+            'candidates': [vars(c) for c in described.candidates],
             'commands': [] if refusal and not described.is_open else _commands(described, path),
             'refusal': refusal,
         }
@@ -249,15 +249,10 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
     rows = [
-        [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
-         rounded(c.longest_gap_s), _range(c.reads)]
+        [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', _range(c.reads), c.entry]
         for c in candidates
-    ]  # fmt: skip
-    header = ['as', 'per second', 'span, s', 'longest gap, s', 'values']
-    yield Table(
-        [*header, 'topic'],
-        [[*row, c.entry] for row, c in zip(rows, candidates, strict=True)],
-    )
+    ]
+    yield Table(['as', 'per second', 'values', 'topic'], rows)
     yield ''
     for candidate in candidates:
         if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:

@@ -14,8 +14,6 @@ from wrist_ft_comp.channels import (
     axis_unit,
     FORCE_CHANNELS,
     is_plausible,
-    REFERENCE_CHANNELS,
-    ROTATION_CHANNEL,
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
@@ -37,7 +35,7 @@ from wrist_ft_comp.recordings.read import (
     TABLE,
 )
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader
 from wrist_ft_comp.wire.message_layout import Path as FieldPath
@@ -66,10 +64,8 @@ class Candidate:
     #: As an option takes it: a topic, or ``topic:field``.
     entry: str
     samples: int
-    #: Time from the first to the last sample.
-    span_s: float
-    #: Longest time without a sample.
-    longest_gap_s: float
+    #: Samples per second, on average; None where all came at once.
+    rate_hz: float | None
     #: Whether the stamps are the headers'; else times of arrival.
     stamped: bool
     #: Lowest and highest reading, in the driver's unit; None but for temperatures.
@@ -78,19 +74,9 @@ class Candidate:
     force: ForceSummary | None = None
 
     @property
-    def rate_hz(self) -> float | None:
-        """Samples per second, on average."""
-        return (self.samples - 1) / self.span_s if self.span_s > 0 else None
-
-    @property
     def moves(self) -> bool:
         """Whether it is a temperature that moved."""
         return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
-
-    @property
-    def usable(self) -> bool:
-        """Whether it is a temperature that moved, probably in °C."""
-        return self.moves and all(map(is_plausible, self.reads or ()))
 
 
 @dataclass(eq=False)
@@ -103,11 +89,9 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[FieldPath] = field(default_factory=list)
     reader: NumberReader | None = None
-    samples: int = 0
     stamped: bool = False
-    first_ns: int | None = None
-    last_ns: int = 0
-    gap_ns: int = 0
+    #: Earliest and latest stamp, ns.
+    stamps_ns: list[int] = field(default_factory=list)
     #: Of each temperature.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
@@ -116,42 +100,37 @@ class _Tally:
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
+        stamps_ns: IntArray = np.zeros(len(messages), np.int64)
+        values: FloatArray = np.empty((len(messages), 0))
         if self.reader is not None:
             stamps_ns, values = self.reader.read(messages)
-        elif self.role == TF:
-            stamps_ns, values = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        else:
+        elif self.role != TF:
             stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
         if self.role == IMU:
             self.moments += moments_of(values[:, cdr.ACCELERATION])
         if self.role:
             values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
-        self.stamped |= bool(stamps_ns.any())
         # A single message without a stamp must not mix the clock of arrival with that of stamps.
-        stamps_ns = np.asarray(stamps_ns[stamps_ns != 0] if stamps_ns.any() else times_ns)
-        self.samples += len(messages)
-        if self.first_ns is None:
-            self.first_ns = self.last_ns = int(stamps_ns[0])
-        steps = np.diff(stamps_ns, prepend=self.last_ns)
-        self.gap_ns = max(self.gap_ns, int(steps.max()))
-        self.last_ns = int(stamps_ns[-1])
+        self.stamped |= bool(stamps_ns.any())
+        used_ns = [*(stamps_ns[stamps_ns != 0].tolist() or times_ns), *self.stamps_ns]
+        self.stamps_ns = [min(used_ns), max(used_ns)]
         self.low = np.fmin(self.low, np.fmin.reduce(values))
         self.high = np.fmax(self.high, np.fmax.reduce(values))
 
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
-        span_ns = self.last_ns - (self.first_ns or 0)
-        figures = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
-        topic = self.connection.topic
+        topic, samples = self.connection.topic, self.connection.msgcount
+        span_ns = self.stamps_ns[1] - self.stamps_ns[0]
+        rate_hz = (samples - 1) * NANOSECONDS / span_ns if span_ns else None
+        figures = samples, rate_hz, self.stamped
         if self.role and self.role != TEMPERATURE:
             yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[FieldPath] = [()] if self.stamped else [('temperature',)]
-        paths = plain if self.role else self.paths
-        for path, low, high in zip(paths, self.low, self.high, strict=True):
+        for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            yield Candidate(TEMPERATURE, entry, *figures, (float(low), float(high)))
+            yield Candidate(TEMPERATURE, entry, *figures, (float(reads[0]), float(reads[1])))
 
 
 def survey_bag(
@@ -161,9 +140,8 @@ def survey_bag(
     warnings: list[str] = []
     tallies: dict[int, _Tally] = {}
     for connection in (c for c in bag.connections if c.msgcount):
-        number, kind = connection.id, connection.msgtype
-        if role := _ROLES.get(kind):
-            tallies[number] = _Tally(connection, role)
+        if role := _ROLES.get(connection.msgtype):
+            tallies[connection.id] = _Tally(connection, role)
             continue
         try:
             definitions = bag.define(connection)
@@ -171,20 +149,18 @@ def survey_bag(
             warnings.append(f'Whether it holds temperatures is not known: {error}')
             continue
         if paths := temperatures_inside(bag, connection):
-            reader = NumberReader(definitions, kind, paths)
-            tallies[number] = _Tally(connection, '', paths, reader)
+            reader = NumberReader(definitions, connection.msgtype, paths)
+            tallies[connection.id] = _Tally(connection, '', paths, reader)
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
         except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
-    found = (c for tally in tallies.values() if tally.samples for c in tally.candidates())
+    found = [c for tally in tallies.values() if tally.stamps_ns for c in tally.candidates()]
     order = list(_ROLES.values())
-    return (
-        tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
-        tuple(warnings),
-    )
+    found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
+    return tuple(found), tuple(warnings)
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
@@ -201,12 +177,17 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
-    rivals = [c.entry for c in wrenches]
+
+    def names(entry: str) -> set[str]:
+        """Split a topic into the names between its slashes, and these into words."""
+        return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
 
     def is_of_another_sensor(candidate: Candidate) -> bool:
-        names, ours = _names(candidate.entry), _names(wrench)
-        others = (_names(other) for other in rivals if other != wrench)
-        return any(names & (other - ours) and not names & (ours - other) for other in others)
+        theirs, ours = names(candidate.entry), names(wrench)
+        return any(
+            theirs & (names(other.entry) - ours) and not theirs & (ours - names(other.entry))
+            for other in wrenches[1:]
+        )
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
         pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
@@ -216,30 +197,19 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
-    candidates = [c for c in candidates if not is_of_another_sensor(c)]
-    imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
+    candidates = sorted((c for c in candidates if not is_of_another_sensor(c)), key=distance)
+    imus = [c for c in candidates if c.role == IMU and c.stamped]
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)
     if topics.temperatures != Topics().temperatures:
         return topics
     found = [c for c in candidates if c.role == TEMPERATURE]
-    found = sorted([c for c in found if c.usable] or found[:1], key=distance)
-    return replace(topics, temperatures=tuple(c.entry for c in found[:_SUGGESTED]))
-
-
-def _names(entry: str) -> set[str]:
-    """Split a topic into the names between its slashes, and these into words."""
-    return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
+    usable = [c for c in found if c.moves and all(map(is_plausible, c.reads or ()))]
+    return replace(topics, temperatures=tuple(c.entry for c in (usable or found[:1])[:_SUGGESTED]))
 
 
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
-#: Roles of channels that are no temperatures.
-_CHANNEL_ROLES = {
-    **dict.fromkeys(AXES, RAW_WRENCH),
-    **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
-    **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
-}
 
 
 @dataclass(frozen=True)
@@ -376,8 +346,11 @@ def _describe_table(
     first_ns, last_ns = opened.span_ns or (None, None)
     channels = []
     for channel, count in opened.counts.items():
-        role = _CHANNEL_ROLES.get(channel, TEMPERATURE)
-        unit = '°C' if role == TEMPERATURE else axis_unit(channel.removeprefix('reference_'))
+        role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
+        role = REFERENCE if channel.startswith(REFERENCE) else role
+        unit = axis_unit(channel.removeprefix('reference_'))
+        if channel.startswith('temperature'):
+            role, unit = TEMPERATURE, '°C'
         channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
     summary = RecordingSummary(
         opened.name, TABLE, tuple(channels), first_ns, last_ns,
