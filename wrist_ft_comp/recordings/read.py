@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
+from functools import partial
 import hashlib
 from importlib import import_module
 from itertools import islice
@@ -24,7 +25,6 @@ from wrist_ft_comp.recordings.read_options import (
     Column,
     ColumnMap,
     COMPENSATED,
-    Excerpt,
     KINDS,
     listed,
     options_beside,
@@ -39,7 +39,6 @@ from wrist_ft_comp.recordings.table import Rows, Table
 from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
 
@@ -233,9 +232,8 @@ class OpenTable:
             if len(block.stamps_ns) > 1
         ]
         spacing_s = min(spacings_s, default=1.0)
-        if spacing_s > LONGEST_SPACING_S:
-            return 1.0
-        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
+        is_likely = spacing_s <= LONGEST_SPACING_S
+        return float(min(max(round(spacing_s), 1), PERIODS_S[1])) if is_likely else 1.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -267,10 +265,6 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
         yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
 
 
-#: Bytes of a file that are hashed at once.
-_HASHED_AT_ONCE = 1 << 20
-
-
 def read_recording(
     path: Path | str,
     *,
@@ -287,45 +281,28 @@ def read_recording(
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     with open_recording(Path(path), topics or Topics()) as source:
-        return read_opened(
-            source, period_s=period_s, max_bad_share=max_bad_share, progress=progress
-        )
+        return read_opened(source, period_s, max_bad_share, progress)
 
 
 def read_opened(
     source: OpenBag | OpenTable,
-    *,
     period_s: float,
     max_bad_share: float = 0.01,
     progress: Progress | None = None,
 ) -> Recording:
     """Read what was opened, as read_recording does."""
-    origin_ns: int | None = None
     if isinstance(source, OpenTable):
         source.require()
-
-    def blocks() -> Iterator[Samples]:
-        """Read, and note the first stamp of all, from which times count."""
-        nonlocal origin_ns
-        for block in source.samples(progress):
-            timed = block.stamps_ns[block.stamps_ns != NO_TIME]
-            if origin_ns is None and len(timed):
-                origin_ns = int(timed[0])
-            yield block
-
-    excerpt, sensor = source.options.excerpt, source.sensor
+    first_ns: list[int] = []
     recording = grid_samples(
-        blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
-        name=source.name,
-        period_s=period_s,
-        max_bad_share=max_bad_share,
-        temperatures=source.sources,
-    )
-    said = {'temperature_topics': source.options.topics.temperatures}
+        source.options.excerpt.select(source.samples(progress), source.name, first_ns),
+        name=source.name, period_s=period_s, max_bad_share=max_bad_share,
+        temperatures=source.sources)  # fmt: skip
+    sensor, said = source.sensor, {'temperature_topics': source.options.topics.temperatures}
     if problem := order_problem(said, sensor):
         raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
     warnings = *source.warnings, *recording.warnings
-    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=first_ns[0])
 
 
 def period_of(paths: Iterable[Path], topics: Topics) -> float:
@@ -350,7 +327,7 @@ def hash_recording(path: Path) -> str:
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
         with file.open('rb') as content:
-            while some := content.read(_HASHED_AT_ONCE):
+            for some in iter(partial(content.read, 1 << 20), b''):
                 digest.update(some)
     return digest.hexdigest()
 
@@ -426,7 +403,7 @@ def recording_from_columns(
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     opened = OpenTable([_MemoryTable(table, name) for table in tables], ReadOptions(), name)
-    return read_opened(opened, period_s=period_s, max_bad_share=max_bad_share)
+    return read_opened(opened, period_s, max_bad_share)
 
 
 def compensate(

@@ -293,16 +293,21 @@ class Excerpt:
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
     excluded_s: tuple[tuple[float, float], ...] = ()
 
-    def select(self, blocks: Iterable[Samples], name: str) -> Iterator[Samples]:
-        """Leave out what does not count of a recording; SettingsError where nothing is left."""
-        first_ns, lasts_s = NO_TIME, 0.0
+    def select(
+        self, blocks: Iterable[Samples], name: str, first_ns: list[int]
+    ) -> Iterator[Samples]:
+        """
+        Leave out what does not count; SettingsError where nothing is left of a recording.
+
+        The first stamp of all, from which times count, is put into ``first_ns``.
+        """
+        lasts_s = 0.0
         came: set[str] = set()
         left: set[str] = set()
         for block in blocks:
             timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
-            if first_ns == NO_TIME and timed.any():
-                first_ns = int(block.stamps_ns[timed][0])
-            since_s = np.where(timed, block.stamps_ns - first_ns, 0) / NANOSECONDS
+            first_ns += block.stamps_ns[timed][:1].tolist()
+            since_s = np.where(timed, block.stamps_ns - sum(first_ns[:1]), 0) / NANOSECONDS
             kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
             counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
@@ -312,7 +317,8 @@ class Excerpt:
             left |= {kind} if counts.any() else set()
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
         if gone := {'wrench', 'temperature'} & (came - left):
-            begins = f'begins at {clock_time(first_ns)} and ' if first_ns >= CLOCK_NS else ''
+            is_clock = first_ns[0] >= CLOCK_NS
+            begins = f'begins at {clock_time(first_ns[0])} and ' if is_clock else ''
             raise SettingsError(
                 f'Every {max(gone)} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
                 'by --from, --until and --exclude. Leave some in.'

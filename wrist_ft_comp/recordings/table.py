@@ -282,16 +282,21 @@ class _RowReader:
         if not count or (len(text.split()) if sign == ' ' else len(ends)) != count * width:
             return None
         used = [c.place for c in (*self._values, *self._stamps) if c.place < width]
-        # Stamps stay texts, of which no digit is lost; those of few digits are read faster.
+        # Stamps stay texts, of which no digit is lost; numbers of few digits are read faster.
         kinds: dict[int, type] = {column.place: str for column in self._stamps}
-        if sign != ' ' and [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS:
+        longest = np.full(width, LONGEST_LINE)
+        if sign != ' ':
             longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
+        if [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS:
             kinds = {place: float for place in kinds if longest[place] <= DIGITS} or kinds
+        values = [longest[place] for place in used if place not in kinds]
+        is_short = max(values, default=0) <= DIGITS and 'e' not in text and 'E' not in text
         frame = pandas.read_csv(
             StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
             names=range(width), usecols=used, dtype=kinds, keep_default_na=False,
             na_values={k: [''] if k in kinds else _NO_VALUES for k in used}, index_col=False,
             skip_blank_lines=False, skipinitialspace=True,
+            float_precision='high' if is_short else 'round_trip',
             decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
         return frame.set_axis(range(number, number + count))
 
