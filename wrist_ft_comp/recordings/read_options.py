@@ -288,7 +288,7 @@ class Excerpt:
     """What of a recording counts."""
 
     #: Seconds since the first stamp of the file.
-    begin_s: float = 0.0
+    begin_s: float = -math.inf
     end_s: float = math.inf
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
     excluded_s: tuple[tuple[float, float], ...] = ()
@@ -386,7 +386,8 @@ def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
                 f'A stretch is A..B, such as 4790..4830 or 79min..81min; got {text!r}.'
             )
         stretches.append((_seconds(first), _seconds(last)))
-    excerpt = Excerpt(_seconds(begin or '0'), _seconds(end or 'inf'), tuple(stretches))
+    begin_s = _seconds(begin) if begin else -math.inf
+    excerpt = Excerpt(begin_s, _seconds(end or 'inf'), tuple(stretches))
     for begin_s, end_s in (*excerpt.excluded_s, (excerpt.begin_s, excerpt.end_s)):
         if not begin_s < end_s:
             raise SettingsError(

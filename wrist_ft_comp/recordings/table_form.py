@@ -11,7 +11,6 @@ import csv
 from dataclasses import dataclass, field
 from decimal import Decimal
 import errno
-from itertools import product
 from math import floor, isnan, log10, nan
 import os
 from pathlib import Path
@@ -46,13 +45,6 @@ _STATISTICS = {'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', '
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
 _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
-#: Forms of dates, of which those that begin with the day count more, and ends of times of day.
-_DATES = (
-    '%d.%m.%Y', '%d/%m/%Y', '%d-%m-%Y', '%d.%m.%y', '%d/%m/%y', '%d-%m-%y', '%d-%b-%Y', '%d/%b/%Y',
-    '%d.%b.%Y', '%d-%b-%y', '%m/%d/%Y', '%m-%d-%Y', '%m/%d/%y', '%m-%d-%y', '%Y-%m-%d',
-    '%Y/%m/%d', '%Y.%m.%d', '%y-%m-%d', '%y/%m/%d', '%y.%m.%d',
-)  # fmt: skip
-_SECONDS = ':%S', ':%S.%f', ':%S:%f', ''
 #: Stamps that are looked at for their form.
 _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
@@ -234,13 +226,21 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     if not match or not (match['date'] or match['time']):
         return ''
     date, gap, half = match['date'] or '', match['gap'] or '', match['half'] or ''
-    hours = '%I' if half else '%H'
-    clocks = [f'{hours}:%M{rest}' for rest in _SECONDS] if match['time'] else ['']
-    behind = re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
-    behind += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
-    month_first = month_first or bool(half)
-    days = sorted(_DATES, key=lambda day: day.startswith('%m') != month_first) if date else ['']
-    forms = [f'{day}{gap}{clock}{behind}' for day, clock in product(days, clocks)]
+    # A time of day as its signs are: 7:00 PM, 19:00:00, 19:00:00.250, 19:00:00:250.
+    signs = re.findall(r'[.,:]', match['time'] or '')
+    clock = zip(['', *signs], ['%I' if half else '%H', '%M', '%S', '%f'], strict=False)
+    end = ''.join(map(''.join, clock)) if signs else ''
+    end += re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
+    end += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
+    # A date in every order of day, month and year.
+    parts = date.split(match['sign']) if date else []
+    month = '%b' if any(map(str.isalpha, parts)) else '%m'
+    year = '%Y' if any(len(part) == 4 for part in parts) else '%y'
+    orders = [('%d', month, year), (month, '%d', year), (year, month, '%d')]
+    if (month_first or half) and match['sign'] != '.':
+        orders[:2] = orders[1::-1]
+    days = [match['sign'].join(order) for order in orders] if parts else ['']
+    forms = [f'{day}{gap}{end}' for day in days]
     if date[4:5] == '-' and gap in {'', ' ', 'T'} and not half:
         forms = ['iso']
     disorder: dict[str, int] = {}
