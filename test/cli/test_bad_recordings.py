@@ -123,7 +123,7 @@ REFUSED = {
     'a second thermometer without a first': (
         rename('temperature_c', 'temperature_2_c'), 'no temperature column', COLUMNS),
     'one thermometer in two units': (
-        put('temperature_k', 3e2), 'temperature_c twice, in the columns temperature_c and', COLUMNS),
+        put('temperature_k', 3e2), 'temperature_c twice, in the columns temp', COLUMNS),
     'a gap in the numbers of thermometers': (
         put('temperature_3_c', 20.0), 'no usable temperature_2_c', COLUMNS),
     'two clocks': (None, r'17232\d+ s apart; both drivers must use one clock', BAGS),

@@ -1,5 +1,6 @@
 """What was seen, what was not, and what a person should record next."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -124,16 +125,17 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
 
 
 def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
-    def describe(path, topics):
-        assert (path, topics.temperatures) == (Path('day.mcap'), ('/inside',))
+    def survey(path):
+        assert path == Path('day.mcap')
         entries = {'/inside': True, '/arm/state:motor temp': True, '/still': False}
         candidates = [
             SimpleNamespace(role='temperature', entry=entry, moves=moves)
             for entry, moves in entries.items()
         ]
-        return SimpleNamespace(candidates=candidates), None
+        return candidates, ()
 
-    monkeypatch.setattr(module, 'describe_recording', describe)
+    monkeypatch.setattr(module, 'open_bag', nullcontext)
+    monkeypatch.setattr(module, 'survey_bag', survey)
     case = Case(
         [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)), 'unloaded',
         dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],

@@ -37,7 +37,6 @@ from wrist_ft_comp.recordings.describe import (
     REFERENCE,
     TEMPERATURE,
 )
-from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.days import (
     date_of,
@@ -52,7 +51,7 @@ from wrist_ft_comp.report.days import (
 )
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
@@ -122,10 +121,10 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            described, recording = describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, recording = _read(described, recording, path, part_of(progress, 1, 2))
+            described, recording = describe_recording(path, topics, progress)
+            refusal = _refusal(described, recording)
             found = []
-            if recording:
+            if recording and not refusal:
                 silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
                 found += [*recording.warnings, *silent]
             doubts = dict.fromkeys((*described.warnings, *found))
@@ -138,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
             'refusal': refusal,
         }
         lines = [*_recording_lines(described, path, refusal)]
-        if arguments.picture and recording:
+        if arguments.picture and recording and not refusal:
             from wrist_ft_comp.report.pictures import recording_png  # noqa: PLC0415 -- matplotlib
 
             PICTURE.write(arguments.picture, recording_png(recording))
@@ -260,33 +259,27 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
             yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
 
 
-def _read(
-    summary: RecordingSummary, recording: Recording | None, path: Path, progress: Progress
-) -> tuple[str, Recording | None]:
-    """Read a recording as others do, or say why nothing can be learnt from it."""
+def _refusal(summary: RecordingSummary, recording: Recording | None) -> str:
+    """Say why nothing can be learnt from a recording; empty where something can."""
     if summary.is_open:
-        return summary.refusal, None
+        return summary.refusal
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
-        return f'It holds no {what}{named}, so nothing can be learnt from it.', None
-    if summary.refusal:
-        return f'Nothing can be learnt from it. {summary.refusal}', None
-    try:  # of a bag, which topics to read is known by now
-        recording = recording or read_recording(path, topics=summary.topics, progress=progress)
-    except RecordingError as error:
-        return f'Nothing can be learnt from it with these topics. {error}', None
+        return f'It holds no {what}{named}, so nothing can be learnt from it.'
+    if summary.refusal or not recording:
+        which = ' with these topics' if summary.candidates else ''
+        return f'Nothing can be learnt from it{which}. {summary.refusal}'
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
-        sentence = (
+        return (
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
             'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
         )
-        return sentence, None
-    return '', recording
+    return ''
 
 
 def _use(summary: RecordingSummary, path: Path, refusal: str) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
@@ -12,30 +13,24 @@ import numpy as np
 from wrist_ft_comp.channels import (
     AXES,
     axis_unit,
-    FORCE_CHANNELS,
     is_plausible,
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings.bag import (
-    Bag,
-    Connection,
-    gravity_samples,
-    temperatures_inside,
-    uppermost_frame,
-)
+from wrist_ft_comp.recordings.bag import Bag, Connection, temperatures_inside, uppermost_frame
 from wrist_ft_comp.recordings.log_proposal import FAR, OPEN
 from wrist_ft_comp.recordings.read import (
     BAG,
     open_recording,
+    OpenBag,
     OpenTable,
     read_opened,
     TABLE,
 )
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, part_of, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader
 from wrist_ft_comp.wire.message_layout import Path as FieldPath
@@ -70,8 +65,6 @@ class Candidate:
     stamped: bool
     #: Lowest and highest reading, in the driver's unit; None but for temperatures.
     reads: tuple[float, float] | None = None
-    #: Specific force of an IMU; None for other roles.
-    force: ForceSummary | None = None
 
     @property
     def moves(self) -> bool:
@@ -95,8 +88,6 @@ class _Tally:
     #: Of each temperature.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
-    #: Of specific force.
-    moments: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
@@ -106,8 +97,6 @@ class _Tally:
             stamps_ns, values = self.reader.read(messages)
         elif self.role != TF:
             stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
-        if self.role == IMU:
-            self.moments += moments_of(values[:, cdr.ACCELERATION])
         if self.role:
             values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
         # A single message without a stamp must not mix the clock of arrival with that of stamps.
@@ -124,7 +113,7 @@ class _Tally:
         rate_hz = (samples - 1) * NANOSECONDS / span_ns if span_ns else None
         figures = samples, rate_hz, self.stamped
         if self.role and self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
+            yield Candidate(self.role, topic, *figures)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[FieldPath] = [()] if self.stamped else [('temperature',)]
@@ -243,16 +232,19 @@ class RecordingSummary:
     #: What may be used, of a bag only, and what is used.
     candidates: tuple[Candidate, ...] = ()
     topics: Topics | None = None
-    #: None where no specific force was recorded.
+    #: None where no specific force was recorded, or nothing can be learnt.
     specific_force: ForceSummary | None = None
     #: Whether the columns of ``topics`` are a guess, because nobody gave any.
     guessed: bool = False
-    #: Whether a person has to name some of them.
-    is_open: bool = False
-    #: Why a file cannot be read as a recording; empty where it can, and of a bag.
+    #: Why it cannot be read as a recording; empty where it can.
     refusal: str = ''
     #: Whether a reference was recorded that is zero throughout.
     is_unloaded: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person has to name some of the columns."""
+        return self.topics is not None and OPEN in self.topics.columns
 
 
 def describe_recording(
@@ -261,89 +253,92 @@ def describe_recording(
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Of a bag, the topics say which role which one has; what they don't name is chosen. A table is
-    read on the way: the recording, or None. RecordingError when it cannot be read.
+    Of a bag, the topics say which role which one has; what they don't name is chosen. It is read
+    on the way: the recording, or None. RecordingError when it is none at all.
     """
     topics = topics or Topics()
     with open_recording(Path(path), topics) as opened:
         if isinstance(opened, OpenTable):
-            return _describe_table(opened, progress)
-        # Take topics, counts and times from the bag's own index, and survey what may be used.
-        bag = opened.bag
-        candidates, warnings = survey_bag(bag, progress)
-        topics = suggested_topics(candidates, topics)
+            summary, recording = _describe_table(opened, progress)
+        else:
+            summary, recording = _describe_bag(opened.bag, topics, progress)
+    if recording is None or recording.specific_force is None:
+        return summary, recording
+    known = np.isfinite(recording.specific_force).all(axis=1)
+    force = describe_force(moments_of(recording.specific_force[known]))
+    return replace(summary, specific_force=force), recording
 
-        # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
-        force, asked = None, topics.gravity_frame
-        if topics.imu:
-            imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
-            force = next(imus, None)
-        elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
-            moments = np.zeros((4, 4))
-            try:
-                topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
-                for block in gravity_samples(bag, topics):
-                    moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
-                force = describe_force(moments)
-            except RecordingError as error:
-                topics = replace(topics, gravity_frame='')
-                warnings = *warnings, *([str(error)] if asked else [])
 
-        temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
-        wrench = topics.wrench.strip('/')
-        both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
-        roles = {
-            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
-            topics.reference.strip('/'): REFERENCE,
-            **dict.fromkeys(temperatures, TEMPERATURE),
-            wrench: both,
-        }
-        counts: Counter[tuple[str, str]] = Counter()
-        for connection in bag.connections:
-            counts[connection.topic, connection.msgtype] += connection.msgcount
-        first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
-        channels = tuple(
-            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
-            for (topic, kind), count in sorted(counts.items())
-        )
-        compressed = f', {bag.compression} compression' if bag.compression else ''
-        summary = RecordingSummary(
-            bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
-            (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
-        return summary, None
+def _describe_bag(
+    bag: Bag, topics: Topics, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
+    parts = [part_of(progress, k, 2) if progress else None for k in range(2)]
+    candidates, warnings = survey_bag(bag, parts[0])
+    topics, asked = suggested_topics(candidates, topics), topics.gravity_frame
+    if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
+        with suppress(RecordingError):
+            topics = replace(topics, gravity_frame=uppermost_frame(bag, topics))
+    # What TF does not tell is left out; it is said where a person asked for it.
+    recording, refusal = None, ''
+    for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
+        topics = replace(topics, gravity_frame=frame)
+        try:
+            recording = read_opened(OpenBag(bag, parse_options(topics)), 1.0, progress=parts[1])
+            refusal = ''
+            break
+        except RecordingError as error:
+            refusal = str(error)
+            warnings = *warnings, *([refusal] if frame and asked else [])
+
+    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+    wrench = topics.wrench.strip('/')
+    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
+    roles = {
+        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+        topics.reference.strip('/'): REFERENCE,
+        **dict.fromkeys(temperatures, TEMPERATURE),
+        wrench: both,
+    }
+    counts: Counter[tuple[str, str]] = Counter()
+    for connection in bag.connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+    channels = tuple(
+        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+        for (topic, kind), count in sorted(counts.items())
+    )
+    compressed = f', {bag.compression} compression' if bag.compression else ''
+    summary = RecordingSummary(
+        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+        (*bag.warnings, *warnings), candidates, topics, refusal=refusal)  # fmt: skip
+    return summary, recording
 
 
 def _describe_table(
     opened: OpenTable, progress: Progress | None
 ) -> tuple[RecordingSummary, Recording | None]:
     """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
-    topics, guessed = opened.options.topics, bool(opened.lacks())
-    if guessed:
+    topics, lacking = opened.options.topics, opened.lacks()
+    if lacking:
         proposal = opened.propose()
         columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
         topics = replace(topics, columns=columns, time=topics.time or proposal.time)
         if OPEN in columns:
-            refusal = proposal.refusal(opened.name, opened.names, opened.lacks())
+            refusal = proposal.refusal(opened.name, opened.names, lacking)
             summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
-            return replace(summary, is_open=True, guessed=True, refusal=refusal), None
+            return replace(summary, guessed=True, refusal=refusal), None
         opened = OpenTable(opened.tables, parse_options(topics))
-    recording, refusal = None, ''
+    recording, refusal = None, opened.compensated
     try:
-        recording = read_opened(opened, period_s=opened.period_s, progress=progress)
+        recording = read_opened(opened, opened.period_s, progress=progress)
     except RecordingError as error:
         if not opened.is_read:
             raise
-        refusal = str(error)
-    force, is_unloaded = None, False
+        refusal = refusal or str(error)
     reads: dict[str, tuple[float, float]] = {}
-    if recording:
-        for j, celsius in enumerate(recording.temperature_c.T):
-            reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
-        is_unloaded = not np.nan_to_num(recording.reference).any()
-        if recording.specific_force is not None:
-            known = np.isfinite(recording.specific_force).all(axis=1)
-            force = describe_force(moments_of(recording.specific_force[known]))
-    first_ns, last_ns = opened.span_ns or (None, None)
+    for j, celsius in enumerate(recording.temperature_c.T if recording else ()):
+        reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
     channels = []
     for channel, count in opened.counts.items():
         role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
@@ -352,9 +347,9 @@ def _describe_table(
         if channel.startswith('temperature'):
             role, unit = TEMPERATURE, '°C'
         channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    first_ns, last_ns = opened.span_ns or (None, None)
     summary = RecordingSummary(
-        opened.name, TABLE, tuple(channels), first_ns, last_ns,
-        warnings=opened.warnings, topics=topics,
-        specific_force=force, guessed=guessed, refusal=opened.compensated or refusal,
-        is_unloaded=is_unloaded)  # fmt: skip
+        opened.name, TABLE, tuple(channels), first_ns, last_ns, opened.warnings, topics=topics,
+        guessed=bool(lacking), refusal=refusal,
+        is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
     return summary, recording

@@ -12,8 +12,9 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
-from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.describe import describe_recording, TEMPERATURE
+from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
@@ -133,9 +134,10 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone
         for path in case.paths[:1] if is_searched else ():
-            held, _ = describe_recording(path, Topics(temperatures=tuple(case.thermometers)))
+            with open_bag(path) as bag:
+                candidates, _ = survey_bag(bag)
             unused = [
-                candidate.entry for candidate in held.candidates
+                candidate.entry for candidate in candidates
                 if candidate.role == TEMPERATURE and candidate.moves
                 and candidate.entry.strip('/') not in used
             ]  # fmt: skip
