@@ -375,13 +375,8 @@ def _find_channels(
         channel = looks.channel()
         if channel in absent and looks.may_be(channel):
             take(channel, looks)
-    if set(AXES) <= set(absent):
-        forces = (
-            looks
-            for looks in free
-            if looks not in hot
-            and looks.may_be('force_z')
-            and (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
-        )
-        for looks in [*forces][:1]:
+    for looks in free if set(AXES) <= set(absent) else ():
+        is_force = looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain)
+        if looks not in hot and is_force and looks.may_be('force_z'):
             take('force_z', looks)
+            break

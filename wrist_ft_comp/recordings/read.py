@@ -49,18 +49,15 @@ LONGEST_SPACING_S = 86_400.0
 
 def kind_of(path: Path) -> str:
     """Find the kind of a recording from its name; a table if in doubt."""
-    files = files_of(path)
-    if len(files) > 1:
+    if len(files_of(path)) > 1:
         return TABLE
-    (path,) = files
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
         )
-    if path.is_char_device() or path.is_block_device():
+    if not path.is_file() and not path.is_dir():
         raise RecordingError(
-            f'{path} is a device, which may never end; expected a file or a folder. Write what '
-            'it gives into a file first.'
+            f'{path} is no file and no folder, and may never end. Write what it gives into a file.'
         )
     if path.is_dir() or path.suffix in SUFFIXES:
         return BAG
@@ -130,22 +127,17 @@ class OpenBag:
     """A bag, and which of its topics are read."""
 
     def __init__(self, bag: Bag, options: ReadOptions) -> None:
-        self.bag, self.name, self.options = bag, bag.name, options
+        self.bag, self.name, self.options, self.warnings = bag, bag.name, options, bag.warnings
         self.sources: tuple[TemperatureSource, ...] = parse_sources(options.topics.temperatures)
-
-    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
-        """Read by batch."""
-        return read_bag(self.bag, self.options.topics, progress)
 
     @property
     def sensor(self) -> SensorNames:
         """What the sensor is called: by topics, and the frame of the first wrench."""
         return sensor_of(self.bag, self.options.topics)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was lost."""
-        return self.bag.warnings
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read by batch."""
+        return read_bag(self.bag, self.options.topics, progress)
 
 
 class OpenTable:
@@ -182,9 +174,9 @@ class OpenTable:
         #: What the sensor is called: by the name of a column.
         self.sensor = sensor_in(names)
         #: Says that drift was removed from it; empty where it was not.
-        self.compensated = ''
-        if any(name.startswith(COMPENSATED) for name in names):
-            self.compensated = f'{self.name} was compensated already. Name the raw recording.'
+        is_raw = not any(name.startswith(COMPENSATED) for name in names)
+        already = f'{self.name} was compensated already. Name the raw recording.'
+        self.compensated = '' if is_raw else already
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
