@@ -266,7 +266,9 @@ def missing_wrenches(recordings: Sequence[Recording], max_gap_s: float) -> list[
     sentences = []
     for recording in recordings if find_plateaus(recordings) is None else ():
         missing: BoolArray = np.asarray(np.isnan(recording.wrench).all(axis=1))
-        if runs := _long_runs(missing, missing, max_gap_s / recording.period_s):
+        usual = np.median(np.diff(np.flatnonzero(~missing))) if (~missing).sum() > 1 else 0.0
+        cells = max(max_gap_s / recording.period_s, _SEVERAL * usual)
+        if runs := _long_runs(missing, missing, cells):
             first, last = runs[0]
             sentences.append(
                 f'The raw wrench of {recording.name} is missing for '

@@ -24,6 +24,9 @@ from wrist_ft_comp.steps import BESIDE_S, find_steps, Step
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
 #: longer touch both ends are steps.
 _LEVEL_S = BESIDE_S
+#: In a log of a row in up to half of that, a level is at least this many samples: three of them
+#: may be a contact.
+_LEVEL_SAMPLES = 7
 #: A reading stands out where it is this many standard deviations of its noise from its level ...
 _OUTLYING_SIGMA = 12.0
 #: ... and this share of the axis' range: sudden heat bends less within two minutes.
@@ -69,7 +72,8 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     """Make readings NaN that stand out from the level of minutes, and say so."""
     wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
     declared = reference.replace('payload', 'constant, as there is no specific force')
-    width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, 3)
+    least = _LEVEL_SAMPLES if recording.period_s <= _LEVEL_S / 2 else 3
+    width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, least)
     for axis in recording.axes_present:
         column = AXES.index(axis)
         at = np.flatnonzero(np.isfinite(recording.wrench[:, column]))
@@ -84,6 +88,10 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             ROUNDING * float(np.abs(raw).max()),
         )
         outlying = distance > limit
+        # A sample of a slow log may stand between two that agree, however wide the range is.
+        alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
+        is_lone = alone > max(_OUTLYING_SIGMA * noise_level([raw]), moving_limit(axis))
+        outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
         scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
         if scatter > moving_limit(axis):
             swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
