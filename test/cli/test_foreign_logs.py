@@ -240,7 +240,7 @@ def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
         ('force_w=fz', '', 'force_w is no name of a column'),
         ('force_z=fz:Nm', '', 'force_z may be in N, kN'),
         ('temperature_c=t:R', '', 'temperature_c may be in C, K, F'),
-        ('stamp=t', 'weeks', 'A time is s, ns, us, ms, min, h, d, iso, excel, or a form'),
+        ('stamp=t', 'weeks', 'A time is s, ns, us, ms, min, h, d, iso, excel, datenum'),
         ('stamp=t:weeks', '', 'A time is s, ns'),
         ('force_z=fz*-', '', 'A factor is a number'),
         ('force_z=fz*1e999', '', 'A factor is a number'),

@@ -22,7 +22,7 @@ from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
 from wrist_ft_comp.recordings.read_options import (
     CHANNELS,
     COMPENSATED,
-    EXCEL,
+    DAYS_TO_1970,
     KINDS,
     listed,
     ORIGIN,
@@ -52,16 +52,17 @@ _EXPECTED = {
 OPEN = '…'
 #: Words of quantities, in small letters, in the languages of common recorders.
 _QUANTITIES = {
-    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', '力', '荷重'},
+    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', 'síla',
+              'сила', '힘', '力', '荷重'},
     'torque': {
         'torque', 'torques', 'trq', 't', 'm', 'mom', 'moment', 'drehmoment', 'couple', 'momento',
-        'coppia', 'トルク', '力矩', '扭矩',
+        'coppia', 'момент', '토크', 'トルク', '力矩', '扭矩',
     },
     'linear_acceleration': {'acceleration', 'accel', 'acc', 'a', 'beschleunigung'},
 }  # fmt: skip
 #: A word that ends in an axis, and the quantity before it.
 _AXIS = re.compile(
-    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク)?([xyz])'
+    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク|힘|토크)?([xyz])'
 )
 #: Words of times, in words of names, and alone.
 _TIME_WORD = re.compile(
@@ -71,7 +72,18 @@ _TIME_WORD = re.compile(
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
-_TEMPERATURE_WORDS = {'t', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度'}
+_TEMPERATURE_WORDS = {
+    't',
+    'tmp',
+    'tc',
+    'pt',
+    'rtd',
+    'ntc',
+    'thermistor',
+    '温度',
+    '온도',
+    'температура',
+}
 #: Words of the true wrench, of what was made of the raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
 _TREATED = {
@@ -80,7 +92,7 @@ _TREATED = {
 }  # fmt: skip
 _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
-    'fuerza|peso|carga|forza|力|荷重|重'
+    'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
 )
 #: What has six or three numbers that are no wrench of the sensor.
 _NO_WRENCH = re.compile('joint|motor|current|target|tau')
@@ -103,8 +115,8 @@ _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
 _MOST_BACK = 0.05
-#: Days of a spreadsheet since 1899-12-30: from 1982 to 2118.
-_EXCEL_DAYS = 30_000, 80_000
+#: When a log was probably written: from 1982 to 2118, days since 1970.
+_LIKELY_DAYS = 4_400, 54_000
 #: Most entries of a proposed map.
 _MOST_ENTRIES = 30
 
@@ -181,7 +193,7 @@ class _Looks:
         self.place, self._name, self._unit = place, name, unit
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
-        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\u9fff])(?=[A-Za-z])', ' ', text)
+        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
         self.words = re.findall(r'[^\W\d_]+|\d+', text.lower())
         self.plain = '_'.join(self.words)
         self.filled = [cell for cell in cells if cell]
@@ -204,8 +216,9 @@ class _Looks:
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
             first, last = self.numbers[0], self.numbers[-1]
-            if _DATE_WORD.search(self.plain) and _EXCEL_DAYS[0] < first <= last < _EXCEL_DAYS[1]:
-                self.form = EXCEL
+            for form, day in DAYS_TO_1970.items():
+                likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
+                self.form = form if likely and _DATE_WORD.search(self.plain) else self.form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -222,7 +235,7 @@ class _Looks:
         if not self.filled:
             return float(self._is_time_word)
         has_unit = bool(self.unit_of(STAMP))
-        is_clock = not self._is_number or self.form == EXCEL
+        is_clock = not self._is_number or self.form in DAYS_TO_1970
         if self._is_number and len(self.numbers):
             is_clock |= bool(epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):

@@ -5,7 +5,8 @@ How columns of a table become channels: names, units, factors, and the form of t
 a column that has no name is called by its number, from 1 on. A date beside a time of day is
 ``stamp_date=date,stamp=time``; rows without a time, a hundred a second, are ``stamp=#*0.01``.
 ``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
-1899-12-30), or a form of strptime. The same may stand in ``recording.yaml`` beside the recordings.
+1899-12-30), datenum (days of MATLAB), timedelta (of pandas), or a form of strptime. The same may
+stand in ``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -49,8 +50,10 @@ STAMP_COLUMNS = STAMP, STAMP_NANOSEC, STAMP_DATE
 ROW_NUMBER = '#'
 #: The place of that column.
 ROW = -2
-#: A form of times: days since 1899-12-30, as spreadsheets have them.
-EXCEL = 'excel'
+#: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
+DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
+#: A form of times: 0 days 00:10:00, as pandas writes it.
+TIMEDELTA = 'timedelta'
 #: Channels with one name; thermometers have a number and a unit.
 CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
 #: What a recording has to have: channels of which one is enough.
@@ -237,10 +240,10 @@ def parse_map(columns: str, time: str, source: str = '--columns') -> ColumnMap:
         said = '' if ours.unit == 'C' else ours.unit
         understood.append(Column(match['theirs'].strip(), ours.channel, unit or said, factor))
     for word in filter(None, times):
-        if word not in {*TIME_UNITS_NS, EXCEL, 'iso'} and '%' not in word:
+        if word not in {*TIME_UNITS_NS, *DAYS_TO_1970, TIMEDELTA, 'iso'} and '%' not in word:
             raise SettingsError(
-                f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, or a form such as %d.%m.%Y '
-                f'%H:%M:%S.%f; got {word!r}.'
+                f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, datenum, timedelta, or a '
+                f'form such as %d.%m.%Y %H:%M:%S.%f; got {word!r}.'
             )
     return ColumnMap(tuple(understood), time, source)
 

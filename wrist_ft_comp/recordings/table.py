@@ -142,7 +142,8 @@ class Table:
         number, rest = 1, ''
         try:
             for piece in self._pieces(progress):
-                rest += piece.replace(' -> ', ',') if self._has_arrows else piece
+                plain = piece.replace('\u2212', '-')  # a minus as it is printed
+                rest += plain.replace(' -> ', ',') if self._has_arrows else plain
                 end = rest.rfind('\n') + 1
                 if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                     end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end

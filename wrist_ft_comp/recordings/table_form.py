@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import EXCEL
+from wrist_ft_comp.recordings.read_options import DAYS_TO_1970, TIMEDELTA
 from wrist_ft_comp.recordings.units import plain_unit, TIME_UNITS_NS, UNIT_WORDS
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import writing
@@ -33,9 +33,11 @@ MISSING = frozenset({
     '', '-', '--', '---', 'nan', '-nan', 'na', 'n/a', '#n/a', 'null', 'none', '?', '<na>', 'nat',
 })  # fmt: skip
 NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?', re.IGNORECASE)
+#: 1,234.5 or 1.234,5.
+_THOUSANDS = re.compile(r'[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d*')
 _TIME = re.compile(
-    r'(?P<date>\d{1,4}(?P<sign>[-./])\w{1,3}(?P=sign)\d{1,4})?(?P<gap>, |[T /_-])?'
-    r'(?P<time>\d{1,2}:\d\d(:\d\d)?([.,:]\d+)?)?(?P<half> ?[AP]M)?'
+    r'(?P<date>\d{1,4}(?P<sign>[-./])\w{1,3}(?P=sign)\d{1,4}|\d{8}(?=T))?(?P<gap>, |[T /_-])?'
+    r'(?P<time>\d{1,2}(?P<dot>[:.])\d\d((?P=dot)\d\d)?([.,:]\d+)?|\d{6})?(?P<half> ?[AP]M)?'
     r'(?P<zone> ?(Z|UTC|[-+]\d\d:?\d\d))?',
     re.IGNORECASE,
 )
@@ -54,8 +56,6 @@ _EPOCH_S, _EPOCH_RANGE = 1e9, 9.2
 _LIKELY_NS = 1_262_304_000 * NANOSECONDS, 2_208_988_800 * NANOSECONDS
 #: Digits of a number that a double holds exactly.
 DIGITS = 15
-#: The day on which 1970 begins in a spreadsheet.
-_EXCEL_1970 = 25_569
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def find_header(lines: Sequence[str]) -> Header:
 
     # Above it are rows as wide: of units, of what was done to the samples, and one of names.
     above: list[list[str]] = []
-    for line in reversed(lines[:first]):
+    for line in reversed([line for line in lines[:first] if line.strip('-=+|_ \t')]):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
         while cells and not cells[-1]:
@@ -148,6 +148,8 @@ def number_in(cell: str, delimiter: str = ',') -> float:
     """Read a number; a missing one is NaN. ValueError where it is none."""
     if cell.lower() in MISSING:
         return nan
+    if _THOUSANDS.fullmatch(cell):
+        cell = cell.replace(',' if cell.rfind('.') > cell.rfind(',') else '.', '')
     if not NUMBER.fullmatch(cell):
         raise ValueError(cell)
     return float(cell if delimiter == ',' else cell.replace(',', '.'))
@@ -171,8 +173,8 @@ def exact_ns(texts: Any, form: str) -> IntArray:
 
     ValueError, ArithmeticError or TypeError where one is bad.
     """
-    if form == EXCEL:
-        return exact_ns(texts, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
+    if day := DAYS_TO_1970.get(form):
+        return exact_ns([str(Decimal(text.replace(',', '.')) - day) for text in texts], 'd')
     together = '' if isinstance(texts, np.ndarray) else ''.join(texts)
     if ',' in together:
         texts = [text.replace(',', '.') for text in texts]
@@ -195,6 +197,8 @@ def exact_ns(texts: Any, form: str) -> IntArray:
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
+    if form == TIMEDELTA:
+        return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
     times = pandas.to_datetime(
         texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
     )
@@ -222,18 +226,25 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
         return ''
     if all(map(NUMBER.fullmatch, filled)):
         return epoch_unit(float(filled[0].replace(',', '.'))) or 's'
+    if re.match(r'-?\d+ days?\b', filled[0]):
+        return TIMEDELTA
     match = _TIME.fullmatch(filled[0])
     if not match or not (match['date'] or match['time']):
-        return ''
+        # Such as Thu Mar 05 07:00:00 2026.
+        from pandas.tseries.api import guess_datetime_format  # noqa: PLC0415 -- as above
+
+        form = guess_datetime_format(filled[0], not month_first) if ':' in filled[0] else None
+        return form or ''
     date, gap, half = match['date'] or '', match['gap'] or '', match['half'] or ''
     # A time of day as its signs are: 7:00 PM, 19:00:00, 19:00:00.250, 19:00:00:250.
     signs = re.findall(r'[.,:]', match['time'] or '')
     clock = zip(['', *signs], ['%I' if half else '%H', '%M', '%S', '%f'], strict=False)
     end = ''.join(map(''.join, clock)) if signs else ''
     end += re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
-    end += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
+    zone = match['zone'] or ''
+    end += f'{" " * zone.startswith(" ")}%z' if zone not in {'', ' UTC'} else ''
     # A date in every order of day, month and year.
-    parts = date.split(match['sign']) if date else []
+    parts = date.split(match['sign']) if match['sign'] else []
     month = '%b' if any(map(str.isalpha, parts)) else '%m'
     year = '%Y' if any(len(part) == 4 for part in parts) else '%y'
     orders = [('%d', month, year), (month, '%d', year), (year, month, '%d')]
@@ -241,7 +252,7 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
         orders[:2] = orders[1::-1]
     days = [match['sign'].join(order) for order in orders] if parts else ['']
     forms = [f'{day}{gap}{end}' for day in days]
-    if date[4:5] == '-' and gap in {'', ' ', 'T'} and not half:
+    if date.isdecimal() or (date[4:5] == '-' and gap in {'', ' ', 'T'} and not half):
         forms = ['iso']
     disorder: dict[str, int] = {}
     for form in forms:
