@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
-from math import isnan
 import re
 import shlex
 from unicodedata import normalize
@@ -37,6 +36,7 @@ from wrist_ft_comp.recordings.table_form import (
     exact_ns,
     find_form,
     Header,
+    MISSING,
     number_in,
     unit_of_times,
 )
@@ -196,12 +196,12 @@ class _Looks:
         text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
         self.words = re.findall(r'[^\W\d_]+|\d+', text.lower())
         self.plain = '_'.join(self.words)
-        self.filled = [cell for cell in cells if cell]
+        self.filled = [cell for cell in cells if cell.lower() not in MISSING]
         numbers = []
         for cell in self.filled:
             with suppress(ValueError):
                 numbers.append(number_in(cell, ''))
-        self.numbers = np.array([number for number in numbers if not isnan(number)])
+        self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
         self._steps = steps = np.diff(self.numbers)

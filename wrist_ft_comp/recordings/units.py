@@ -82,6 +82,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     """List what clearly is meant as a unit of a column: in its name, or beside it."""
     return [
         *_IN_BRACKETS.findall(name),
+        *re.findall(r'(?<![a-z])(?:counts?|adc|lsb)(?![a-z])', name.lower()),
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
