@@ -215,10 +215,10 @@ class WrenchInput(Part):
             yield sick
         elif dead := ', '.join(self._dead(lived=True)):
             yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
-        elif lost := [axis for axis in self._dead(lived=False) if axis in self._modelled()]:
+        elif lost := set(self._modelled()).intersection(self.absent + self._dead(lived=False)):
             yield (
-                f'{", ".join(lost)} never read anything but 0, and the model knows it as an axis '
-                'that lives; is it dead?'
+                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
+                'it as an axis that lives; is it dead?'
             )
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'

@@ -138,7 +138,7 @@ class Compensator:
         self._tare_waits = False
         #: When that tare was taken, ns; None where none waits.
         self._tared_ns: int | None = None
-        #: From when on the model has forgotten what a thermometer read before it jumped back, ns.
+        #: From when on the model has forgotten what a thermometer read before it jumped, ns.
         self._forgotten_ns: dict[int, int] = {}
         self._refresh_correction()
         if model is not None:
@@ -180,15 +180,15 @@ class Compensator:
         name = f'thermometer {thermometer + 1}'
         if spikes.jumps > jumps:
             self._withdraw_doubt(f'{name} jumped by ')
+            memory_s = 0.0 if self.model is None else longest_gap_s(self.model)
+            self._forgotten_ns[thermometer] = stamp_ns + round(memory_s * NANOSECONDS)
             if spikes.stayed_k:
                 # It acts for as long as it lasts, whatever the model remembers.
                 self.doubt_zero(
                     f'{name} jumped by {spikes.stayed_k:.1f} K and stayed there; is it loose? '
                     'Mend it, or tare where it is to stay so'
                 )
-            elif off_k and self.model is not None:
-                memory_s = longest_gap_s(self.model)
-                self._forgotten_ns[thermometer] = stamp_ns + round(memory_s * NANOSECONDS)
+            elif off_k and memory_s:
                 self.doubt_zero(
                     f'{name} was off by {off_k:.1f} K until it jumped back; the model remembers '
                     f'that for {memory_s / 60:.0f} min'
@@ -283,7 +283,7 @@ class Compensator:
         for thermometer, until_ns in self._forgotten_ns.items():
             self.doubt_zero(
                 f'the tare was taken while the model remembers that thermometer {thermometer + 1} '
-                f'was off; tare again in {(until_ns - stamp_ns) / NANOSECONDS / 60:.0f} min'
+                f'jumped; tare again in {(until_ns - stamp_ns) / NANOSECONDS / 60:.0f} min'
             )
         self._refresh_correction()
         return self.tare
