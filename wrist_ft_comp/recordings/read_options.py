@@ -310,7 +310,8 @@ class Excerpt:
         for block in blocks:
             timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
             first_ns += block.stamps_ns[timed][:1].tolist()
-            since_s = np.where(timed, block.stamps_ns - sum(first_ns[:1]), 0) / NANOSECONDS
+            begin_ns = first_ns[0] if first_ns else 0
+            since_s = np.where(timed, block.stamps_ns - begin_ns, 0) / NANOSECONDS
             kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
             counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():

@@ -259,16 +259,16 @@ class _RowReader:
         reader = csv.reader(texts, delimiter=sign, skipinitialspace=True)
         try:
             for row in reader:
-                cells_of_row = [cell.strip() for cell in row]
-                if not any(cells_of_row) or tuple(cells_of_row) in self._header.rows_above:
+                found = [cell.strip() for cell in row]
+                if not any(found) or tuple(found) in self._header.rows_above:
                     continue
-                line, found = number + reader.line_num - 1, len(cells_of_row)
-                if not width <= found <= self._most and any(cells_of_row[width:] or ['x']):
+                line, count = number + reader.line_num - 1, len(found)
+                if not width <= count <= self._most and any(found[width:] or ['x']):
                     raise RecordingError(
-                        f'Line {line} of {self._name} has {found} cells; the others have {width}. '
+                        f'Line {line} of {self._name} has {count} cells; the others have {width}. '
                         'Repair or remove the line.'
                     )
-                rows[line] = cells_of_row
+                rows[line] = found
         except csv.Error as error:
             raise RecordingError(f'{self._name} is no table: {error}.') from error
         return self._rows_of(pandas.DataFrame.from_dict(rows, 'index', str).fillna(''))
@@ -288,8 +288,9 @@ class _RowReader:
         longest = np.full(width, LONGEST_LINE)
         if sign != ' ':
             longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
-        if [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS:
-            kinds = {place: float for place in kinds if longest[place] <= DIGITS} or kinds
+        is_number = [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS
+        if is_number and longest[self._stamp.place] <= DIGITS:
+            kinds[self._stamp.place] = float
         values = [longest[place] for place in used if place not in kinds]
         is_short = max(values, default=0) <= DIGITS and 'e' not in text and 'E' not in text
         frame = pandas.read_csv(

@@ -241,15 +241,15 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     clock = zip(['', *signs], ['%I' if half else '%H', '%M', '%S', '%f'], strict=False)
     end = ''.join(map(''.join, clock)) if signs else ''
     end += re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
-    zone = match['zone'] or ''
-    end += f'{" " * zone.startswith(" ")}%z' if zone not in {'', ' UTC'} else ''
+    if match['zone'] not in {None, ' UTC'}:
+        end += re.sub(r'\S+', '%z', match['zone'])
     # A date in every order of day, month and year.
     parts = date.split(match['sign']) if match['sign'] else []
     month = '%b' if any(map(str.isalpha, parts)) else '%m'
     year = '%Y' if any(len(part) == 4 for part in parts) else '%y'
     orders = [('%d', month, year), (month, '%d', year), (year, month, '%d')]
     if (month_first or half) and match['sign'] != '.':
-        orders[:2] = orders[1::-1]
+        orders.insert(0, orders.pop(1))
     days = [match['sign'].join(order) for order in orders] if parts else ['']
     forms = [f'{day}{gap}{end}' for day in days]
     if date.isdecimal() or (date[4:5] == '-' and gap in {'', ' ', 'T'} and not half):
