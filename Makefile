@@ -68,7 +68,6 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/python bench/accuracy/contacts.py
 	$(BIN)/python bench/accuracy/worlds.py
-	$(BIN)/python bench/cost/calibration.py
 	$(BIN)/python bench/cost/stream.py
 	$(BIN)/python bench/accuracy/identify.py
 	$(BIN)/python bench/cost/memory.py

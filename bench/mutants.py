@@ -3,9 +3,8 @@ Do the tests bite: mutants of five folders against their own tests.
 
 ``python bench/mutants.py [--count N]`` draws from the mutants that mutmut makes of them,
 the same ones as long as their functions do not change, and runs the tests of their room on each.
-Mutants that change nothing but the words of a sentence are left out.
-Survivors that change nothing are listed in ``mutants_equivalent.yaml`` with the reason; an entry
-that is no survivor is an error. It fails below 90 % killed, or with more than 5 % listed.
+Mutants of the words of a sentence only are left out. Survivors are shown; about 2 %
+of all mutants change nothing. It fails below 90 % killed.
 """
 
 import argparse
@@ -18,8 +17,6 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
-
-import yaml
 
 from wrist_ft_comp import ONE_THREAD
 
@@ -42,7 +39,7 @@ ROOMS = {
     'stored': ('test/test_old_files.py',),
 }
 SEED = 11
-LEAST_KILLED, MOST_LISTED = 0.9, 0.05
+LEAST_KILLED = 0.9
 TREES = Path('build/mutated')
 MUTMUT = Path('build/mutants/bin/mutmut').absolute()
 #: By the exit code that mutmut stores; no test runs 33, and a signal ends what takes too long.
@@ -59,9 +56,6 @@ also_copy = ['data', 'docs']
 use_git_change_detection = false
 track_dependencies = false
 """
-
-#: Function, and its line or lines before and after: no number, which other changes would shift.
-Change = tuple[str, str, str]
 
 
 def mutmut(room: str, *words: str, fails: str = '') -> str:
@@ -134,42 +128,24 @@ def draw(count: int) -> list[tuple[str, str]]:
     return mutants[:count]
 
 
-def change(room: str, name: str) -> Change:
-    """Tell what a mutant does, function by module, class and name."""
-    lines = mutmut(room, 'show', name).partition('@@\n')[2].splitlines()
-    before, after = (
-        ' '.join(line[1:].strip() for line in lines if line.startswith(sign)) for sign in '-+'
-    )
-    function = name.removeprefix('wrist_ft_comp.').partition('__mutmut_')[0]
-    return function.replace('.x_', '.').replace('.xǁ', '.').replace('ǁ', '.'), before, after
-
-
 def main() -> int:
     """Draw, run, and judge."""
     parser = argparse.ArgumentParser()
     parser.add_argument('--count', type=int, default=300, help='how many are drawn')
-    drawn = draw(count := parser.parse_args().count)
-    survivors: set[Change] = set()
+    drawn, survivors = draw(parser.parse_args().count), 0
     for room in ROOMS:
         names = [name for where, name in drawn if where == room]
         mutmut(room, 'run', *names)
         codes = exit_codes(room)
         fates = {name: FATES.get(codes[name], 'unclear') for name in names}
         print(f'{room}: {len(names)} mutants,', dict(Counter(fates.values())), flush=True)
-        survivors |= {
-            change(room, name) for name in names if fates[name] in ('survived', 'unclear')
-        }
-    entries = yaml.safe_load(Path(__file__).with_name('mutants_equivalent.yaml').read_text())
-    listed = {(entry['function'], entry['before'], entry['after']) for entry in entries}
-    wrong = {'Survived': survivors - listed, 'Listed, but no survivor': listed - survivors}
-    for what, changes in wrong.items():
-        print(f'\n{what}: {len(changes)}')
-        for function, before, after in sorted(changes):
-            print(f'{function}\n  - {before}\n  + {after}')
-    same = len(survivors & listed) / count
-    killed = 1 - len(survivors - listed) / count / (1 - same)
-    print(f'\n{same:.1%} change nothing; of the others, {killed:.1%} are killed.')
-    return int(killed < LEAST_KILLED or same > MOST_LISTED or not listed <= survivors)
+        for name in names:
+            if fates[name] in ('survived', 'unclear'):
+                survivors += 1
+                print(mutmut(room, 'show', name))
+    killed = 1 - survivors / len(drawn)
+    print(f'{killed:.1%} are killed.')
+    return int(killed < LEAST_KILLED)
 
 
 if __name__ == '__main__':

@@ -21,8 +21,6 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features
-from wrist_ft_comp.fit.axis_data import build_axis_data
-from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.recording import Recording
 
 # Machines are shared and noisy: no test fails because it took long.
@@ -278,29 +276,6 @@ def make_model():
     return make
 
 
-@pytest.fixture(scope='session')
-def make_axis_data(make_recording):
-    """Build force z of recordings from raw wrenches; with loads, the reference was recorded."""
-
-    def make(temperatures, raws, loads=None, *, folds=None, period_s=10.0):
-        reference = 'unloaded' if loads is None else 'recorded'
-        recordings = [
-            make_recording(
-                temperature_c,
-                {'force_z': raw},
-                {} if load is None else {'force_z': load},
-                period_s=period_s,
-            )
-            for temperature_c, raw, load in zip(
-                temperatures, raws, loads or [None] * len(raws), strict=True
-            )
-        ]
-        folds = assign_folds(recordings) if folds is None else folds
-        return build_axis_data(recordings, 'force_z', reference, folds)
-
-    return make
-
-
 class Messages:
     """ROS messages as CDR, and bags of them, by rosbags and message by message."""
 
@@ -323,13 +298,11 @@ class Messages:
         six = [float(value) for value in values]
         vectors = (self._make('geometry_msgs/msg/Vector3', *half) for half in (six[:3], six[3:]))
         body = self._make('geometry_msgs/msg/Wrench', *vectors)
-        message = self._make(self.wrench_type, self._header(stamp_ns, frame), body)
-        return bytes(self.store.serialize_cdr(message, self.wrench_type, little_endian=little))
+        return self.pack(self.wrench_type, (stamp_ns, frame), body, little=little)
 
     def temperature(self, stamp_ns, value, frame='ft_sensor', little=True):
-        kind = self.temperature_type
-        message = self._make(kind, self._header(stamp_ns, frame), float(value), 0.25)
-        return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
+        header = stamp_ns, frame
+        return self.pack(self.temperature_type, header, float(value), 0.25, little=little)
 
     def learn(self, kind, text):
         """Know a type by its definition."""
@@ -339,10 +312,11 @@ class Messages:
         return kind
 
     def make(self, kind, *fields):
-        """Make a message of any known type; a time in ns becomes a header."""
+        """Make a message of any known type; a time in ns, perhaps with a frame, is a header."""
         names = [field for field, _ in self.store.fielddefs[kind][1]]
         if names[0] == 'header':
-            fields = self._header(fields[0], 'here'), *fields[1:]
+            at = fields[0] if isinstance(fields[0], tuple) else (fields[0], 'here')
+            fields = self._header(*at), *fields[1:]
         return self._make(kind, *fields)
 
     def pack(self, kind, *fields, little=True):
@@ -352,12 +326,11 @@ class Messages:
 
     def imu(self, stamp_ns, force, rotation, little=True):
         """Serialize an Imu of a driver that knows no orientation and no covariance."""
-        three = (
+        rotation, force = (
             self._make('geometry_msgs/msg/Vector3', *map(float, v)) for v in (rotation, force)
         )
         unknown, none = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
         turn = self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
-        rotation, force = three
         fields = stamp_ns, turn, none, rotation, none, force, unknown
         return self.pack('sensor_msgs/msg/Imu', *fields, little=little)
 
@@ -368,9 +341,8 @@ class Messages:
             moved = self._make('geometry_msgs/msg/Vector3', 0.1, 0.2, 0.3)
             turned = self._make('geometry_msgs/msg/Quaternion', *map(float, quaternion))
             transform = self._make('geometry_msgs/msg/Transform', moved, turned)
-            header = self._header(stamp_ns, parent)
-            kind = 'geometry_msgs/msg/TransformStamped'
-            transforms.append(self._make(kind, header, child, transform))
+            kind, header = 'geometry_msgs/msg/TransformStamped', (stamp_ns, parent)
+            transforms.append(self.make(kind, header, child, transform))
         return self.pack('tf2_msgs/msg/TFMessage', transforms, little=little)
 
     def run(self, stamps_ns, wrenches, temperature_c, topic='/wrench_raw'):

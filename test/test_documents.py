@@ -98,9 +98,9 @@ def test_thermometers_of_commands_can_be_parsed(document):
 
 
 def with_holes(node):
-    """A string of the code, with … for what is filled in."""
+    """A string of the code in one line, with … for what is filled in."""
     if isinstance(node, ast.JoinedStr):
-        return ''.join(with_holes(part) for part in node.values)
+        return ''.join(map(with_holes, node.values))
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         return with_holes(node.left) + with_holes(node.right)
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -110,8 +110,7 @@ def with_holes(node):
 
 def in_one_line(text):
     """White space as one blank, and holes beside each other as one."""
-    text = ' '.join(text.split())
-    return re.sub(r'…( ?…)*', '…', text)
+    return re.sub(r'…( ?…)*', '…', ' '.join(text.split()))
 
 
 @cache

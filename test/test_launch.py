@@ -2,6 +2,7 @@
 
 from pathlib import Path
 import re
+import sys
 from types import ModuleType
 
 import pytest
@@ -23,21 +24,19 @@ class Declared:
         return context[self.values[0]]
 
 
-def stand_in(monkeypatch, name, *classes):
-    module = ModuleType(name)
-    for class_name in classes:
-        setattr(module, class_name, type(class_name, (Declared,), {}))
-    monkeypatch.setitem(__import__('sys').modules, name, module)
-
-
 @pytest.fixture
 def load(monkeypatch):
     """Run a launch file, and give what it declares."""
-    stand_in(monkeypatch, 'launch', 'LaunchDescription')
-    stand_in(monkeypatch, 'launch.actions', 'DeclareLaunchArgument', 'OpaqueFunction')
-    stand_in(monkeypatch, 'launch.substitutions', 'LaunchConfiguration')
-    stand_in(monkeypatch, 'launch_ros', '')
-    stand_in(monkeypatch, 'launch_ros.actions', 'Node')
+    for name, classes in {
+        'launch': ['LaunchDescription'],
+        'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction'],
+        'launch.substitutions': ['LaunchConfiguration'],
+        'launch_ros': [],
+        'launch_ros.actions': ['Node'],
+    }.items():
+        module = ModuleType(name)
+        vars(module).update({of: type(of, (Declared,), {}) for of in classes})
+        monkeypatch.setitem(sys.modules, name, module)
 
     def run(name):
         scope = {}
@@ -71,14 +70,12 @@ def test_two_wrists_are_two_nodes_in_namespaces_of_their_own(load):
     assert left['remappings'] != right['remappings']
 
 
-def test_every_argument_has_a_default_and_says_what_it_is(launch):
-    declared, _ = launch
-    assert all(argument.named['description'] for argument in declared)
-    assert all(isinstance(argument.named['default_value'], str) for argument in declared)
-
-
 def test_without_arguments_the_executable_starts_as_it_is(launch):
-    node = launch[1]()
+    declared, make = launch
+    for argument in declared:
+        assert argument.named['description']
+        assert isinstance(argument.named['default_value'], str)
+    node = make()
     assert (node['package'], node['executable']) == ('wrist_ft_comp', 'compensator')
     assert f'{node["executable"]} = ' in (ROOT / 'setup.py').read_text('utf-8')
     assert node['parameters'] == node['remappings'] == []
@@ -86,19 +83,15 @@ def test_without_arguments_the_executable_starts_as_it_is(launch):
 
 
 def test_launch_arguments_reach_the_node_by_its_own_names(launch):
-    topics = {
-        name: f'/robot/{name}' for name in ('wrench_raw', 'wrench', 'wrench_external', 'imu')
-    }
+    names = 'wrench_raw', 'wrench', 'wrench_external', 'imu'
+    topics = {name: f'/robot/{name}' for name in names}
     entries = ['/robot/temperature', '/driver/state:data[3]:K']
     node = launch[1](
         **topics, temperature_topics=str(entries), params_file='f.yaml', data_directory='/d',
         namespace='left', respawn='false', log_level='debug',
     )  # fmt: skip
-    assert node['parameters'] == [
-        'f.yaml',
-        {'temperature_topics': entries},
-        {'data_directory': '/d'},
-    ]
+    given = {'temperature_topics': entries}, {'data_directory': '/d'}
+    assert node['parameters'] == ['f.yaml', *given]
     assert dict(node['remappings']) == topics
     assert len(parse_sources(entries, str)) == 2
     for name in (*topics, 'temperature_topics', 'data_directory'):

@@ -48,38 +48,33 @@ def run(site, *words):
 
 def test_the_command_line_gives_its_results(site, tmp_path):
     assert "No module named 'rclpy'" in run(site, '-c', 'import numpy, rclpy').stderr
-    oven, model, out = (tmp_path / name for name in ('oven.csv', 'b.yaml', 'out.csv'))
+    names = ('oven.csv', 'b.yaml', 'out.csv', 'b.html')
+    oven, model, out, report = (tmp_path / name for name in names)
     assert not run(site, ROOT / CONVERTER, ROOT / TABLE, '-o', oven).stderr
     for words in (
-        [
-            'calibrate',
-            oven,
-            '--reference',
-            'recorded',
-            '-o',
-            model,
-            '--report',
-            tmp_path / 'b.html',
-        ],
+        ['calibrate', oven, '--reference', 'recorded', '-o', model, '--report', report],
         ['show', model],
         ['evaluate', model, oven],
         ['compensate', model, oven, '-o', out],
     ):
         done = run(site, '-m', 'wrist_ft_comp', *map(str, words))
         assert done.returncode == 0, done.stderr
-        assert len(done.stdout.splitlines()) > 0
+        assert done.stdout
     assert out.read_text('utf-8').count('\n') == oven.read_text('utf-8').count('\n')
 
 
-def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site):
-    for words, sentence in (
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
         (
             ['-c', 'from wrist_ft_comp.node import executables; executables.compensator()'],
             'compensator: a node needs ROS 2, but this Python',
         ),
         (['-m', 'wrist_ft_comp', 'demo'], 'The demonstration needs rclpy'),
-    ):
-        done = run(site, *words)
-        assert done.returncode == 1
-        (line,) = done.stderr.splitlines()
-        assert sentence in line
+    ],
+)
+def test_a_node_that_is_asked_for_is_refused_in_one_sentence(site, words, sentence):
+    done = run(site, *words)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert sentence in line

@@ -11,20 +11,22 @@ import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from judging import block_means
+from judging import block_means, recording_of
 import numpy as np
 from peers import Day, PEERS
 from scipy.signal import butter, lfilter
-from wrist import warm_up
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.simulation import ft_sensor
+from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings, true_wrench
 from wrist_ft_comp.stream.offline import simulate_drift
 
 Z = AXES.index('force_z')
-HOURS = 2.5
+#: Length of a day, and how often the duty cycle of the wrist changes, s.
+DAY_S, DUTY_S = 9000, 1200.0
 CONTACT_N = 20.0
 #: When a short contact begins, and how long it lasts, s.
 STARTS_S = tuple(range(600, 5400, 600))
@@ -40,13 +42,21 @@ Practice = Callable[[Sequence[Recording], Recording], FloatArray]
 
 
 def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording:
-    """Warm a wrist up; a contact pushes along z."""
-    return warm_up(np.random.default_rng([seed, run]), seed, HOURS, contact_n=contact_n)
-
-
-def median_worst(errors_n: Sequence[float]) -> str:
-    """Write the median and the worst of all seeds."""
-    return f'{np.median(errors_n):.2f} ({np.max(errors_n):.2f})'
+    """Warm up the simulated wrist of a seed, which conducts heat; a contact pushes along z."""
+    rng = np.random.default_rng([seed, run])
+    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), seed)
+    starts = np.arange(0.0, DAY_S, DUTY_S)
+    levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
+    settings = RunSettings(tuple(starts), tuple(levels), force_n=0.0, torque_nm=0.0)
+    program = draw_run(settings, rng)
+    elapsed_s: FloatArray = np.arange(DAY_S, dtype=float) + 0.5
+    true = true_wrench(program, elapsed_s)
+    true[:, Z] += contact_n
+    driven = drive(program, elapsed_s)
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, float(driven[0, 1])), driven)
+    measured = ft_sensor.measured_wrench(sensor, nodes_c[:-1], true)
+    wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
+    return recording_of(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
 
 
 def contacts() -> FloatArray:
@@ -122,10 +132,12 @@ def contact_errors(estimate: FloatArray, day: Recording) -> list[float]:
     return [*rms, float(np.max(np.abs(held)))]
 
 
-def print_contacts(seeds: range) -> None:
+def main() -> None:
     """Print the errors of practices during contacts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('seeds', nargs='?', type=int, default=6)
     found: dict[str, list[list[float]]] = {name: [] for name in PRACTICES}
-    for seed in seeds:
+    for seed in range(parser.parse_args().seeds):
         training = [wrist(seed, run) for run in range(4)]
         test = wrist(seed, JUDGED_RUN, contacts())
         for name, practice in PRACTICES.items():
@@ -134,17 +146,8 @@ def print_contacts(seeds: range) -> None:
     titles = ('60 s contacts, RMS', 'free, RMS', '1 h contact, worst')
     print(f'{"":28}' + ''.join(f'{title:>20}' for title in titles))
     for name, rows in found.items():
-        print(
-            f'{name:28}'
-            + ''.join(f'{median_worst(of_kind):>20}' for of_kind in zip(*rows, strict=True))
-        )
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('seeds', nargs='?', type=int, default=6)
-    print_contacts(range(parser.parse_args().seeds))
+        cells = (f'{np.median(kind):.2f} ({np.max(kind):.2f})' for kind in np.transpose(rows))
+        print(f'{name:28}' + ''.join(f'{cell:>20}' for cell in cells))
 
 
 if __name__ == '__main__':

@@ -51,16 +51,10 @@ def bench_parser(description: str | None, what: str, count: int) -> argparse.Arg
 
 def first_seed(options: argparse.Namespace, *more: str) -> int:
     """
-    Find the first seed to draw with.
+    Find the first seed to draw with, by the options of a ``bench_parser``.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a ``bench_parser``: the development seed, or one of the last commit that touched how
-        drift is learnt.
-    *more : str
-        Further folders of the package that decide it.
-
+    That is the development seed, or one of the last commit that touched how drift is learnt;
+    ``more`` are further folders of the package that decide it.
     """
     if options.dev:
         return DEVELOPMENT_SEED

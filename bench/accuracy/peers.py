@@ -2,20 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from itertools import pairwise, product
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple
 
 from judging import block_means, BLOCK_S, tared
 import numpy as np
 from scipy.signal import lfilter
-from sklearn.cross_decomposition import PLSRegression
 
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
 
-BANKS_S = ((0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), (0.0, 20.0, 60.0), (0.0, 100.0, 600.0))
-STRENGTHS = 10.0 ** np.arange(-8.0, 0.5, 0.5)
-SHARPNESS = 8
+#: Time constants of the bank, s.
+BANK_S = (0.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+#: Strengths of a ridge that are tried, and that of least squares, of the normal matrix's diagonal.
+STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.5, 0.5).tolist())
+LEAST_STRENGTH = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +50,6 @@ def day_of(recording: Recording) -> Day:
     return Day(temperature_c, drift, load, cells * recording.period_s)
 
 
-def polynomial(degree: int, day: Day) -> tuple[FloatArray, IntArray]:
-    """Powers of the first thermometer's temperature."""
-    return bank(degree, (0.0,), day, thermometers=1)
-
-
 def bank(
     degree: int, taus_s: Sequence[float], day: Day, thermometers: int | None = None
 ) -> tuple[FloatArray, IntArray]:
@@ -67,51 +64,15 @@ def bank(
     return np.concatenate(columns, axis=1), np.tile(degrees, len(taus_s))
 
 
-def lags(day: Day) -> tuple[FloatArray, IntArray]:
-    """Temperatures of the last 40 minutes, in steps of two."""
-    steps = np.arange(20) * round(120 / day.period_s)
-    rows = np.maximum(np.arange(len(day.temperature_c))[:, None] - steps, 0)
-    columns = np.concatenate([column[rows] for column in day.temperature_c.T], axis=1)
-    return columns, np.ones(columns.shape[1], dtype=int)
-
-
-@lru_cache(maxsize=64)
-def described(features: Features, day: Day) -> tuple[FloatArray, IntArray]:
-    """Describe a day once for its six axes."""
-    return features(day)
-
-
-def design(features: Features, day: Day, axis: int) -> tuple[FloatArray, IntArray]:
-    """Columns for zero drift and, where there are loads, for gain drift (degree 0)."""
-    columns, degrees = described(features, day)
+def design(features: Features, day: Day, axis: int) -> FloatArray:
+    """Columns for zero drift and, where there are loads, for gain drift."""
+    columns, degrees = features(day)
     load = day.load[:, axis]
     if not np.nanstd(load) > 0:
-        return columns, degrees
+        return columns
     first = columns[:, degrees == 1]
     times = load[:, None] * np.concatenate((np.ones((len(load), 1)), first), axis=1)
-    return np.concatenate((columns, times), axis=1), np.concatenate(
-        (degrees, np.zeros(times.shape[1], dtype=int))
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """Normal equations of one part of the days, centred, and the part itself."""
-
-    normal: FloatArray
-    right: FloatArray
-    columns: FloatArray
-    drift: FloatArray
-    period_s: float
-
-
-def fold(features: Features, day: Day, axis: int) -> Fold:
-    """Centre a day and form its normal equations."""
-    columns, _ = design(features, day, axis)
-    measured = np.isfinite(day.drift[:, axis])
-    columns, drift = columns[measured], day.drift[measured, axis]
-    x, y = columns - columns.mean(axis=0), drift - drift.mean()
-    return Fold(x.T @ x, x.T @ y, columns, drift, day.period_s)
+    return np.concatenate((columns, times), axis=1)
 
 
 def parts(days: Sequence[Day]) -> list[Day]:
@@ -126,24 +87,40 @@ def parts(days: Sequence[Day]) -> list[Day]:
     ]
 
 
-def solved(folds: Sequence[Fold], strength: float) -> FloatArray:
-    """Solve ridge, its strength relative to the diagonal of the normal matrix."""
-    normal = np.sum([piece.normal for piece in folds], axis=0)
-    right = np.sum([piece.right for piece in folds], axis=0)
+class Piece(NamedTuple):
+    """Columns (M, p) and drift (M,) of an axis in one part of the days, where it was measured."""
+
+    columns: FloatArray
+    drift: FloatArray
+    period_s: float
+
+
+def pieces_of(features: Features, days: Sequence[Day], axis: int) -> list[Piece]:
+    """Describe an axis of days."""
+    measured = [np.isfinite(day.drift[:, axis]) for day in days]
+    return [
+        Piece(design(features, day, axis)[rows], day.drift[rows, axis], day.period_s)
+        for day, rows in zip(days, measured, strict=True)
+    ]
+
+
+def solved(pieces: Sequence[Piece], strength: float) -> FloatArray:
+    """Solve ridge with an offset per piece, its strength relative to the normal matrix."""
+    x = np.concatenate([piece.columns - piece.columns.mean(axis=0) for piece in pieces])
+    y = np.concatenate([piece.drift - piece.drift.mean() for piece in pieces])
+    normal = x.T @ x
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     scaled = normal / np.outer(size, size) + strength * np.eye(len(size))
-    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+    return np.asarray(np.linalg.solve(scaled, x.T @ y / size) / size)
 
 
-def held_out(folds: Sequence[Fold], strength: float) -> float:
-    """Tared error of parts that were left out, relative to what no model leaves."""
-    after, before = [], []
-    for out in folds:
-        gains = solved([other for other in folds if other is not out], strength)
-        error = tared((out.drift - out.columns @ gains)[:, None], out.period_s)
-        after.append(error)
-        before.append(tared(out.drift[:, None], out.period_s))
-    return float(np.std(np.concatenate(after)) / np.std(np.concatenate(before)))
+def held_out(pieces: Sequence[Piece], strength: float) -> float:
+    """Tared error of parts that were left out."""
+    errors = []
+    for out in pieces:
+        gains = solved([other for other in pieces if other is not out], strength)
+        errors.append(tared((out.drift - out.columns @ gains)[:, None], out.period_s))
+    return float(np.std(np.concatenate(errors)))
 
 
 def axes_of(days: Sequence[Day]) -> list[int]:
@@ -151,70 +128,27 @@ def axes_of(days: Sequence[Day]) -> list[int]:
     return [axis for axis in range(6) if np.isfinite(days[0].drift[:, axis]).any()]
 
 
-def nothing(_: Sequence[Day], judged: Day) -> FloatArray:
-    """Re-zero at the start, which everybody does."""
-    return np.zeros_like(judged.drift)
-
-
-def plain(features: Features, days: Sequence[Day], judged: Day) -> FloatArray:
-    """Fit by least squares."""
-    return averaged([(features, 1e-12)], days, judged)
-
-
-def chosen_ridge(candidates: Sequence[Features], days: Sequence[Day], judged: Day) -> FloatArray:
-    """Choose features and strength by leaving recordings out."""
-    return averaged(list(product(candidates, STRENGTHS)), days, judged, best_only=True)
-
-
-def averaged(
-    candidates: Sequence[tuple[Features, float]],
-    days: Sequence[Day],
-    judged: Day,
-    *,
-    best_only: bool = False,
+def ridge(
+    candidates: Sequence[Features], strengths: Sequence[float], days: Sequence[Day], judged: Day
 ) -> FloatArray:
-    """Average ridge fits with weights (held-out error)^-8, or take the best of them."""
-    result = np.zeros_like(judged.drift)
-    sources = list(dict.fromkeys(features for features, _ in candidates))
-    pieces_of_days = parts(days)
-    for axis in axes_of(days):
-        pieces = {
-            features: [fold(features, part, axis) for part in pieces_of_days]
-            for features in sources
-        }
-        whole = {features: [fold(features, day, axis) for day in days] for features in sources}
-        errors = np.array([held_out(pieces[features], s) for features, s in candidates])
-        weights = (errors / errors.min()) ** -SHARPNESS
-        if best_only:
-            weights = np.eye(len(errors))[int(np.argmin(errors))]
-        for weight, (features, strength) in zip(weights / weights.sum(), candidates, strict=True):
-            if weight > 0:
-                columns, _ = design(features, judged, axis)
-                result[:, axis] += weight * columns @ solved(whole[features], strength)
-    return result
-
-
-def lagged_pls(days: Sequence[Day], judged: Day) -> FloatArray:
-    """Fit scikit-learn's PLS with six components."""
+    """Fit by ridge; leaving recordings out chooses features and strength where there are some."""
     result = np.zeros_like(judged.drift)
     for axis in axes_of(days):
-        folds = [fold(lags, day, axis) for day in days]
-        x = np.concatenate([piece.columns - piece.columns.mean(axis=0) for piece in folds])
-        y = np.concatenate([piece.drift - piece.drift.mean() for piece in folds])
-        estimator = PLSRegression(n_components=6).fit(x, y)
-        result[:, axis] = np.ravel(estimator.predict(design(lags, judged, axis)[0]))
+        best, least = (candidates[0], strengths[0]), np.inf
+        for features in candidates if len(strengths) > 1 else ():
+            pieces = pieces_of(features, parts(days), axis)
+            for strength in strengths:
+                if (error := held_out(pieces, strength)) < least:
+                    best, least = (features, strength), error
+        gains = solved(pieces_of(best[0], days, axis), best[1])
+        result[:, axis] = design(best[0], judged, axis) @ gains
     return result
 
-
-POLYNOMIALS = tuple(partial(polynomial, degree) for degree in (1, 2, 3))
-BANKS = [partial(bank, degree, taus_s) for taus_s in BANKS_S for degree in (1, 2, 3)]
-MEMBERS = [*product(BANKS, (1e-2, 1e-4, 1e-6)), *product(POLYNOMIALS, (1e-9,))]
 
 PEERS: dict[str, Peer] = {
-    'nothing': nothing,
-    'line': partial(plain, POLYNOMIALS[0]),
-    'cubic': partial(plain, POLYNOMIALS[2]),
-    'PLS on lags': lagged_pls,
-    'ridge bank': partial(chosen_ridge, BANKS[:2]),
-    'mean of 30': partial(averaged, MEMBERS),
+    **{
+        name: partial(ridge, [partial(bank, degree, (0.0,), thermometers=1)], (LEAST_STRENGTH,))
+        for name, degree in (('line', 1), ('cubic', 3))
+    },
+    'ridge bank': partial(ridge, [partial(bank, degree, BANK_S) for degree in (1, 2)], STRENGTHS),
 }

@@ -11,9 +11,9 @@ left on the judged day by what was learnt with steps, over that without.
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
-from judging import bench_parser, first_seed, root_mean_square
+from judging import bench_parser, first_seed
 import numpy as np
-from worlds import Answer, by_auto, left_of
+from worlds import by_auto, by_nothing, rms_left
 from worlds_drawn import FAMILIES, family
 
 from wrist_ft_comp.channels import AXES
@@ -71,14 +71,11 @@ def judge(task: tuple[str, int]) -> tuple[int, int, int, int, float, float]:
         for cell in cells
     )
     world = replace(world, judge=unloaded(world.judge), reference='unloaded')
-    left = [
-        root_mean_square(left_of(world, by_auto(replace(world, learn=learn))))
+    steps, raw = sum(len(cells) for _, cells in pairs), rms_left(world, by_nothing(world))
+    with_steps, without = (
+        float(np.nanmean(rms_left(world, by_auto(replace(world, learn=learn))) / raw))
         for learn in ([day for day, _ in pairs], days)
-    ]
-    nothing = Answer(np.zeros_like(world.judge.wrench), np.zeros(6))
-    raw = root_mean_square(left_of(world, nothing))
-    steps = sum(len(cells) for _, cells in pairs)
-    with_steps, without = (float(np.nanmean(of_world / raw)) for of_world in left)
+    )
     return len(days), steps, named, false, with_steps, without
 
 

@@ -20,25 +20,15 @@ DAY_S = 86_400.0
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """
-    A body in modal form, C dT/dt = -K T + B u, with n nodes.
+    """A body with n nodes, C dT/dt = -K T + B u, in modal form; edges join neighbouring nodes."""
 
-    Attributes
-    ----------
-    rates : ndarray, shape (n,)
-        Of the modes, 1/s.
-    shapes : ndarray, shape (n, n)
-        Temperatures of the nodes (rows) for modal amplitudes of one (columns).
-    inlets : ndarray, shape (n, 4)
-        Change of the amplitudes by the drives, per second.
-    edges : ndarray of int, shape (E, 2)
-        Neighbouring nodes.
-
-    """
-
+    #: Of the modes, 1/s, (n,).
     rates: FloatArray
+    #: Temperatures of the nodes (rows) for modal amplitudes of one (columns), (n, n).
     shapes: FloatArray
+    #: Change of the amplitudes by the drives, per second, (n, 4).
     inlets: FloatArray
+    #: Pairs of nodes, (E, 2).
     edges: IntArray
 
     @property
@@ -73,24 +63,9 @@ def temperatures(
     body: Body, drive: FloatArray, start: FloatArray, period_s: float = 1.0
 ) -> FloatArray:
     """
-    Warm a body.
+    Warm a body by drives (N, 4), each of them constant over a step of ``period_s``.
 
-    Parameters
-    ----------
-    body : Body
-        With n nodes.
-    drive : ndarray, shape (N, 4)
-        Constant over each step.
-    start : ndarray, shape (n,)
-        Temperatures before the first step, °C.
-    period_s : float
-        Step, s.
-
-    Returns
-    -------
-    ndarray, shape (N, n)
-        Temperatures at the end of each step, °C.
-
+    From the nodes before the first step (n,) to those at the end of each, (N, n), °C.
     """
     poles = np.exp(-body.rates * period_s)
     pushed = drive @ (body.inlets * ((1 - poles) / body.rates)[:, None]).T
@@ -200,25 +175,11 @@ def draw_day(
     rng: np.random.Generator, body: Body, sources: Sources, seconds: int, *, steady: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Work for a day, after a night that the room has left in the body.
+    Work for some seconds, after a night that the room has left in the body.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws room, work, sun, coolant and start.
-    body, sources
-        The world.
-    seconds : int
-        How long.
-    steady : bool
-        Whether the motor works alike all day, and nothing else changes: temperatures only rise,
-        and come to rest.
-
-    Returns
-    -------
-    tuple of ndarrays, shapes (NIGHT_S / NIGHT_STEP_S, n) and (seconds, n)
-        Temperatures of the nodes in the night and by day, °C.
-
+    A steady motor works alike all day, and nothing else changes: temperatures only rise, and come
+    to rest. Gives temperatures of the nodes in the night, (NIGHT_S / NIGHT_STEP_S, n), and by day,
+    (seconds, n), °C.
     """
     night: FloatArray = np.arange(-NIGHT_S, 0, NIGHT_STEP_S, dtype=float)
     day: FloatArray = np.arange(seconds, dtype=float)

@@ -1,16 +1,11 @@
 """
 Days of a robot at work, in worlds that nobody tuned on, and the same days with an empty flange.
 
-The bodies, gauges and thermometers are those of ``worlds_drawn``: random thermal networks. On top
-of them the robot of ``simulation.work`` moves with a tool, picks parts up and puts them down, and
-presses on things. What it does is looked up at 10 Hz and averaged over cells of 1 s, so that
-ω×(ω×c), α×c, a part that is picked up within a cell and a contact that begins in one are as honest
-as in a recording. The specific force comes from an accelerometer (turned in any way, biased,
-scaled, drifting with the body's temperature, noisy), or is gravity by TF, which knows no
-acceleration of the robot and stands on a base that is not quite level. Drivers tare.
-
-``working(name, seed)`` draws a world: days to learn from, the same days with an empty flange, and
-an empty next day to be judged on.
+Bodies, gauges and thermometers are those of ``worlds_drawn``: random thermal networks. The robot
+of ``simulation.work`` moves with a tool, picks parts up and puts them down, and presses on things.
+What it does is looked up at 10 Hz and averaged over cells of 1 s. Specific force comes from an
+accelerometer (turned, biased, scaled, drifting with temperature, noisy), or is gravity by TF,
+which knows no acceleration and stands on a base that is not quite level. Drivers tare.
 """
 
 from dataclasses import dataclass, replace
@@ -142,11 +137,7 @@ def measure(
     rng: np.random.Generator, gauges: Gauges, felt_c: FloatArray, true: FloatArray, tares: float
 ) -> tuple[FloatArray, IntArray]:
     """Read a true wrench (N, 6) with drift, noise, an offset and tares; and their cells."""
-    axes, theta = len(AXES), felt_c - FACTORY_C
-    hours = np.arange(len(felt_c))[:, None] / 3600
-    crept = gauges.creep * rng.uniform(-1, 1, axes) * np.log1p(hours)
-    zero = theta @ gauges.linear + theta**2 @ gauges.square + crept
-    raw = true * (1 + theta @ gauges.gain) + zero + rng.normal(0, LOADS)
+    raw = true + gauges.drift(rng, felt_c, true) + rng.normal(0, LOADS)
     raw += rng.normal(0, gauges.noise, raw.shape)
     tared = np.sort(rng.integers(60, len(raw) - 60, rng.poisson(tares)))
     tared = tared[np.diff(tared, prepend=-APART_S) >= APART_S]

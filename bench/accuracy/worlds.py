@@ -10,13 +10,15 @@ in its first minute, over means of ten seconds: root mean square left, over raw.
 bootstrapped over worlds. ``family(name, seed)`` of ``worlds_drawn`` draws a single world.
 """
 
-import argparse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 import os
 from pathlib import Path
+import pickle
+import subprocess
+import sys
 import time
 from typing import NamedTuple
 
@@ -30,31 +32,39 @@ from judging import (
     with_interval,
 )
 import numpy as np
-from other_tree import answer_of_tree
-from peers import day_of, Peer, PEERS
-from real_worlds import CREDITS, load_cell_world, six_axes, SPLITS
+import pandas
+from peers import axes_of, day_of, Peer, PEERS
 from worlds_drawn import FAMILIES, family, World
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.recording import Recording, Samples
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import simulate_drift
 
-AUTO, MORE, BEFORE, TRUTH = 'auto', 'auto, more', 'auto before', 'the truth'
-METHODS = (*PEERS, AUTO, TRUTH)
+NOTHING, AUTO, TRUTH = 'nothing', 'auto', 'the truth'
+MORE, BEFORE = 'auto, more', 'auto before'
+METHODS = (NOTHING, *PEERS, AUTO, TRUTH)
 #: Statistics that are printed with an interval.
 PRINTED = ('median', 'mean', '95 %')
-#: Tree of the version that is judged as ``auto before``.
+#: Names the tree of the version that is judged as ``auto before`` to other processes.
 BEFORE_TREE = 'WORLDS_BEFORE_TREE'
-OVERALL_PEER = 'mean of 30'
-#: The best peer of each family on the development seeds (least median times mean), fixed before
-#: anything was judged; of the others it is the best of all families together.
-BEST_PEER = {
-    'nothing': 'nothing',
-    'rod_one': 'ridge bank',
-}
+#: Answers, as ``by_auto`` does, what its standard input holds.
+ANSWER = 'import worlds; worlds.answer_world()'
+#: What ``auto`` is compared with.
+PEER = 'ridge bank'
+#: Sensors that are real, where their data lie beside the project.
+DATA = Path(__file__).parents[3] / 'shared' / 'data'
+#: 22 kg for 40.8 h, of which some are learnt from.
+LOAD_CELL = DATA / 'load_cell' / 'constant_load_run1.csv'
+LEARNT_H = 20.0
+IMU = DATA / 'imu_chamber' / 'imu_chamber.csv'
+#: Learnt on rows from 1 up to one of these, judged on the rest.
+SPLITS = (6180, 4800, 5400, 5900, 6400, 6600, 7200)
+_COLUMNS = (*(f'imu.acc.{axis}' for axis in 'xyz'), *(f'imu.gyro.{axis}' for axis in 'xyz'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,35 +76,25 @@ class Answer:
     """
 
     drift: FloatArray
-    claim: FloatArray
+    claim: FloatArray = field(default_factory=lambda: np.full(len(AXES), np.nan))
     limit: FloatArray = field(default_factory=lambda: np.full(len(AXES), np.nan))
 
 
 class Result(NamedTuple):
-    """
-    What a method left in the worlds of a family.
+    """What a method left in the worlds of a family, axis by axis, (worlds, 6); NaN for nothing."""
 
-    Attributes
-    ----------
-    left : ndarray, shape (worlds, 6)
-        Of the drift of each axis; NaN where there was none.
-    kept : ndarray, shape (worlds, 6)
-        What was left by what had been claimed; NaN without a claim.
-    peak : ndarray, shape (worlds, 6)
-        The largest error of the day by the limit that had been stated; NaN without one.
-    seconds : ndarray, shape (worlds,)
-        Time it took.
-
-    """
-
+    #: Of the drift.
     left: FloatArray
+    #: What was left by what had been claimed.
     kept: FloatArray
+    #: The largest error of the day by the limit that had been stated.
     peak: FloatArray
+    #: Time it took, (worlds,).
     seconds: FloatArray
 
 
-def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
-    """Print one family: every method, and how auto stands to the family's best peer."""
+def print_family(title: str, results: Mapping[str, Result]) -> None:
+    """Print one family: every method, and how auto stands to PEER."""
     worlds = len(next(iter(results.values())).left)
     print(f'\n{title}: drift left in {worlds} worlds, as a share of the uncompensated')
     print(f'{"":16}{"median":>21}{"mean":>21}{"95 %":>21}{"worst":>8}{"s":>7}')
@@ -102,7 +102,7 @@ def print_family(title: str, results: Mapping[str, Result], peer: str) -> None:
         cells = ''.join(f'{with_interval(key, result.left):>21}' for key in PRINTED)
         cells += f'{STATISTICS["worst"](result.left):8.2f}{np.median(result.seconds):7.1f}'
         print(f'{name:16}{cells}')
-    for ours, theirs in ((AUTO, peer), (AUTO, BEFORE), (MORE, AUTO)):
+    for ours, theirs in ((AUTO, PEER), (AUTO, BEFORE), (MORE, AUTO)):
         if ours in results and theirs in results:
             left = results[ours].left, results[theirs].left
             ratios = ', '.join(f'{key} {with_interval(key, *left)}' for key in PRINTED)
@@ -130,46 +130,58 @@ def pooled(families: Sequence[Mapping[str, Result]]) -> dict[str, Result]:
     }
 
 
+def by_nothing(world: World) -> Answer:
+    """Leave the sensor as it is, and claim nothing."""
+    return Answer(np.zeros_like(world.judge.wrench))
+
+
 def by_auto(world: World) -> Answer:
-    """Calibrate; a refusal leaves the sensor as it is and claims nothing."""
-    drift, claim = np.zeros_like(world.judge.wrench), np.full(len(AXES), np.nan)
+    """Calibrate; where that is refused, the sensor stays as it is."""
     settings = CalibrationSettings(reference=world.reference)
     try:
-        calibration = calibrate(world.learn, settings)
+        model = calibrate(world.learn, settings).model
     except WristFtCompError:
-        return Answer(drift, claim)
-    zero, gain = simulate_drift(calibration.model, world.judge)
+        return by_nothing(world)
+    zero, gain = simulate_drift(model, world.judge)
     drift = zero + np.where(gain == 0.0, 0.0, gain * world.judge.reference)
-    deviation = calibration.model.uncertainty(world.judge.temperature_c)
-    limits = np.array([calibration.model.day_limits.get(axis, np.nan) for axis in AXES])
+    deviation = model.uncertainty(world.judge.temperature_c)
+    limits = np.array([model.day_limits.get(axis, np.nan) for axis in AXES])
     return Answer(drift, np.sqrt(np.mean(deviation**2, axis=0)), limits)
-
-
-def by_more(world: World) -> Answer:
-    """Calibrate with all days that there are."""
-    return by_auto(replace(world, learn=world.learn + world.more))
 
 
 def by_other_tree(world: World) -> Answer:
     """Calibrate with ``auto`` of another version, in a process of its own."""
-    return Answer(*answer_of_tree(os.environ[BEFORE_TREE], world))
+    done = subprocess.run(
+        [sys.executable, '-c', ANSWER],
+        env={**os.environ, 'PYTHONPATH': f'{os.environ[BEFORE_TREE]}:{Path(__file__).parent}'},
+        input=pickle.dumps(world),
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    answer: Answer = pickle.loads(done.stdout)  # noqa: S301 -- from our own process
+    return answer
+
+
+def answer_world() -> None:
+    """Answer the world of standard input, by the package that is there."""
+    world = pickle.load(sys.stdin.buffer)  # noqa: S301 -- from our own process
+    pickle.dump(by_auto(world), sys.stdout.buffer)
 
 
 def by_peer(peer: Peer, world: World) -> Answer:
     """Predict with a peer, which claims nothing."""
-    predicted = peer([day_of(day) for day in world.learn], day_of(world.judge))
-    return Answer(predicted, np.full(6, np.nan))
+    return Answer(peer([day_of(day) for day in world.learn], day_of(world.judge)))
 
 
-def by_truth(world: World) -> Answer:
-    """Predict with a model that knows the sensor."""
-    return Answer(world.truth, np.full(6, np.nan))
-
-
-def answerer(method: str) -> Callable[[World], Answer]:
-    """Find a method by its name."""
-    ours = {AUTO: by_auto, MORE: by_more, BEFORE: by_other_tree, TRUTH: by_truth}
-    return ours.get(method) or partial(by_peer, PEERS[method])
+#: Answers a world, by the name of the method.
+ANSWERS: dict[str, Callable[[World], Answer]] = {
+    NOTHING: by_nothing,
+    **{name: partial(by_peer, peer) for name, peer in PEERS.items()},
+    AUTO: by_auto,
+    MORE: lambda world: by_auto(replace(world, learn=world.learn + world.more)),
+    BEFORE: by_other_tree,
+    TRUTH: lambda world: Answer(world.truth),
+}
 
 
 def left_of(world: World, answer: Answer) -> FloatArray:
@@ -179,72 +191,114 @@ def left_of(world: World, answer: Answer) -> FloatArray:
     return tared(day.drift - block_means(answer.drift, cells), day.period_s)
 
 
+def rms_left(world: World, answer: Answer) -> FloatArray:
+    """RMS of what is left of each axis' drift, (6,)."""
+    return root_mean_square(left_of(world, answer))
+
+
 def judge(
     task: tuple[str, int, Sequence[str], int],
 ) -> list[tuple[FloatArray, FloatArray, FloatArray, float]]:
     """Judge all methods in one world: what stands in a Result, of each."""
     name, seed, methods, more = task
-    nothing = np.full(len(AXES), np.nan)
+    unknown = np.full(len(AXES), np.nan)
     try:
         world = family(name, seed, more)
     except RecordingError:  # a body that gets hotter than any thermometer of a wrist
-        return [(nothing, nothing, nothing, np.nan)] * len(methods)
-    raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.judge.wrench), np.zeros(6))))
+        return [(unknown, unknown, unknown, np.nan)] * len(methods)
+    raw = rms_left(world, by_nothing(world))
     rows = []
     for method in methods:
         began = time.perf_counter()
-        answer = answerer(method)(world)
+        answer = ANSWERS[method](world)
         seconds = time.perf_counter() - began
-        errors = left_of(world, answer)
-        remaining, peak = root_mean_square(errors), np.asarray(np.nanmax(np.abs(errors), axis=0))
-        rows.append((remaining / raw, remaining / answer.claim, peak / answer.limit, seconds))
+        left, peak = rms_left(world, answer), np.nanmax(np.abs(left_of(world, answer)), axis=0)
+        rows.append((left / raw, left / answer.claim, peak / answer.limit, seconds))
     return rows
 
 
-def print_real(methods: Sequence[str]) -> None:
-    """Print what is left of the spread of real sensors."""
-    worlds = {f'six axes, {split}': six_axes(split) for split in SPLITS}
-    print(
-        '\nsix real axes, learnt before a row, judged after: spread left, geometric mean (worst)'
+def constant(
+    stamps_ns: IntArray,
+    celsius: FloatArray,
+    axes: Sequence[str],
+    wrench: FloatArray,
+    period_s: float,
+) -> Recording:
+    """Grid readings of a sensor whose true load does not change."""
+    samples = [
+        Samples(('temperature_c',), stamps_ns, celsius[:, np.newaxis]),
+        Samples(tuple(axes), stamps_ns, wrench),
+    ]
+    day = grid_samples(samples, name='real', period_s=period_s)
+    return replace(day, reference=np.where(np.isfinite(day.wrench), 0.0, np.nan))
+
+
+def six_axes(split: int) -> World:
+    """Learn on the rows before the split, judge on the rest; acceleration is read as force."""
+    rows = np.genfromtxt(IMU, delimiter=',', names=True, deletechars='')
+    learn, judge = (
+        constant(
+            (part['timestamp'] * 1000).astype(np.int64), part['imu.temperature'], AXES,
+            np.stack([part[name] for name in _COLUMNS], axis=1), 1.0,
+        )
+        for part in (rows[1:split], rows[split:])
+    )  # fmt: skip
+    return World([learn], judge, np.zeros_like(judge.wrench), 'constant')
+
+
+def load_cell() -> World:
+    """Learn on the first hours, judge on the rest, in g."""
+    table = pandas.read_csv(LOAD_CELL, sep=';', parse_dates=['time'])
+    elapsed_s = (table['time'] - table['time'][0]).dt.total_seconds().to_numpy()
+    celsius, grams = table['T_C'].to_numpy(), 1000 * table[['W_raw_kg']].to_numpy()
+    stamps_ns, first = (elapsed_s * NANOSECONDS).astype(np.int64), elapsed_s < 3600 * LEARNT_H
+    learn, judge = (
+        constant(stamps_ns[part], celsius[part], ['force_z'], grams[part], 30.0)
+        for part in (first, ~first)
     )
-    if None in worlds.values():
-        print('skipped: imu_chamber.csv is not beside the project')
-    else:
-        print(CREDITS['six axes'])
-        print(f'{"":16}' + ''.join(f'{split:>15}' for split in SPLITS))
-        for method in methods:
-            cells = ''
-            for world in worlds.values():
-                assert world is not None  # noqa: S101 -- looked at above
-                remaining = np.std(left_of(world, answerer(method)(world)), axis=0)
-                share = remaining / np.std(day_of(world.judge).drift, axis=0)
-                cells += f'{np.exp(np.mean(np.log(share))):.3f} ({share.max():.2f})'.rjust(15)
-            print(f'{method:16}{cells}', flush=True)
-    cell = load_cell_world()
-    print('\nload cell, learnt from 20 h: spread of the rest, g')
-    if cell is None:
-        print('skipped: constant_load_run1.csv is not beside the project')
-        return
-    print(CREDITS['load cell'])
-    for method in methods:
-        remaining = left_of(cell, answerer(method)(cell))
-        print(f'{method:16}{np.nanstd(remaining[:, 2]):8.2f}', flush=True)
+    return World([learn], judge, np.zeros_like(judge.wrench), 'constant')
 
 
-def arguments() -> argparse.Namespace:
-    """Read the command line."""
+#: What is printed above worlds, the file they are read from, and the worlds by name.
+REAL: tuple[tuple[str, Path, dict[str, Callable[[], World]]], ...] = (
+    (
+        'inertial sensor (Copyright (c) 2024 tofupilot, MIT), learnt before a row, judged after',
+        IMU,
+        {str(split): partial(six_axes, split) for split in SPLITS},
+    ),
+    (
+        f'load cell (hmd83, TANEN project, CC BY 4.0), learnt from {LEARNT_H:g} h, in g',
+        LOAD_CELL,
+        {'load cell': load_cell},
+    ),
+)
+
+
+def print_real(methods: Sequence[str]) -> None:
+    """Print the spread that is left of real sensors, where their data lie beside the project."""
+    for title, path, worlds in REAL:
+        print(f'\n{title}: spread left, geometric mean (worst)')
+        for name, draw in worlds.items() if path.exists() else ():
+            world = draw()
+            axes = axes_of([day_of(world.judge)])
+            before = np.nanstd(day_of(world.judge).drift[:, axes], axis=0)
+            print(f'{name}: spread {before.round(3)}')
+            for method in methods:
+                after = np.nanstd(left_of(world, ANSWERS[method](world))[:, axes], axis=0)
+                share = after / before
+                mean, worst = np.exp(np.mean(np.log(share))), share.max()
+                print(f'{method:16}{mean:8.3f} ({worst:.2f})  {after.round(3)}', flush=True)
+
+
+def main() -> None:
+    """Judge all methods in all worlds."""
     parser = bench_parser(__doc__, 'worlds', 20)
     parser.add_argument('--families', nargs='*', default=[*FAMILIES], choices=FAMILIES)
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
     parser.add_argument('--before', type=Path, help='tree of a version to judge beside this one')
     parser.add_argument('--more', type=int, default=0, help='days beyond those of the families')
     parser.add_argument('--no-real', action='store_true', help='drawn worlds only')
-    return parser.parse_args()
-
-
-def main() -> None:
-    """Judge all methods in all worlds."""
-    options = arguments()
+    options = parser.parse_args()
     first = first_seed(options)
     methods = list(options.methods)
     if options.before:
@@ -263,10 +317,10 @@ def main() -> None:
                 for method, row in zip(methods, rows, strict=True)
             }
             title = f'{FAMILIES[name].title} [{name}]'
-            print_family(title, results, BEST_PEER.get(name, OVERALL_PEER))
+            print_family(title, results)
             drawn_families.append(results)
     if drawn_families:
-        print_family('all families', pooled(drawn_families), OVERALL_PEER)
+        print_family('all families', pooled(drawn_families))
     if not options.no_real:
         print_real([method for method in methods if method != TRUTH])
 

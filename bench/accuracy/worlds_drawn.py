@@ -100,23 +100,22 @@ FAMILIES |= {
 
 @dataclass(frozen=True, eq=False)
 class Gauges:
-    """
-    How six axes see n nodes.
+    """How six axes see n nodes."""
 
-    Attributes
-    ----------
-    linear, square, gain : ndarray, shape (n, 6)
-        Zero drift per K and per K², gain drift per K.
-    creep, noise : ndarray, shape (6,)
-        Largest zero drift of a day without any temperature, and noise of a cell.
-
-    """
-
+    #: Zero drift per K and per K², and gain drift per K, (n, 6).
     linear: FloatArray
     square: FloatArray
     gain: FloatArray
+    #: Largest zero drift of a day without any temperature, and noise of a cell, (6,).
     creep: FloatArray
     noise: FloatArray
+
+    def drift(self, rng: np.random.Generator, felt_c: FloatArray, true: FloatArray) -> FloatArray:
+        """Drift of a day in cells of 1 s, from its nodes (N, n) and its true wrench, (N, 6)."""
+        theta, hours = felt_c - FACTORY_C, np.arange(len(felt_c))[:, None] / 3600
+        crept = self.creep * rng.uniform(-1, 1, len(AXES)) * np.log1p(hours)
+        zero: FloatArray = theta @ self.linear + theta**2 @ self.square + crept
+        return zero + theta @ self.gain * true
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +193,7 @@ def record(
     cells, axes = len(day), len(AXES)
     held = rng.normal(0, LOADS, (cells // 5 + 1, axes)) + rng.normal(0, LOADS / 2, axes)
     true = load * np.repeat(held, 5, axis=0)[:cells]
-    theta = day - FACTORY_C
-    hours = np.arange(cells)[:, None] / 3600
-    crept = gauges.creep * rng.uniform(-1, 1, axes) * np.log1p(hours)
-    drift = theta @ gauges.linear + theta**2 @ gauges.square + crept + theta @ gauges.gain * true
+    drift = gauges.drift(rng, day, true)
     offset = rng.normal(0, LOADS)
     raw = true + drift + offset + rng.normal(0, gauges.noise, (cells, axes))
     return recording_of(temperature_c, raw, true), drift
@@ -214,22 +210,9 @@ def shift_of(rng: np.random.Generator, learnt: FloatArray, judged: FloatArray) -
 
 def family(name: str, seed: int, more: int = 0) -> World:
     """
-    Draw a world of a family.
+    Draw a world of one of FAMILIES; the same seed gives the same world.
 
-    Parameters
-    ----------
-    name : str
-        One of FAMILIES.
-    seed : int
-        Any; the same one gives the same world.
-    more : int
-        Days beyond those of the family; another number gives another day to be judged on.
-
-    Returns
-    -------
-    World
-        Days to learn from, a day to be judged on, and its drift without noise.
-
+    ``more`` are days beyond those of the family; another number gives another day to be judged on.
     """
     kind = FAMILIES[name]
     rng = np.random.default_rng([seed, list(FAMILIES).index(name)])

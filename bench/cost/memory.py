@@ -10,16 +10,16 @@ import argparse
 import os
 from pathlib import Path
 import struct
+import sys
 import tempfile
 import time
 from typing import Any
 
-from rclpy.context import Context
-from rclpy.parameter import Parameter
-from stream import keep, make_model
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'faults'))
+from stand import keep, node_here
+from stream import make_model
 from stream_roles import wrench_bytes
 
-from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.series import NANOSECONDS
 
 TEMPERATURE_HZ = 10
@@ -34,10 +34,9 @@ def resident_mib() -> float:
 
 def live_a_second(node: Any, second: int, rate_hz: int) -> None:
     """Give the node what comes in a second."""
-    step_ns = NANOSECONDS // rate_hz
     thermal = rate_hz // TEMPERATURE_HZ
     for k in range(rate_hz):
-        stamp_ns = (START_S + second) * NANOSECONDS + k * step_ns
+        stamp_ns = (START_S + second) * NANOSECONDS + k * (NANOSECONDS // rate_hz)
         if k % thermal == 0:
             degrees = 25.0 + 10.0 * abs(1 - second % 7200 / 3600)
             node.inputs.by_topic[0].read(wrench_bytes(stamp_ns, struct.pack('<2d', degrees, 0.0)))
@@ -47,22 +46,20 @@ def live_a_second(node: Any, second: int, rate_hz: int) -> None:
 
 def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
     """Run the hours; memory from the first minute on."""
-    seconds = round(hours * 3600)
-    start = time.perf_counter()
+    seconds, start = round(hours * 3600), time.perf_counter()
+    samples: dict[int, float] = {}
     print('hours   resident, MiB   since the first minute, MiB')
-    first, samples = 0.0, {}
     for second in range(seconds + 1):
-        if second == 60:
-            first = resident_mib()
-        if second >= 60 and (second % 7200 == 0 or second in {60, seconds}):
+        if second == 60 or (second > 60 and (second % 7200 == 0 or second == seconds)):
             samples[second] = resident_mib()
-            print(
-                f'{second / 3600:5.2f}  {samples[second]:14.1f}  {samples[second] - first:+28.2f}'
-            )
+            grown = samples[second] - samples[60]
+            print(f'{second / 3600:5.2f}  {samples[second]:14.1f}  {grown:+28.2f}')
         live_a_second(node, second, rate_hz)
     speed = seconds / (time.perf_counter() - start)
     print(f'{speed:.0f} times as fast as time; {node.counts.published:,} wrenches')
-    return {'resident_mib': samples, 'growth_mib': max(samples.values()) - first, 'speed': speed}
+    return {
+        'resident_mib': samples, 'growth_mib': max(samples.values()) - samples[60], 'speed': speed,
+    }  # fmt: skip
 
 
 def main() -> None:
@@ -71,18 +68,10 @@ def main() -> None:
     parser.add_argument('hours', nargs='?', type=float, default=24.0)
     parser.add_argument('rate', nargs='?', type=int, default=100)
     arguments = parser.parse_args()
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     with tempfile.TemporaryDirectory() as name:
-        given = {'model_file': str(make_model(Path(name))), 'data_directory': name}
-        untyped: Any = Parameter
-        context: Any = Context()
-        context.init([])
-        node = CompensatorNode(
-            context=context, parameter_overrides=[untyped(k, value=v) for k, v in given.items()]
-        )
-        figures = endure(node, arguments.hours, arguments.rate)
-        node.destroy_node()
-        context.try_shutdown()
+        folder = Path(name)
+        with node_here(folder, make_model(folder)) as node:
+            figures = endure(node, arguments.hours, arguments.rate)
     print(f'growth after the first minute: {figures["growth_mib"]:.2f} MiB')
     keep('memory.json', figures)
 

@@ -2,24 +2,19 @@
 What the stream costs: processor time and latency of a wrench, against relays a user would write.
 
 ``python bench/cost/stream.py [--seconds S] [--repeats N] [RATE …]``. Real processes over DDS on
-loopback: a sensor, a receiver, and between them by turns a plain typed relay on the default
-executor, a relay of bytes on the events executor, and the compensator with a model. All are up all
-the time and are used one after the other in short runs, so that a noisy machine is as noisy to
-each; figures are medians of the runs, losses are sums. Then: the compensator during a calibration,
-with a thermometer that is a field of another kilohertz message, with a payload and an IMU of
-1 kHz, and while it learns from days; last, the computation alone.
-
-Where a wrench was lost is known by counting: the sensor counts what it sends, the compensator's
-diagnostics tell what it received and published, and the receiver counts the different stamps that
-it hears. A table goes to standard output, figures to ``out/stream.json``.
+loopback: a sensor, a receiver, and between them a plain typed relay on the default executor, a
+relay of bytes on the events executor, and the compensator with a model, by turns in short runs, so
+that a noisy machine is as noisy to each. Then the compensator during a calibration, with a
+thermometer that is a field of another kilohertz message, with a payload and an IMU of 1 kHz, and
+while it learns from days. Figures are medians of the runs, losses are sums; a wrench is lost where
+the sensor's, the compensator's and the receiver's counts differ. All go to ``out/stream.json``.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 import json
 import math
-import os
 from pathlib import Path
 import signal
 from statistics import median
@@ -81,11 +76,6 @@ def make_model(folder: Path) -> Path:
     return model
 
 
-def keep(name: str, figures: object) -> None:
-    """Write figures into out/."""
-    stand.keep(name, json.dumps(figures, indent=1))
-
-
 @contextmanager
 def process(*words: str) -> Iterator['subprocess.Popen[str]']:
     """Run Python with these words; ended by its own id."""
@@ -112,8 +102,7 @@ def processor_us(pid: int) -> float:
 
 def order(running: 'subprocess.Popen[str]', words: str) -> None:
     """Give an order to a process of ours."""
-    if running.stdin is None:
-        raise TypeError('the process has no pipes')
+    assert running.stdin is not None  # noqa: S101 -- as ``process`` opens it
     running.stdin.write(words + '\n')
     running.stdin.flush()
 
@@ -124,17 +113,13 @@ def ask(running: 'subprocess.Popen[str]', words: str) -> Any:
     return json.loads(running.stdout.readline() if running.stdout else '')
 
 
-def compensator(data: Path, namespace: str, *parameters: str) -> list[str]:
-    """Words that start the compensator in a namespace, with a data directory."""
-    settings = (f'data_directory:={data}', *parameters)
+def compensator(folder: Path, name: str, *parameters: str, model: bool = True) -> list[str]:
+    """Words that start the compensator in a namespace and a folder of a name, with the model."""
+    settings = [f'data_directory:={folder / name}', *parameters]
+    if model:
+        settings.append(f'model_file:={folder / "model.yaml"}')
     words = [word for setting in settings for word in ('-p', setting)]
-    return ['-c', START, '--ros-args', '-r', f'__ns:=/{namespace}', *words]
-
-
-def with_model(folder: Path, namespace: str, *parameters: str) -> list[str]:
-    """Words that start the compensator with the model."""
-    model = f'model_file:={folder / "model.yaml"}'
-    return compensator(folder / namespace, namespace, model, *parameters)
+    return ['-c', START, '--ros-args', '-r', f'__ns:=/{name}', *words]
 
 
 class Line:
@@ -144,7 +129,7 @@ class Line:
     ``stack`` ends the processes; ``nodes`` are the words that start that of each namespace.
     """
 
-    def __init__(self, stack: ExitStack, nodes: dict[str, Sequence[str]]) -> None:
+    def __init__(self, stack: ExitStack, nodes: Mapping[str, Sequence[str]]) -> None:
         self.nodes = {n: stack.enter_context(process(*words)) for n, words in nodes.items()}
         self.receiver = stack.enter_context(process(ROLES, 'receiver', *nodes))
         self._sensor = stack.enter_context(process(ROLES, 'sensor', *nodes))
@@ -212,19 +197,8 @@ class Line:
         }
 
 
-def by_turns(
-    line: Line, names: Sequence[str], rate_hz: float, seconds: float, repeats: int, **beside: float
-) -> dict[str, list[Run]]:
-    """Measure nodes one after the other, again and again."""
-    runs: dict[str, list[Run]] = {name: [] for name in names}
-    for _ in range(repeats):
-        for name in names:
-            runs[name].append(line.measure(name, rate_hz, seconds, **beside))
-    return runs
-
-
-def rows_of(runs: dict[str, list[Run]], rate_hz: float) -> list[dict[str, Any]]:
-    """Sum up and print."""
+def print_rows(runs: dict[str, list[Run]], rate_hz: float) -> list[dict[str, Any]]:
+    """Sum up and print; the last one is compared with each of the others."""
     rows = []
     for name, measured in runs.items():
         row: dict[str, Any] = {'name': name, 'rate_hz': rate_hz}
@@ -238,111 +212,89 @@ def rows_of(runs: dict[str, list[Run]], rate_hz: float) -> list[dict[str, Any]]:
             flush=True,
         )
         rows.append(row)
+    *others, last = rows
+    for other in others:
+        # Runs that followed each other are compared.
+        pairs = zip(runs[last['name']], runs[other['name']], strict=False)
+        cpu = median(run['cpu_us'] / beside['cpu_us'] for run, beside in pairs)
+        last[f'cpu_to_{other["name"]}'] = cpu
+        times = last['p99_us'] / other['p99_us']
+        what = f'{cpu:.2f} of the CPU and {times:.2f} of the p99 of {other["name"]}'
+        print(f'{"":10}{last["name"]}: {what}')
     return rows
 
 
-def cpu_ratio(runs: dict[str, list[Run]], name: str, other: str) -> float:
-    """Compare runs that followed each other, and take the median."""
-    pairs = zip(runs[name], runs[other], strict=True)
-    return median(run['cpu_us'] / beside['cpu_us'] for run, beside in pairs)
+def compare(
+    line: Line, rate_hz: float, seconds: float, repeats: int, **beside: float
+) -> list[dict[str, Any]]:
+    """Measure the nodes of a line one after the other, again and again."""
+    runs: dict[str, list[Run]] = {name: [] for name in line.nodes}
+    for _ in range(repeats):
+        for name, of_name in runs.items():
+            of_name.append(line.measure(name, rate_hz, seconds, **beside))
+    return print_rows(runs, rate_hz)
 
 
-def compare_rates(line: Line, rates: Sequence[float], seconds: float, repeats: int) -> list[Any]:
-    """Measure relays and node by turns at every rate."""
-    rows = []
-    for rate_hz in rates:
-        runs = by_turns(line, (*RELAYS, NODE), rate_hz, seconds, repeats)
-        rows += rows_of(runs, rate_hz)
-        rows[-1] |= {f'cpu_to_{relay}': cpu_ratio(runs, NODE, relay) for relay in RELAYS}
-        print(
-            f"          compensator: {rows[-1]['cpu_to_typed']:.2f} of the typed relay's CPU, "
-            f"{rows[-1]['cpu_to_bytes']:.2f} of the bytes relay's, "
-            f"{rows[-1]['p99_us'] / rows[-3]['p99_us']:.2f} of the typed relay's p99"
-        )
-    return rows
+def during(
+    title: str, is_over: Callable[[], bool], line: Line, name: str, seconds: float, **beside: float
+) -> list[dict[str, Any]]:
+    """Measure at 1 kHz while a node does something, and afterwards."""
+    busy = [line.measure(name, 1000, seconds, **beside)]
+    while not is_over():
+        busy.append(line.measure(name, 1000, seconds, **beside))
+    idle = [line.measure(name, 1000, seconds, **beside) for _ in range(max(4, len(busy)))]
+    return print_rows({'idle': idle, title: busy}, 1000)
 
 
-def during_calibration(line: Line, folder: Path, seconds: float) -> list[Any]:
-    """Measure at 1 kHz before and while the node calibrates from a recording of some hours."""
-    stand.write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
-    idle = [line.measure(NODE, 1000, seconds) for _ in range(4)]
-    order(line.receiver, f'calibrate {NODE}')
-    busy = [line.measure(NODE, 1000, seconds)]
-    while not line.calibrated:
-        busy.append(line.measure(NODE, 1000, seconds))
-    rows = rows_of({'idle': idle, 'calibrating': busy}, 1000)
-    print(f'          p99 while calibrating: {rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of idle')
-    return rows
-
-
-def with_a_field(folder: Path, seconds: float, repeats: int) -> list[Any]:
-    """Compare, at 1 kHz, a thermometer with one that is a field of a message at the same rate."""
-    entries = {'topic': 'temperature', 'field': STATE_ENTRY}
-    nodes: dict[str, Sequence[str]] = {
-        name: with_model(folder, name, f'temperature_topics:=["{entry}"]')
-        for name, entry in entries.items()
-    }
+def measure_lines(
+    folder: Path, rates: Sequence[float], seconds: float, repeats: int
+) -> dict[str, list[dict[str, Any]]]:
+    """Measure everything that goes through processes; figures by what was compared."""
+    figures: dict[str, list[dict[str, Any]]] = {'rates': [], 'payload': []}
     with ExitStack() as stack:
+        relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
+        line = Line(stack, {**relays, NODE: compensator(folder, NODE)})
+        for rate_hz in rates:
+            figures['rates'] += compare(line, rate_hz, seconds, repeats)
+        figures['long'] = print_rows({'10 s': [line.measure(NODE, 8000, 10.0)]}, 8000)
+        stand.write_warm_up(folder / NODE / 'recordings/warm_up.csv', 4 * 3600)
+        order(line.receiver, f'calibrate {NODE}')
+        figures['calibration'] = during(
+            'calibrating', lambda: line.calibrated, line, NODE, seconds
+        )
+    with ExitStack() as stack:  # a thermometer, and one that is a field of a message at 1 kHz
+        entries = {'topic': 'temperature', 'field': STATE_ENTRY}
+        nodes = {
+            name: compensator(folder, name, f'temperature_topics:=["{entry}"]')
+            for name, entry in entries.items()
+        }
         line = Line(stack, nodes)
         line.measure('field', 1000, 3.0, states=True)  # until it has found out what there is
-        runs = by_turns(line, list(nodes), 1000, seconds, repeats, states=True)
-    for name in nodes:
-        print(f'{name:>19}: {line.topics[name]["temperatures_hz"]:.1f} temperatures a second')
-    rows = rows_of(runs, 1000)
-    rows[1]['cpu_to_topic'] = cpu_ratio(runs, 'field', 'topic')
-    print(
-        f'          a field of 1 kHz: {rows[1]["cpu_to_topic"]:.2f} of the CPU, '
-        f'{rows[1]["p99_us"] / rows[0]["p99_us"]:.2f} of the p99'
-    )
-    return rows
-
-
-def with_a_payload(
-    folder: Path, rates: Sequence[float], seconds: float, repeats: int
-) -> list[Any]:
-    """Compare a node that holds a payload, with an IMU of 1 kHz, with one that holds none."""
-    payload = Payload(1.5, np.array([0.0, 0.0, 0.06]))
-    add_payloads(folder / PAYLOADS, 'bench', [payload], ForceFrame())
-    held = ('gravity.source:=imu', 'payload.active:=bench-1')
-    nodes: dict[str, Sequence[str]] = {
-        'bare': with_model(folder, 'bare'),
-        'payload': with_model(folder, 'payload', *held),
-    }
-    rows = []
-    with ExitStack() as stack:
-        line = Line(stack, nodes)
-        for rate_hz in rates:
-            every = max(round(rate_hz / 1000), 1)
-            runs = by_turns(line, list(nodes), rate_hz, seconds, repeats, imu_every=every)
-            rows += rows_of(runs, rate_hz)
-            rows[-1]['cpu_to_bare'] = cpu_ratio(runs, 'payload', 'bare')
-            missing = rows[-1]['sent'] - rows[-1]['external']
-            print(
-                f'          with a payload: {rows[-1]["cpu_to_bare"]:.2f} of the CPU, '
-                f'{rows[-1]["p99_us"] / rows[-2]["p99_us"]:.2f} of the p99; '
-                f'{missing} of wrench_external missing'
+        figures['field'] = compare(line, 1000, seconds, 2 * repeats, states=True)
+        for name in nodes:
+            print(f'{name:>19}: {line.topics[name]["temperature rate_hz"]} temperatures a second')
+    with ExitStack() as stack:  # a node that holds a payload, with an IMU of 1 kHz
+        payload = Payload(1.5, np.array([0.0, 0.0, 0.06]))
+        add_payloads(folder / PAYLOADS, 'bench', [payload], ForceFrame())
+        held = compensator(folder, 'payload', 'gravity.source:=imu', 'payload.active:=bench-1')
+        line = Line(stack, {'bare': compensator(folder, 'bare'), 'payload': held})
+        for rate_hz in (1000, 2000):
+            figures['payload'] += compare(
+                line, rate_hz, seconds, repeats, imu_every=rate_hz // 1000
             )
-    return rows
+            last = figures['payload'][-1]
+            print(f'{"":10}{last["sent"] - last["external"]} of wrench_external missing')
+    with ExitStack() as stack:  # a node that learns from days that it finds
+        write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
+        given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning.mode:=auto'
+        line = Line(stack, {'learns': compensator(folder, 'learns', *given)})
 
+        def has_learnt() -> bool:
+            memory = load_memory(folder / 'learns')
+            return memory is not None and bool(memory.verdict)
 
-def while_learning(folder: Path, seconds: float) -> list[Any]:
-    """Measure at 1 kHz while the node learns from days that it finds, and afterwards."""
-    write_days(folder / 'learns', np.random.default_rng(0), LEARNT_DAYS, cell_s=1)
-    given = 'gravity.source:=imu', 'calibration.reference:=payload', 'learning.mode:=auto'
-    with ExitStack() as stack:
-        line = Line(stack, {'learns': with_model(folder, 'learns', *given)})
-
-        def measure() -> Run:
-            return line.measure('learns', 1000, seconds, imu_every=1)
-
-        busy = [measure()]
-        while not (found := load_memory(folder / 'learns')) or not found.verdict:
-            busy.append(measure())
-        runs = {'learning': busy[:-1], 'afterwards': [measure() for _ in busy[:-1]]}
-    rows = rows_of(runs, 1000)
-    ratio = rows[0]['p99_us'] / rows[1]['p99_us']
-    print(f'          p99 while learning: {ratio:.2f} of afterwards')
-    return rows
+        figures['learning'] = during('learning', has_learnt, line, 'learns', seconds, imu_every=1)
+    return figures
 
 
 def pure_compute(model: Path) -> float:
@@ -368,25 +320,14 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=5)
     parser.add_argument('rates', nargs='*', type=float, default=RATES_HZ, metavar='RATE')
     arguments = parser.parse_args()
-    seconds, repeats = arguments.seconds, arguments.repeats
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ.setdefault('ROS_DOMAIN_ID', '93')
-    figures: dict[str, Any] = {}
+    stand.own_domain(93, shared_memory=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        figures['compute_us'] = pure_compute(make_model(folder))
-        print(f'computation alone, bytes in to bytes out: {figures["compute_us"]:.2f} µs')
+        compute_us = pure_compute(make_model(folder))
+        print(f'computation alone, bytes in to bytes out: {compute_us:.2f} µs')
         print(HEADER)
-        with ExitStack() as stack:
-            relays = {relay: [ROLES, 'relay', relay] for relay in RELAYS}
-            line = Line(stack, {**relays, NODE: with_model(folder, NODE)})
-            figures['rates'] = compare_rates(line, arguments.rates, seconds, repeats)
-            figures['long'] = rows_of({'10 s': [line.measure(NODE, 8000, 10.0)]}, 8000)
-            figures['calibration'] = during_calibration(line, folder, seconds)
-        figures['field'] = with_a_field(folder, seconds, 2 * repeats)
-        figures['payload'] = with_a_payload(folder, (1000, 2000), seconds, repeats)
-        figures['learning'] = while_learning(folder, seconds)
-    keep('stream.json', figures)
+        figures = measure_lines(folder, arguments.rates, arguments.seconds, arguments.repeats)
+    stand.keep('stream.json', {'compute_us': compute_us, **figures})
 
 
 if __name__ == '__main__':

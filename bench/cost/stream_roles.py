@@ -125,15 +125,14 @@ class Receiver:
         #: Wrenches without the payload that were heard, by namespace.
         self._external: dict[str, list[bytes]] = {name: [] for name in namespaces}
         profile: Any = QoSProfile
+        deep = profile(depth=5000)
         for name, came in self._came.items():
-            hear = partial(_hear, came.append)
-            self._node.create_subscription(
-                WrenchStamped, f'/{name}/wrench', hear, profile(depth=5000), raw=True
-            )
-            self._node.create_subscription(
-                WrenchStamped, f'/{name}/wrench_external', self._external[name].append,
-                profile(depth=5000), raw=True,
-            )  # fmt: skip
+            for topic, hear in (
+                ('wrench', partial(_hear, came.append)),
+                ('wrench_external', self._external[name].append),
+            ):
+                name_of_topic = f'/{name}/{topic}'
+                self._node.create_subscription(WrenchStamped, name_of_topic, hear, deep, raw=True)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._orders: list[str] = []
 
@@ -141,17 +140,14 @@ class Receiver:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
         executor = make_executor(context)
         executor.add_node(self._node)
-        threading.Thread(target=self._listen, daemon=True).start()
+        orders = (line.strip() for line in sys.stdin)
+        threading.Thread(target=lambda: self._orders.extend(orders), daemon=True).start()
         while 'end' not in self._orders:
             executor.spin_once(timeout_sec=0.02)
             while self._orders and self._orders[0] != 'end':
                 self._obey(*self._orders.pop(0).split())
         executor.shutdown()
         self._node.destroy_node()
-
-    def _listen(self) -> None:
-        """Take orders, beside the executor."""
-        self._orders.extend(line.strip() for line in sys.stdin)
 
     def _obey(self, order: str, namespace: str = '') -> None:
         """Carry out one order."""
@@ -171,16 +167,14 @@ class Receiver:
             self._external[name].clear()
 
     def _on_diagnostics(self, array: Any) -> None:
-        """Keep the compensators' own counts of wrenches in and out."""
+        """Keep what the compensators count of wrenches, and the largest rate of temperatures."""
         for status in array.status:
             name, _, concern = status.name.partition('/wrist_ft_comp: ')
             counted = self._counted.get(name, {})
             for item in status.values if concern in {'input', 'output', 'temperature'} else ():
-                if item.key in {'received', 'published'}:
-                    counted[item.key] = int(item.value)
-                elif concern == 'temperature' and item.key == 'rate_hz':
-                    most = max(float(item.value), counted.get('temperatures_hz', 0.0))
-                    counted['temperatures_hz'] = most
+                if item.key in {'received', 'published', 'rate_hz'}:
+                    key = item.key if item.key != 'rate_hz' else f'{concern} rate_hz'
+                    counted[key] = max(float(item.value), counted.get(key, 0.0))
 
 
 def _hear(keep: Callable[[tuple[bytes, int]], None], data: bytes) -> None:

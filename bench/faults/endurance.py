@@ -53,7 +53,7 @@ class Endurance:
         #: Longest time without an output after each fault, s.
         self.silence_s: dict[str, float] = {}
         #: How often each header was sent and has not come back.
-        self._pending: dict[bytes, int] = {}
+        self._pending: Counter[bytes] = Counter()
         self._lock = threading.Lock()
         self._last_output_s = time.monotonic()
         self._last_fault = ''
@@ -63,11 +63,7 @@ class Endurance:
         )
         talker = stand.talker
         self._raw = talker.create_publisher(WrenchStamped, 'wrench_raw', 1000)
-        self._warm = talker.create_publisher(Temperature, 'temperature', 100)
-
-    def _is_away(self) -> bool:
-        """Tell whether the last output is long ago."""
-        return time.monotonic() - self._last_output_s > AWAY_S
+        self._heat = talker.create_publisher(Temperature, 'temperature', 100)
 
     def _on_output(self, data: bytes) -> None:
         """Judge one output."""
@@ -75,39 +71,38 @@ class Endurance:
         with self._lock:
             self._last_output_s = time.monotonic()
             self.counts['arrived'] += 1
-            pending = self._pending.get(header)
-            if pending is None:
+            if header not in self._pending:
                 self.counts['wrong: header was never sent'] += 1
-            elif pending == 0:
+            elif self._pending[header] == 0:
                 self.counts['wrong: came twice'] += 1
             else:
-                self._pending[header] = pending - 1
-            if not np.isfinite(values).all():
-                self.counts['wrong: not a number'] += 1
-                return
-            self._worst = np.maximum(self._worst, np.abs(values))
-            if (np.abs(values) / LIMIT_N * [1, 1, 1, 10, 10, 10]).max() > 1:
-                self.counts['wrong: value'] += 1
-                self.counts[f'  wrong value after {self._last_fault}'] += 1
+                self._pending[header] -= 1
+            self._worst = np.fmax(self._worst, np.abs(values))
+            if not (np.abs(values) / LIMIT_N * [1, 1, 1, 10, 10, 10]).max() <= 1:  # nor NaN
+                self.counts[f'wrong: value after {self._last_fault}'] += 1
 
     def _send(self, data: bytes) -> None:
         """Send one wrench that has to come back."""
         with self._lock:
-            self._pending[data[:-48]] = self._pending.get(data[:-48], 0) + 1
+            self._pending[data[:-48]] += 1
             self.counts['sent'] += 1
-            if self._is_away():
+            if time.monotonic() - self._last_output_s > AWAY_S:
                 self.counts['sent while the node was away'] += 1
         self._raw.publish(data)
+
+    def _warm(self) -> None:
+        """Send a temperature of now."""
+        self._heat.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
 
     def settle(self) -> None:
         """Start the node and tare it: a model does not know where the sensor's zero is."""
         self._stand.start_node()
         self._stand.wait(lambda: NODE in self._stand.node.get_node_names(), 'the node')
         self._stand.wait(lambda: self._raw.get_subscription_count() > 0, 'its subscription')
-        self._stand.wait(lambda: self._stand.ready('tare'), 'its services')
+        self._stand.wait(lambda: self._stand.call('reset_tare'), 'its services')
         for tick in range(500):
             if tick % 10 == 0:
-                self._warm.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
+                self._warm()
             self._send(message(time.time_ns(), self._sensor.raw()))
             if tick == 350:
                 self._stand.call('tare')
@@ -125,7 +120,7 @@ class Endurance:
             self._sensor.advance(now)
             if temperatures < now * TEMPERATURE_HZ:
                 temperatures += 1
-                self._warm.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
+                self._warm()
             while wrenches < now * self._rate_hz:
                 wrenches += 1
                 self._send(message(time.time_ns(), self._sensor.raw()))
@@ -142,11 +137,11 @@ class Endurance:
     def _inject(self) -> None:
         """Do one wrong thing; a node that is starting is not killed again."""
         with self._lock:
-            away = self._is_away()
+            is_away = time.monotonic() - self._last_output_s > AWAY_S
             fault = str(self._rng.choice(self._possible))
-            if away and fault == 'node killed':
+            if is_away and fault == 'node killed':
                 return
-            if not away:
+            if not is_away:
                 self._last_fault = fault
         self._faults[fault] += 1
         if fault == 'node killed':
@@ -157,17 +152,14 @@ class Endurance:
         else:
             self._stand.call(fault)
 
-    def result(self, seconds: float) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """Sum up."""
-        counts = dict(self.counts)
-        counts['lost'] = counts.get('sent', 0) - counts.get('arrived', 0)
         return {
-            'seconds': seconds,
             'rate_hz': self._rate_hz,
-            'counts': counts,
+            'counts': {**self.counts, 'lost': self.counts['sent'] - self.counts['arrived']},
             'faults': dict(sorted(self._faults.items())),
-            'drift_at_the_end_n': [round(float(value), 3) for value in self._sensor.zero],
-            'worst_output_n': [round(float(value), 3) for value in self._worst],
+            'drift_at_the_end_n': self._sensor.zero.round(3).tolist(),
+            'worst_output_n': self._worst.round(3).tolist(),
             'longest_silence_s': {k: round(v, 2) for k, v in sorted(self.silence_s.items())},
         }
 
@@ -189,7 +181,7 @@ def endure(arguments: argparse.Namespace, folder: Path) -> bool:
         run.run(seconds)
     log = stand.log.read_text('utf-8', 'replace')
     tracebacks = log.count('Traceback')
-    tell('endurance', {**run.result(seconds), 'tracebacks': tracebacks})
+    tell('endurance', {'seconds': seconds, **run.result(), 'tracebacks': tracebacks})
     keep('endurance.log', log)
     wrong = any(what.startswith('wrong') for what in run.counts)
     silent = max(run.silence_s.values(), default=0.0) > BACK_S

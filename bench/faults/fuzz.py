@@ -10,7 +10,6 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-import json
 import math
 from pathlib import Path
 import signal
@@ -27,15 +26,8 @@ from stand import keep, make_model, message, Sensor, write_warm_up
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli.show import days_text
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.learning.diary import (
-    DayEntry,
-    Diary,
-    diary_path,
-    load_diary,
-    Memory,
-    save_diary,
-    survey,
-)
+from wrist_ft_comp.learning import diary as diaries
+from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, Memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
@@ -95,7 +87,9 @@ class Targets:
         history = [HistoryEntry(None), HistoryEntry(model, 'b' * 64, why='It is better.')]
         ModelStore(folder).activate(history, 'b' * 64)
         left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
-        save_diary(folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),)))
+        diaries.save_diary(
+            folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),))
+        )
         lines = recording.read_bytes().splitlines(keepends=True)
         self.readers: dict[str, tuple[bytes, Callable[[bytes], None]]] = {
             'wire': (message(10**18, (1, 2, 3, 4, 5, 6.0)), self.wire),
@@ -104,15 +98,13 @@ class Targets:
             'list of models': ((folder / 'active.json').read_bytes(), self.store),
             'diary': (diary_path(folder).read_bytes(), self.diary),
             'CSV': (b''.join(lines[:40]), partial(self.file, 'r.csv', read_recording)),
-            'mcap': (
-                self._bag(StoragePlugin.MCAP),
-                partial(self.file, 'b.mcap', read_recording),
-            ),
-            'sqlite': (
-                self._bag(StoragePlugin.SQLITE3),
-                partial(self.file, 'b.db3', read_recording),
-            ),
-        }
+            **{
+                name: (self._bag(plugin), partial(self.file, f'b.{ending}', read_recording))
+                for name, plugin, ending in (
+                    ('mcap', StoragePlugin.MCAP, 'mcap'), ('sqlite', StoragePlugin.SQLITE3, 'db3'),
+                )
+            },
+        }  # fmt: skip
 
     def _bag(self, storage: StoragePlugin) -> bytes:
         """Write a small bag and read its storage file."""
@@ -170,8 +162,8 @@ class Targets:
     def diary(self, data: bytes) -> None:
         """Show a diary."""
         diary_path(self._folder).write_bytes(data)
-        if load_diary(self._folder).days:
-            days_text(self._folder, survey(self._folder), Memory())
+        if diaries.load_diary(self._folder).days:
+            days_text(self._folder, diaries.survey(self._folder), Memory())
 
 
 class TooSlow(BaseException):
@@ -214,13 +206,11 @@ def fuzz(arguments: argparse.Namespace, folder: Path) -> bool:
     """Feed every reader, print a table; whether there was no fault."""
     signal.signal(signal.SIGALRM, too_slow)
     targets, results = Targets(folder), {}
-    print('reader            inputs   taken  refused  FAULTS  slowest, ms')
+    columns = ('inputs', 'taken', 'refused', 'FAULTS', 'slowest_ms')
+    print(f'{"reader":16}' + ''.join(f'{column:>12}' for column in columns))
     for name in [arguments.target] if arguments.target else targets.readers:
         tally = results[name] = feed(name, targets, arguments.inputs, arguments.seed)
-        counts = ''.join(
-            f'{tally.get(what, 0):{width}}'
-            for what, width in (('inputs', 8), ('taken', 8), ('refused', 9), ('FAULTS', 8))
-        )
-        print(f'{name:16}{counts}{tally["slowest_ms"]:13}', flush=True)
-    keep('fuzz.json', json.dumps(results, indent=1))
+        cells = ''.join(f'{tally.get(column, 0):12}' for column in columns)
+        print(f'{name:16}{cells}', flush=True)
+    keep('fuzz.json', results)
     return not any('FAULTS' in tally for tally in results.values())

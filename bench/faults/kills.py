@@ -22,17 +22,8 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from sensor_msgs.msg import Imu, Temperature
-from stand import (
-    COLD_C,
-    GAINS,
-    HASTE,
-    message,
-    NOISE,
-    Sensor,
-    Stand,
-    tell,
-    write_warm_up,
-)
+import stand as stands
+from stand import COLD_C, GAINS, HASTE, message, NOISE, Sensor, Stand
 from std_srvs.srv import SetBool
 
 from wrist_ft_comp.channels import AXES, GRAVITY
@@ -50,7 +41,7 @@ from wrist_ft_comp.stream.stream_grid import row_channels
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2
 #: What the lives are killed upon, by turns, as a pattern of files; empty for a random time.
-AIMS = ('', 'models/*', '', '*active.json*')
+AIMS = ('models/*', '', '*active.json*', '')
 LEARNING_AIMS = (
     '', 'models/*', 'days/diary.json', '', 'active.json', 'learning.json', 'days/*.csv',
 )  # fmt: skip
@@ -70,15 +61,15 @@ compensator_node.StreamSettings = partial(
 
 """
 MASS_KG, CENTRE_M = 1.2, np.array([0.01, -0.02, 0.08])
-#: What is loaded: its name, its pattern in the data directory, and what loads a path.
-FILES: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
-    ('models, the last five again after each kill', 'models/*.yaml', load_model),
-    ('payloads', 'models/payloads.json', load_payloads),
-    ('recordings', 'recordings/recording_*.csv', read_recording),
-    ('states', 'state.json', load_state),
-    ('days', 'days/*.csv', read_recording),
-    ('diaries', 'days/diary.json', partial(KIND.load, Diary)),
-    ('memories', 'learning.json', lambda path: load_memory(path.parent)),
+#: What is loaded: its name, what loads a path, and its pattern in the data directory.
+FILES: tuple[tuple[str, Callable[[Path], object], str], ...] = (
+    ('models, the last five again after each kill', load_model, 'models/*.yaml'),
+    ('payloads', load_payloads, 'models/payloads.json'),
+    ('recordings', read_recording, 'recordings/recording_*.csv'),
+    ('states', load_state, 'state.json'),
+    ('days', read_recording, 'days/*.csv'),
+    ('diaries', partial(KIND.load, Diary), 'days/diary.json'),
+    ('memories', lambda path: load_memory(path.parent), 'learning.json'),
 )
 
 
@@ -119,7 +110,7 @@ class Victim:
         models = set((self.data / 'models').glob('*.yaml'))
         self.seen['calibrations that made a model'] += len(models - self._models)
         self._models |= models
-        for kind, pattern, load in FILES:
+        for kind, load, pattern in FILES:
             for path in sorted(self.data.glob(pattern)):
                 self._attempt(kind, path, load)
         try:
@@ -148,7 +139,7 @@ class Victim:
 
     def tell(self, name: str, kills: int, needed: str) -> bool:
         """Print what was found; whether everything loaded, and something of what is needed."""
-        tell(name, {'kills': kills, 'loaded': dict(self.seen), 'broken': self.broken})
+        stands.tell(name, {'kills': kills, 'loaded': dict(self.seen), 'broken': self.broken})
         return not self.broken and self.seen[needed] > 0
 
 
@@ -164,14 +155,12 @@ def busy_recording(
         temperatures.publish(message(stamp_ns, (COLD_C + 5 * np.sin(tick / 100), 0.0)))
         for quarter in range(4):
             wrenches.publish(message(stamp_ns + quarter * NANOSECONDS // 4, sensor.raw()))
-        if tick % 5 == 0:
-            stand.call('calibrate')
         if tick % 20 == 0:
             stand.call('record', SetBool, SetBool.Request(data=tick % 40 == 0))
-        if tick % 7 == 0:
-            stand.call(str(rng.choice(['tare', 'reset_tare'])))
-        if tick % 300 == 299:
-            stand.call('rollback')
+        tare = str(rng.choice(['tare', 'reset_tare']))
+        for name, period in (('calibrate', 5), (tare, 7), ('rollback', 300)):
+            if tick % period == period - 1:
+                stand.call(name)
 
     return keep_busy
 
@@ -179,7 +168,7 @@ def busy_recording(
 def kill_recording(arguments: argparse.Namespace, folder: Path) -> bool:
     """Kill a node that records, calibrates and saves."""
     data = folder / 'data'
-    warm_up = write_warm_up(data / 'warm_up.csv', 1800, 10)
+    warm_up = stands.write_warm_up(data / 'warm_up.csv', 1800, 10)
     victim = Victim(data, np.random.default_rng(arguments.seed))
     newest_ns = START_S * NANOSECONDS
     given = (
@@ -232,13 +221,9 @@ def write_days(
 
 def busy_learning(stand: Stand) -> Callable[[int], None]:
     """Work, adopt and roll back; stamps run a thermal cell in every tick."""
+    kinds = {'imu': Imu, 'wrench_raw': WrenchStamped, 'temperature': Temperature}
     imu, wrenches, temperatures = (
-        stand.talker.create_publisher(kind, topic, 100)
-        for kind, topic in (
-            (Imu, 'imu'),
-            (WrenchStamped, 'wrench_raw'),
-            (Temperature, 'temperature'),
-        )
+        stand.talker.create_publisher(kind, topic, 100) for topic, kind in kinds.items()
     )
     at_rest = [0.0] * 37
     at_rest[25:28] = 0.0, 0.0, GRAVITY

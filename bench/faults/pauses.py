@@ -7,17 +7,13 @@ which the subscription keeps 1000.
 
 import argparse
 from collections.abc import Callable
-import json
 from pathlib import Path
 import time
 from typing import Any
 
 import numpy as np
-from rclpy.context import Context
-from rclpy.parameter import Parameter
-from stand import keep, make_model, Sensor, write_warm_up
+from stand import keep, make_model, node_here, Sensor, write_warm_up
 
-from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model, restore_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_HISTORY
@@ -38,25 +34,18 @@ def took_ms(work: Callable[[], object], times: int) -> tuple[float, float]:
     return float(np.median(took)), max(took)
 
 
-def measure(arguments: argparse.Namespace, folder: Path) -> bool:
-    """Make a node, time what it does, and print a table."""
-    model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
-    context: Any = Context()
-    context.init([])
-    untyped: Any = Parameter
-    given = {'data_directory': str(folder), 'model_file': str(model_path)}
-    node: Any = CompensatorNode(
-        context=context,
-        parameter_overrides=[untyped(name, value=value) for name, value in given.items()],
-    )
-    sensor = Sensor(arguments.seed)
+def work_of(
+    node: Any, folder: Path, model_path: Path, seed: int
+) -> dict[str, tuple[Callable[[], object], int]]:
+    """Let a node live for hours; what it does beside correcting wrenches, and how often."""
+    sensor = Sensor(seed)
     for second in range(HISTORY_S):
         sensor.advance(float(second))
         node.compensator.add_temperature(0, second * NANOSECONDS, sensor.celsius)
     stored = node.live.stored
     state = SavedState(1, stored.sha256, np.zeros(6), node.compensator.memory())
     history = [HistoryEntry(model_path, stored.sha256, why='It leaves less.')] * MAX_HISTORY
-    work: dict[str, tuple[Callable[[], object], int]] = {
+    return {
         'state: take it and hand it over (callback)': (node.state_keeper.save, 200),
         'state: write it, fsync (thread)': (lambda: save_state(folder / 'other.json', state), 50),
         'model: read and check a file (set at run time)': (lambda: load_model(model_path), 10),
@@ -70,12 +59,16 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
         'housekeeping, 10 times a second': (lambda: node.broadcast('poll'), 200),
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip
-    measured = {}
-    print(f'{"what":50} median, ms  longest, ms  messages at 8 kHz')
-    for what, (do, times) in work.items():
-        median, longest = measured[what] = took_ms(do, times * arguments.times)
-        print(f'{what:50}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
-    keep('pauses.json', json.dumps(measured, indent=1))
-    node.destroy_node()
-    context.try_shutdown()
+
+
+def measure(arguments: argparse.Namespace, folder: Path) -> bool:
+    """Make a node, time what it does, and print a table."""
+    model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
+    with node_here(folder, model_path) as node:
+        print(f'{"what":50} median, ms  longest, ms  messages at 8 kHz')
+        measured = {}
+        for what, (do, times) in work_of(node, folder, model_path, arguments.seed).items():
+            median, longest = measured[what] = took_ms(do, times * arguments.times)
+            print(f'{what:50}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
+    keep('pauses.json', measured)
     return True

@@ -73,5 +73,5 @@ def compare_drift(arguments: argparse.Namespace, folder: Path) -> bool:
     for what, key in (('restarted', 'deviation'), ('begun anew', 'deviation_anew')):
         percent = [100 * figures[key] for figures in measured]
         print(f'{what}: off by {np.median(percent):.3f} % (median), {max(percent):.3f} % at most')
-    keep('restart.json', json.dumps(measured, indent=1))
+    keep('restart.json', measured)
     return max(figures['deviation'] for figures in measured) <= LIMIT

@@ -5,7 +5,8 @@ The sensor's drift follows its temperature with a lag that the model has learnt,
 the sensor, so whatever comes out beyond noise is wrong.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
@@ -21,11 +22,13 @@ import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
+from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
@@ -157,21 +160,14 @@ class Stand:
         self.process.send_signal(number)
         return self.process.wait(TIMEOUT_S)
 
-    def _client(self, name: str, kind: Any) -> Any:
-        """Give the client of one of the node's services."""
+    def call(self, name: str, kind: Any = Trigger, request: Any = None) -> bool:
+        """Ask for a service, if the node offers it now, and wait for nothing; whether it does."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f'/{NODE}/{name}')
-        return self._clients[name]
-
-    def call(self, name: str, kind: Any = Trigger, request: Any = None) -> None:
-        """Ask for a service, if the node offers it now, and wait for nothing."""
-        client = self._client(name, kind)
-        if client.service_is_ready():
-            client.call_async(request or kind.Request())
-
-    def ready(self, name: str) -> bool:
-        """Tell whether the node offers a Trigger service now."""
-        return bool(self._client(name, Trigger).service_is_ready())
+        is_ready = bool(self._clients[name].service_is_ready())
+        if is_ready:
+            self._clients[name].call_async(request or kind.Request())
+        return is_ready
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until something holds."""
@@ -209,8 +205,10 @@ def own_domain(domain: int, *, shared_memory: bool = False) -> None:
         os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(BENCH / 'loopback.xml')
 
 
-def keep(name: str, content: str | bytes) -> None:
-    """Write a file into out/."""
+def keep(name: str, content: object) -> None:
+    """Write a file into out/: bytes and a text as they are, figures as JSON."""
+    if not isinstance(content, (bytes, str)):
+        content = json.dumps(content, indent=1)
     folder = BENCH.parent / 'out'
     folder.mkdir(exist_ok=True)
     (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -218,6 +216,20 @@ def keep(name: str, content: str | bytes) -> None:
 
 def tell(name: str, figures: object) -> None:
     """Print figures, and keep them in out/."""
-    text = json.dumps(figures, indent=1)
-    print(text)
-    keep(f'{name}.json', text)
+    print(json.dumps(figures, indent=1))
+    keep(f'{name}.json', figures)
+
+
+@contextmanager
+def node_here(folder: Path, model: Path) -> Iterator[Any]:
+    """Make the node with a model in this process, for calls of its callbacks."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
+    context: Any = Context()
+    context.init([])
+    given: Any = {'data_directory': str(folder), 'model_file': str(model)}
+    untyped: Any = Parameter
+    chosen = [untyped(name, value=value) for name, value in given.items()]
+    node = CompensatorNode(context=context, parameter_overrides=chosen)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()

@@ -17,20 +17,14 @@ import time
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'accuracy'))
 
-from judging import bench_parser, first_seed, root_mean_square
+from judging import bench_parser, first_seed
 import numpy as np
-from worlds import Answer, left_of
+from worlds import Answer, by_nothing, rms_left
 from worlds_drawn import FAMILIES, Family, family, World
 
-from wrist_ft_comp.drift.arx import static_gain
-from wrist_ft_comp.drift.arx_pls import ArxPls
-from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
+from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.offline import judge, simulate_drift
@@ -41,6 +35,10 @@ FAMILIES |= {f'lying_{count}': Family('failing thermometers', count, 3) for coun
 FAULTS = ('dead', 'frozen')
 #: An axis that drifts by less says nothing, N or N m.
 LEAST_DRIFT = np.array([0.05, 0.05, 0.05, 0.0025, 0.0025, 0.0025])
+#: On healthy days the drift does not matter, only how thermometers predict each other.
+QUICKEST = CalibrationSettings(
+    reference='recorded', identification=IdentificationSettings(method='pls')
+)
 #: A fault is due to be found where the others have moved by this since it began, K.
 DUE_K = 3.0
 
@@ -106,11 +104,11 @@ def judge_world(seed: int, world: World) -> list[Outcome]:
     settings = CalibrationSettings(reference=world.reference)
     model = calibrate(world.learn, settings).model
     reserve = calibrate([without(day, j) for day in world.learn], settings).model
-    raw = root_mean_square(left_of(world, Answer(np.zeros_like(world.truth), np.zeros(6))))
+    raw = rms_left(world, by_nothing(world))
     drifting = raw > LEAST_DRIFT
 
     def share(drift: FloatArray) -> float:
-        errors = root_mean_square(left_of(world, Answer(drift, np.zeros(6))))
+        errors = rms_left(world, Answer(drift))
         return float((errors / raw)[drifting].mean()) if drifting.any() else np.nan
 
     alone = share(simulate_drift(reserve, without(world.judge, j)).zero)
@@ -126,34 +124,21 @@ def judge_world(seed: int, world: World) -> list[Outcome]:
     return outcomes
 
 
-def plain_model(days: Sequence[Recording]) -> DriftModel:
-    """Learn how thermometers predict each other, beside a drift that does not matter."""
-    values_c, count = np.concatenate([day.temperature_c for day in days]), days[0].thermometers
-    ends = values_c.min(axis=0), values_c.max(axis=0)
-    features = Features('powers', values_c.mean(axis=0), *ends, 1, beyond='tangents')
-    ones = np.ones(count)
-    one = np.ones((1, 1))
-    dynamics = ArxPls(0 * ones, ones, ones[:, None], (static_gain(),), one, one[0], 0 * one[0])
-    prediction = predict_each_other(days, assign_folds(days))
-    axes = {'force_z': AxisModel(features, dynamics)}
-    return DriftModel(days[0].period_ns, count, axes, prediction=prediction)
-
-
 def print_faults(outcomes: Sequence[Outcome]) -> None:
     """Print a line for every fault, of the days on which it was due to be found."""
-    print(f'{"":12}{"days":>5}{"left":>8}{"believed":>10}{"without":>9}{"ratio":>7}'
-          f'{"in 10 min":>11}{"late, min":>11}{"wrong":>7}')  # fmt: skip
+    titles = ('days', 'left', 'believed', 'without', 'ratio', 'in 10 min', 'late, min', 'wrong')
+    print(f'{"":12}' + ''.join(f'{title:>11}' for title in titles))
     for fault in FAULTS:
-        of_fault = [outcome for outcome in outcomes if outcome.fault == fault]
-        days = [day for day in of_fault if not np.isnan(day.late_min)]
-        names = 'left', 'believed', 'without', 'late_min', 'wrong'
-        left, believed, alone, late, wrong = (
-            np.array([getattr(day, name) for day in days]) for name in names
+        days = [day for day in outcomes if day.fault == fault and not np.isnan(day.late_min)]
+        left, believed, alone = (
+            float(np.nanmean([getattr(day, name) for day in days]))
+            for name in ('left', 'believed', 'without')
         )
-        means = [float(np.nanmean(part)) for part in (left, believed, alone)]
-        print(f'{fault:12}{len(days):5}{means[0]:8.3f}{means[1]:10.3f}{means[2]:9.3f}'
-              f'{means[0] / means[2]:7.2f}{np.sum(late <= 10):11}{np.median(late):11.1f}'
-              f'{wrong.sum():7}')  # fmt: skip
+        late, wrong = np.array([day.late_min for day in days]), sum(day.wrong for day in days)
+        print(
+            f'{fault:12}{len(days):11}{left:11.3f}{believed:11.3f}{alone:11.3f}'
+            f'{left / alone:11.2f}{np.sum(late <= 10):11}{np.median(late):11.1f}{wrong:11}'
+        )
 
 
 def main() -> None:
@@ -169,7 +154,7 @@ def main() -> None:
     days, alarms, seconds = 0, 0, []
     for count in COUNTS:
         for _, world in drawn(range(first, first + options.healthy), count):
-            model, begun = plain_model(world.learn), time.process_time()
+            model, begun = calibrate(world.learn, QUICKEST).model, time.process_time()
             days, alarms = days + 1, alarms + bool(watch(model, world.judge))
             seconds.append((time.process_time() - begun) / len(world.judge))
     if days:

@@ -198,7 +198,6 @@ class KeptMessages:
 
 @pytest.fixture
 def fake_hub():
-    """Give the class, which test modules cannot import."""
     return FakeHub
 
 
@@ -270,7 +269,6 @@ class Bench:
         return responses
 
     def call(self, service_type, name, request):
-        """Call a service and return its response."""
         return self.ask(service_type, name, request).get(timeout=TIMEOUT_S)
 
     def wait_for_node(self, name):
@@ -278,7 +276,6 @@ class Bench:
         self.wait_until(lambda: name in self.helper.get_node_names(), f'the node {name}')
 
     def wait_until(self, condition, what):
-        """Wait for a change of the ROS graph."""
         pause = threading.Event()
         for _ in range(int(TIMEOUT_S / 0.01)):
             if condition():
@@ -287,7 +284,6 @@ class Bench:
         pytest.fail(f'waited {TIMEOUT_S} s for {what}')
 
     def close(self):
-        """Stop every thread and destroy every node, the last first."""
         for stop in self._stops:
             stop.set()  # all at once, because each thread looks at its flag now and then only
         self._stack.close()
@@ -308,7 +304,6 @@ def _node_arguments(kwargs):
 
 @pytest.fixture
 def bench(ros_context):
-    """Give a bench, and take down what ran on it."""
     result = Bench(ros_context)
     try:
         yield result
@@ -333,12 +328,10 @@ class Executable:
         )
 
     def end(self, number=signal.SIGINT):
-        """Send a signal; return the exit code and what stands on standard error."""
         self.process.send_signal(number)
         return self.result()
 
     def result(self):
-        """Wait for the end; return the exit code and what stands on standard error."""
         _, errors = self.process.communicate(timeout=TIMEOUT_S)
         return self.process.returncode, errors
 

@@ -1,5 +1,7 @@
 """Lines of the log about troubles that begin, change, come and go, and end."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from wrist_ft_comp.ros.diagnostics import NodeLog, OK, STALE, Status, WARN
@@ -9,33 +11,21 @@ NAN = Status('input', WARN, 'some wrenches are unusable and dropped; check the d
 SILENT = Status('input', STALE, 'no raw wrenches arrive')
 
 
-class Logger:
-    """Remembers what was logged."""
-
-    def __init__(self):
-        self.lines = []
-
-    def info(self, line):
-        self.lines.append(('info', line))
-
-    def warning(self, line):
-        self.lines.append(('warning', line))
-
-    def error(self, line):
-        self.lines.append(('error', line))
-
-
 @pytest.fixture
 def logged():
     """Report statuses one after the other; give the log's lines."""
-    logger = Logger()
-    log = NodeLog(logger)
+    lines = []
+    note = {
+        level: lambda line, level=level: lines.append((level, line))
+        for level in ('info', 'warning', 'error')
+    }
+    log = NodeLog(SimpleNamespace(**note))
 
     def tell(*statuses):
-        logger.lines.clear()
+        lines.clear()
         for status in statuses:
             log.report([status])
-        return list(logger.lines)
+        return list(lines)
 
     return tell
 

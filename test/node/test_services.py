@@ -62,12 +62,9 @@ def test_answers_reach_their_askers_in_any_order(bench, executor):
 
 def test_each_of_twenty_callers_at_once_is_answered(bench):
     """The usual queue of a service holds ten."""
-    node = bench.make(Example)
-    deep = QoSProfile(depth=1000)  # every client hears the answers to all of them
-    clients = [
-        bench.helper.create_client(Trigger, '/example/at_once', qos_profile=deep)
-        for _ in range(20)
-    ]
+    node, deep = bench.make(Example), QoSProfile(depth=1000)  # every client hears all answers
+    name = '/example/at_once'
+    clients = [bench.helper.create_client(Trigger, name, qos_profile=deep) for _ in range(20)]
     assert all(client.wait_for_service(timeout_sec=TIMEOUT_S) for client in clients)
     answers = [client.call_async(Trigger.Request()) for client in clients]
     executor = SingleThreadedExecutor(context=bench.context)

@@ -35,12 +35,10 @@ def six(message):
 def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench):
     before_ns = bench.helper.get_clock().now().nanoseconds
     remap = {'wrench_raw': '/arm/ft', 'temperature': '/arm/heat'}
-    raw = bench.listen(WrenchStamped, '/arm/ft')
-    reference = bench.listen(WrenchStamped, 'wrench_reference')
-    first = bench.listen(Temperature, '/arm/heat')
-    second = bench.listen(Temperature, 'temperature_2')
+    queues = [bench.listen(WrenchStamped, topic) for topic in ('/arm/ft', 'wrench_reference')]
+    queues += [bench.listen(Temperature, topic) for topic in ('/arm/heat', 'temperature_2')]
     bench.start(SimulatedSensor, parameters={'frame_id': 'tool0'}, remap=remap)
-    messages = [topic.get(timeout=TIMEOUT_S) for topic in (raw, reference, first, second)]
+    messages = [topic.get(timeout=TIMEOUT_S) for topic in queues]
     assert before_ns <= stamp_ns(messages[0])
     assert stamp_ns(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
     assert {message.header.frame_id for message in messages} == {'tool0'}
@@ -109,11 +107,10 @@ def test_a_robot_at_work_publishes_its_imu_and_its_contacts(simulate):
 @pytest.fixture
 def unspun(ros_context, monkeypatch):
     """Make a node that only the test wakes, at times it chooses; give both and what was sent."""
-    now = [0.0]
+    now, sent = [0.0], []
     monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
-    rules = [part for item in FAST.items() for part in ('-p', '{}:={}'.format(*item))]
-    node = SimulatedSensor(context=ros_context, cli_args=['--ros-args', *rules])
-    sent = []
+    chosen = [Parameter(name, value=value) for name, value in FAST.items()]
+    node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
     monkeypatch.setattr(node, '_send_wrench', lambda *arguments: sent.append(arguments[2]))
 
     def wake(*times_s):

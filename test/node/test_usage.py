@@ -45,21 +45,6 @@ def test_help_names_what_the_node_has_and_exits(bench, capsys, module, node, nam
         assert asked.removeprefix('/shown/') in shown.out
 
 
-@pytest.fixture
-def log_of(bench):
-    """Give a node arguments; what it logs about them, warnings and others."""
-
-    def tell(*arguments):
-        rules = [word for argument in arguments for word in ('-p', argument)]
-        node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
-        Parameters(node, TABLE)
-        warnings = []
-        warn_of_unknown(node, ['/late'], SimpleNamespace(warning=warnings.append))
-        return warnings
-
-    return tell
-
-
 @pytest.mark.parametrize(
     ('given', 'meant'),
     [
@@ -67,9 +52,14 @@ def log_of(bench):
         ('qos_overrides./lte.subscription.depth', 'qos_overrides./late.subscription.depth'),
     ],
 )
-def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(log_of, given, meant):
-    others = [f'joint_limits.joint_{k}.max_effort:=1' for k in range(10)]
-    others += ['use_sim_time:=true', 'temperature_topics:=[a]']
-    assert log_of(f'{given}:=x', *others) == [
+def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(bench, given, meant):
+    arguments = [f'joint_limits.joint_{k}.max_effort:=1' for k in range(10)]
+    arguments += [f'{given}:=x', 'use_sim_time:=true', 'temperature_topics:=[a]']
+    rules = [word for argument in arguments for word in ('-p', argument)]
+    node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
+    Parameters(node, TABLE)
+    warnings = []
+    warn_of_unknown(node, ['/late'], SimpleNamespace(warning=warnings.append))
+    assert warnings == [
         f'There is no parameter {given}, so its value is ignored. Did you mean {meant}?'
     ]

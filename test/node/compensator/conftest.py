@@ -1,6 +1,6 @@
 """A compensator under test, what talks to it, and models with a known drift."""
 
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 import itertools
 import queue
@@ -13,6 +13,7 @@ from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
+from moments import SECOND, START, TIMEOUT_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -31,9 +32,6 @@ from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stream.compensator import StreamSettings
 
-TIMEOUT_S = 60.0
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 #: Shorter than the node's own, for the tests' sake.
 DIAGNOSTICS_PERIOD_S, TARE_PATIENCE_S = 0.05, 0.2
 #: Between two looks at what a test waits for, s.
@@ -92,21 +90,17 @@ class Rig:
             service._send = lambda response, answers: answers.put(response)
 
     def topic(self, name):
-        """Topic of the node, by its relative name."""
         return f'{self.namespace}/{name}'
 
     def send_reference(self, stamp, values):
-        """Send one reference wrench to what is subscribed to them."""
         topic = self.topic('wrench_reference')
         (reference,) = (s for s in self.node.subscriptions if s.topic_name == topic)
         reference.callback(serialize_message(wrench_message(stamp, 'world', values)))
 
     def put(self, stamp, values, frame='tool0'):
-        """Send one raw wrench."""
         self.put_bytes(serialize_message(wrench_message(stamp, frame, values)))
 
     def put_bytes(self, data):
-        """Send bytes where a raw wrench belongs."""
         self.node._on_wrench(data)
 
     def put_temperature(self, stamp, *values):
@@ -117,7 +111,6 @@ class Rig:
             self.put_temperature_bytes(j, serialize_message(message))
 
     def put_temperature_bytes(self, thermometer, data):
-        """Send bytes where a temperature belongs."""
         for topic in self.node.inputs.by_topic:
             if thermometer in topic.sources:
                 topic.read(data)
@@ -135,7 +128,6 @@ class Rig:
             self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 
     def take(self, count=1):
-        """Take outputs in their order."""
         taken = [self.outputs.get(timeout=TIMEOUT_S) for _ in range(count)]
         return [
             deserialize_message(output, WrenchStamped) if isinstance(output, bytes) else output
@@ -156,7 +148,6 @@ class Rig:
         return np.array([self.ask_output(int(stamp), values) for stamp, values in sent])
 
     def ask(self, service, data=None):
-        """Call a service of the node; its answer comes in the queue."""
         answers: queue.Queue[Any] = queue.Queue()
         name = f'{self.namespace}/wrist_ft_comp/{service}'
         (served,) = (service for service in self.node.services if service.service_name == name)
@@ -170,13 +161,11 @@ class Rig:
         return answers
 
     def call(self, service, data=None):
-        """Call a service of the node and return its answer."""
         answers = self.ask(service, data)
         self.wait_until(lambda: not answers.empty(), f'the answer of {service}')
         return answers.get()
 
     def refusal(self, service, data=None):
-        """Call a service that has to refuse; return its sentence."""
         answer = self.call(service, data)
         assert not answer.success, answer.message
         return answer.message
@@ -188,7 +177,6 @@ class Rig:
         return verdict.reason
 
     def set(self, name, value):
-        """Set a parameter; return the verdict."""
         return self.node.set_parameters([Parameter(name, value=value)])[0]
 
     def wait_until(self, condition, what):
@@ -220,7 +208,6 @@ class Rig:
         return statuses[-1]
 
     def _report(self):
-        """Give the statuses of now."""
         self._statuses.clear()
         self.node.broadcast('poll')
         self.node._diagnose()
@@ -244,20 +231,16 @@ class WiredRig(Rig):
         ]
 
     def put_bytes(self, data):
-        """Publish bytes where a raw wrench belongs."""
         self._raw.publish(data)
 
     def put_temperature_bytes(self, thermometer, data):
-        """Publish bytes where a temperature belongs."""
         self._temperatures[thermometer].publish(data)
 
     def ask(self, service, data=None):
-        """Call a service of the node; its answer comes in the queue."""
         kind, request = _request(data)
         return self.bench.ask(kind, f'{self.namespace}/wrist_ft_comp/{service}', request)
 
     def set(self, name, value):
-        """Set a parameter over the graph; return the verdict."""
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
@@ -265,49 +248,10 @@ class WiredRig(Rig):
         return self.bench.call(SetParameters, service, request).results[0]
 
     def wait_until(self, condition, what):
-        """Wait for what the node does by itself."""
         self.bench.wait_until(condition, what)
 
     def _report(self):
-        """Wait for the next statuses."""
         return list(self._arrays.get(timeout=TIMEOUT_S).status)
-
-
-class Peer:
-    """Talks to a process's node, over DDS that may lose messages: it sends until it is heard."""
-
-    def __init__(self, bench, namespace, name):
-        self._bench, self._own = bench, f'{namespace}/{name}'
-        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
-        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
-        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
-        self._second = 0
-
-    def cell(self):
-        """Send a thermal cell, with a wrench of one newton that passes."""
-        self._second += 1
-        warm = Temperature(temperature=25.0)
-        warm.header.stamp.sec = START // SECOND + self._second
-        self._heat.publish(warm)
-        sent = wrench_message(START + self._second * SECOND, 'tool0', [1.0] * 6)
-        for _ in range(100):
-            self._raw.publish(sent)
-            with suppress(queue.Empty):
-                while self._outputs.get(timeout=0.2).header.stamp != sent.header.stamp:
-                    pass
-                return
-        raise queue.Empty
-
-    def ask(self, service, data=None):
-        """Call a service; its answer comes in the queue."""
-        kind, request = _request(data)
-        return self._bench.ask(kind, f'{self._own}/{service}', request)
-
-
-@pytest.fixture
-def peer(bench):
-    """Talk to the node of a name in a namespace."""
-    return partial(Peer, bench)
 
 
 def _request(data):
@@ -358,12 +302,12 @@ def wired(bench, tmp_path, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch):
-    """Wait less for the wrenches of a tare."""
+    """Wait less for the wrenches of a tare, and for callers at the end."""
     monkeypatch.setattr('wrist_ft_comp.node.tare._PATIENCE_S', TARE_PATIENCE_S)
+    monkeypatch.setattr('wrist_ft_comp.ros.hub.FAREWELL_S', 0.0)
 
 
 def _make_rig(kind, bench, tmp_path, **options):
-    """Make a rig with a namespace of its own."""
     namespace = options.pop('namespace', None) or f'/t{next(_NUMBERS)}'
     return kind(bench, namespace, options.pop('directory', tmp_path / 'data'), **options)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from geometry_msgs.msg import WrenchStamped
+from moments import OK, SECOND, START, WARN
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
@@ -21,9 +22,6 @@ from wrist_ft_comp.stored.payload_file import add_payloads
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-OK, WARN = b'\0', b'\1'
 TOOL = Payload(1.5, np.array([0.01, -0.02, 0.06]))
 PART = Payload(2.5, np.array([0.02, 0.01, 0.1]))
 #: The IMU stands on its head beside the sensor.
@@ -40,8 +38,8 @@ BY_HAND = {
 
 def numbers(message):
     """Six numbers of a message, N and N m."""
-    force, torque = message.wrench.force, message.wrench.torque
-    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    halves = message.wrench.force, message.wrench.torque
+    return np.array([getattr(half, axis) for half in halves for axis in 'xyz'])
 
 
 class Held:
@@ -205,30 +203,23 @@ def test_a_payload_changes_with_the_next_wrench_and_refusals_change_nothing(held
 
 
 @pytest.mark.parametrize(
-    'frame',
-    [
-        replace(MOUNTED, wrench_frame='left'),
-        replace(MOUNTED, force_frame='x'),
-        replace(MOUNTED, source='tf'),
-        replace(MOUNTED, wrench_frame=''),
-        replace(MOUNTED, source=''),
-    ],
+    'other', [{'wrench_frame': 'left'}, {'force_frame': 'x'}, {'source': 'tf'}, {'source': ''}]
 )
-def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, frame):
+def test_a_payload_by_hand_turns_as_this_sensor_learnt(held, other):
     part = held(('day', MOUNTED))
     part.hub.set(part.part, **BY_HAND)
     assert part.weighs(PART)
     assert part.status().values['turn'].endswith('learnt with day-2')
-    other = held(('other', frame), ('day', FRAME))
-    other.force.frames = lambda: FrameIds('imu', 'right')
+    part = held(('other', replace(MOUNTED, **other)), ('day', FRAME))
+    part.force.frames = lambda: FrameIds('imu', 'right')
     with pytest.raises(SettingsError, match='their frame_ids differ'):
-        other.hub.set(other.part, **BY_HAND)
-    other.force.frames = lambda: FrameIds('right', 'right')
-    other.hub.set(other.part, **BY_HAND)
-    assert 'because both frame_ids are right' in other.status().values['turn']
-    other.force.frames = lambda: FrameIds('right', 'left')
-    other.feel(START, UP)
-    assert 'right is now left; is it another sensor?' in other.status().message
+        part.hub.set(part.part, **BY_HAND)
+    part.force.frames = lambda: FrameIds('right', 'right')
+    part.hub.set(part.part, **BY_HAND)
+    assert 'because both frame_ids are right' in part.status().values['turn']
+    part.force.frames = lambda: FrameIds('right', 'left')
+    part.feel(START, UP)
+    assert 'right is now left; is it another sensor?' in part.status().message
 
 
 def test_the_live_model_selects_its_payloads_of_a_shared_folder(held, tmp_path):
@@ -346,6 +337,12 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     assert not again.node.compensator.external_tare.any()
 
 
+def carry(part):
+    """Feel a load for a while, as one that has no name."""
+    part.part.collect(SimpleNamespace(share=1.0))
+    part.part.collect(None)
+
+
 @pytest.mark.parametrize(('carried', 'tared_with'), [(False, ''), (True, ''), (True, 'day-1')])
 def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
     held, carried, tared_with
@@ -356,8 +353,7 @@ def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
     compensator.set_tare(weight + CONSTANT, START, weight if tared_with else None)
     part.hub.set(part.part, **{'payload.active': ''})
     if carried:
-        part.part.collect(SimpleNamespace(share=1.0))
-        part.part.collect(None)
+        carry(part)
     part.hub.set(part.part, **{'payload.active': 'day-1'})
     doubt = 'the weight of day-1 may be in the tare' in ''.join(compensator.zero_doubts)
     assert doubt == (carried and not tared_with)
@@ -367,8 +363,7 @@ def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
         part.hub.set(part.part, **{'payload.active': name})
         assert compensator.zero_doubts == [], 'nothing was carried since that had no name'
         if name:
-            part.part.collect(SimpleNamespace(share=1.0))
-            part.part.collect(None)
+            carry(part)
 
 
 @pytest.mark.parametrize(

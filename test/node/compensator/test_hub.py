@@ -3,14 +3,12 @@
 from pathlib import Path
 import re
 
+from moments import ERROR, OK, SECOND, START
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.hub import Hub
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-OK, ERROR = b'\0', b'\2'
 ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 #: In an order in which a part that has stopped keeps nothing from those behind it.
 PARTS = (
@@ -96,17 +94,6 @@ def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
         node.node.broadcast('poll')
     assert not node.node.recorder.stopped
     assert capfd.readouterr().err.count('not today') == 1
-
-
-@pytest.mark.parametrize('order', [list, lambda parts: list(reversed(parts))])
-def test_parts_start_in_any_order(rig, make_model, monkeypatch, order):
-    run = Hub.run
-    monkeypatch.setattr(Hub, 'run', lambda self, parts: run(self, order(parts)))
-    node = rig(model=make_model('m.yaml'))
-    node.warm_up(30.0)
-    (_, _, force_z, *_) = node.ask_output(START + 3 * SECOND, [100.0] * 6)
-    assert force_z == pytest.approx(80.0)  # 2 N/K over 20 °C
-    assert node.diagnosis('model', 'compensating 1 axis').values['file'].endswith('m.yaml')
 
 
 def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):

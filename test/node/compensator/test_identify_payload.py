@@ -3,6 +3,7 @@
 import json
 import math
 
+from moments import SECOND, START
 import numpy as np
 import pytest
 
@@ -15,8 +16,6 @@ from wrist_ft_comp.simulation.work import (
     WorkSettings,
 )
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 RATE_HZ = 20
 IMU = {'gravity.source': 'imu'}
 
@@ -33,7 +32,7 @@ def working(rig, make_model):
 
 @pytest.fixture(scope='module')
 def minute():
-    """A minute of a robot's work, and a little more: its motion, and what its IMU says."""
+    """A minute of a robot's work, and a little more: its tool, motion, and what its IMU says."""
     rng = np.random.default_rng([2024, 50])
     work = draw_work(WorkSettings(part_kg=0.0), rng)
     time_s = np.arange(0, 62, 1 / RATE_HZ)
@@ -52,16 +51,9 @@ def send(node, minute, rows):
         node.ask_output(stamp, (motion.weight[k] + motion.contact[k] + 1.0).tolist())
 
 
-def ask(node):
-    """Ask; the answer comes in the queue."""
-    answers = node.ask('identify_payload')
-    assert answers.empty(), answers.get().message
-    return answers
-
-
 def test_a_minute_of_work_gives_the_payload_and_the_next_step(working, minute):
     tool = minute[0]
-    answers = ask(working)
+    answers = working.ask('identify_payload')
     send(working, minute, range(600))
     assert working.diagnosis('payload').message == 'identifying a payload: 50% of a minute'
     second = working.refusal('identify_payload')
@@ -117,20 +109,9 @@ def test_a_caller_is_answered_where_an_identification_cannot_go_on(  # noqa: PLR
     working, minute, monkeypatch, patience_s, happens, words
 ):
     monkeypatch.setattr(jobs, '_PATIENCE_S', patience_s)
-    answers = ask(working)
+    answers = working.ask('identify_payload')
     send(working, minute, range(10))
     happens(working.node)
     working.wait_until(lambda: not answers.empty(), 'the answer')
     assert words in answers.get().message
     assert not working.node.identification.end()
-
-
-def test_a_robot_that_stands_still_is_asked_to_move(working):
-    answers = ask(working)
-    for k in range(0, 61 * RATE_HZ, 5):
-        stamp = START + 2 * SECOND + k * SECOND // RATE_HZ
-        working.node.broadcast('on_specific_force', stamp, (0.0, 0.0, 9.807), None)
-        working.ask_output(stamp, [1.0] * 6)
-    working.wait_until(lambda: not answers.empty(), 'the answer')
-    assert 'gravity moved by 0.00, 0.00, 0.00 m/s²' in answers.get().message
-    assert not (working.directory / 'models/payloads.json').exists()

@@ -1,9 +1,10 @@
-"""What the command learns from a file is what the node takes off, by whatever accelerometer."""
+"""What the command learns from a file is what the node takes off, by its accelerometer."""
 
 from dataclasses import replace
 import json
 
 from geometry_msgs.msg import WrenchStamped
+from moments import SECOND, START
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -12,10 +13,7 @@ from scipy.spatial.transform import Rotation
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.payload.weight import Payload
-from wrist_ft_comp.wire.tf_tree import Layouts
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 TOOL = Payload(1.3, np.array([0.01, -0.02, 0.09]))
 #: Drift per kelvin from 20 °C on, as make_working_day makes it.
 DRIFT = np.array([0.3, -0.2, 0.5, 0.01, 0.02, -0.01])
@@ -26,93 +24,48 @@ POSES = Rotation.random(12, random_state=5)
 TURN, BIAS = np.deg2rad(0.3), 0.03
 
 
-@pytest.fixture(scope='module')
-def day(make_working_day):
-    return make_working_day(1, cells=1200, part=False)
-
-
-@pytest.fixture(scope='module')
-def felt(day):
-    """Specific force of that day in the frame of the wrench."""
-    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    return day.specific_force @ quarter.T
-
-
-@pytest.fixture
-def learn(tmp_path, day, write_working_day, capsys):
-    """Learn from the day by the command, with what was measured; the model, and the payload."""
-
-    def learn(force, *words):
-        path = write_working_day(tmp_path / 'day.csv', replace(day, specific_force=force))
-        options = ['--reference', 'payload', '--method', 'pls', *words]
-        assert main(['calibrate', str(path), '-o', str(tmp_path / 'tool.yaml'), *options]) == 0
-        capsys.readouterr()
-        entries = json.loads((tmp_path / 'payloads.json').read_text())['payloads']
-        return tmp_path / 'tool.yaml', list(entries)[-1], list(entries.values())[-1]
-
-    return learn
-
-
-def errors_in_free_motion(node, say):
+def free_motion(node, messages, read):
     """Move freely: errors of the weight that is taken off, and wrench_external less its mean."""
-    externals = []
     node.warm_up(WARM_C)
-    wrong = []
+    wrong, externals = [], []
     for k, pose in enumerate(POSES):
         stamp, up = START + (4 + k) * SECOND // 2, pose.inv().apply([0, 0, GRAVITY])
-        say(stamp, pose, up)
+        felt = messages.imu(stamp, read(up).tolist(), [0.0, 0.0, 0.1])
+        node.node.specific_force.on_imu(felt)
         node.ask_output(stamp, TOOL.weight(up) + (WARM_C - 20.0) * DRIFT + 1.0)
         wrong.append(node.node.external.weight_at(stamp) - TOOL.weight(up))
         wrench = deserialize_message(node.externals.get_nowait(), WrenchStamped).wrench
         parts = (wrench.force, wrench.torque)
         externals.append([getattr(part, name) for part in parts for name in 'xyz'])
-    assert len(externals) == len(POSES)
     return np.array(wrong), np.array(externals) - np.mean(externals, axis=0)
-
-
-def assert_within(errors, entry):
-    """Three standard errors of the mass, and what it does not hold: turn, bias, and drift."""
-    weight, three_kg = entry['mass_kg'] * GRAVITY, 3 * entry['mass_error_kg']
-    allowed = three_kg * GRAVITY + (TURN + BIAS / GRAVITY) * weight
-    wrong, external = errors
-    assert np.abs(wrong[:, :3]).max() < allowed
-    assert np.abs(external[:, :3]).max() < 2 * allowed
-    assert np.abs(external[:, 3:]).max() < 0.2 * allowed
 
 
 @pytest.mark.parametrize(
     'drawn', [(1.05, 0.2, -0.1, 0.15, 0.6, 2.9, -1.2), (0.9, -0.2, 0.2, 0.0, -1.8, 0.3, 0.1)]
 )
-def test_a_payload_learnt_by_an_imu_is_subtracted_by_its_raw_samples(
-    learn, rig, messages, felt, drawn
+def test_a_payload_learnt_by_an_imu_is_subtracted_by_its_raw_samples(  # noqa: PLR0913, PLR0917
+    make_working_day, write_working_day, rig, messages, tmp_path, capsys, drawn
 ):
+    day = make_working_day(1, cells=1200, part=False)
     scale, bias, turn = drawn[0], np.array(drawn[1:4]), Rotation.from_rotvec(drawn[4:])
+    felt = day.specific_force @ np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     noise = np.random.default_rng(1).normal(0, 0.005, felt.shape)
-    model, name, entry = learn(scale * turn.inv().apply(felt) + bias + noise)
+
+    def read(up):
+        return scale * turn.inv().apply(up) + bias
+
+    path = write_working_day(tmp_path / 'day.csv', replace(day, specific_force=read(felt) + noise))
+    model, options = tmp_path / 'tool.yaml', ['--reference', 'payload', '--method', 'pls']
+    assert main(['calibrate', str(path), '-o', str(model), *options]) == 0
+    capsys.readouterr()
+    ((name, entry),) = json.loads((tmp_path / 'payloads.json').read_text())['payloads'].items()
     np.testing.assert_allclose(entry['scale'], scale, rtol=0.01)
     assert entry['mass_kg'] == pytest.approx(TOOL.mass_kg, abs=3 * entry['mass_error_kg'])
     chosen = {'gravity.source': 'imu', 'payload.active': name, 'model_file': str(model)}
-    node = rig(parameters=chosen)
-
-    def say(stamp, _, up):
-        read = (scale * turn.inv().apply(up) + bias).tolist()
-        node.node.specific_force.on_imu(messages.imu(stamp, read, [0.0, 0.0, 0.1]))
-
-    assert_within(errors_in_free_motion(node, say), entry)
-
-
-@pytest.mark.usefixtures('tf_messages')
-def test_a_payload_learnt_by_tf_is_subtracted_by_tf(learn, rig, messages, felt):
-    model, name, entry = learn(felt, '--gravity-frame', 'base')
-    assert entry['source'] == 'tf'
-    chosen = {'gravity.source': 'tf', 'gravity.frame': 'base', 'payload.active': name}
-    node = rig(parameters={**chosen, 'model_file': str(model)})
-    layouts = Layouts()
-
-    def say(stamp, pose, _):
-        moved = messages.transforms(stamp, [('base', 'tool0', pose.as_quat())])
-        node.node.specific_force.on_tf(layouts, moved, static=False)
-
-    node.put(START, [0.0] * 6)
-    node.take()
-    assert_within(errors_in_free_motion(node, say), entry)
+    wrong, external = free_motion(rig(parameters=chosen), messages, read)
+    # Three standard errors of the mass, and what it does not hold: turn, bias, and drift.
+    weight, three_kg = entry['mass_kg'] * GRAVITY, 3 * entry['mass_error_kg']
+    allowed = three_kg * GRAVITY + (TURN + BIAS / GRAVITY) * weight
+    assert np.abs(wrong[:, :3]).max() < allowed
+    assert np.abs(external[:, :3]).max() < 2 * allowed
+    assert np.abs(external[:, 3:]).max() < 0.2 * allowed

@@ -116,13 +116,10 @@ def test_why_a_number_cannot_be_taken_is_said_until_it_can(listen, entry, messag
     assert (listening.problem(), listening.taken) == ('', [(0, START, 9.0)])
 
 
-def test_a_type_that_is_not_installed_is_named(listen):
+def test_a_type_that_is_not_installed_and_bytes_that_are_no_message_are_named(listen):
     listening = listen('/state:temperature')
     listening.carry('nowhere_msgs/msg/State')
     assert '/state carries nowhere_msgs/State, but the Python package' in listening.problem()
-
-
-def test_bytes_that_are_no_message_of_the_type_are_said_and_counted(listen):
     listening = listen('/state:effort[0]')
     listening.hear(joints(20))
     listening.hear_bytes(serialize_message(joints(20))[:20])

@@ -2,14 +2,11 @@ from dataclasses import asdict
 import json
 import os
 
+from moments import ERROR, OK, START
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.stored.model_store import HistoryEntry
-
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-OK, WARN, ERROR = b'\0', b'\1', b'\2'
 
 
 def live(node):
@@ -21,66 +18,68 @@ def live(node):
     return None if stored is None else stored.path.name
 
 
-def remember(node_or_directory, *names):
-    directory = getattr(node_or_directory, 'directory', node_or_directory)
-    directory.mkdir(exist_ok=True, parents=True)
-    entries = [{**asdict(HistoryEntry(None)), 'path': f'models/{name}'} for name in names]
+@pytest.fixture
+def abc(rig, make_model):
+    """Make three models, and give what makes nodes."""
+    for number, name in enumerate('abc', start=1):
+        make_model(f'{name}.yaml', {'force_x': (float(number), 0, 0)})
+    return rig
+
+
+def choose(node, *names):
+    """Make models live at run time."""
+    for name in names:
+        assert node.set('model_file', f'models/{name}.yaml').successful
+
+
+def test_a_rollback_goes_back_model_by_model_to_none_and_no_further(abc):
+    node = abc()
+    choose(node, 'a', 'b', 'b')  # twice is one step back
+    assert live(node) == 'b.yaml'
+    answer = node.call('rollback')
+    assert answer.message == f'compensating with {node.directory / "models/a.yaml"} again'
+    assert live(node) == 'a.yaml'
+    answer = node.call('rollback')
+    assert answer.message == 'no model was live before: wrenches pass uncompensated'
+    assert live(node) is None
+    assert node.refusal('rollback').startswith('There is no earlier model to go back to')
+
+
+def test_a_rollback_passes_over_a_model_that_cannot_be_used(abc):
+    entries = [
+        {**asdict(HistoryEntry(None)), 'path': f'models/{name}.yaml'}
+        for name in ('a', 'gone', 'c')
+    ]
     document = {'format': 'wrist_ft_comp live models', 'version': 1, 'history': entries}
-    (directory / 'active.json').write_text(json.dumps(document))
+    (abc().directory / 'active.json').write_text(json.dumps(document))
+    node = abc()
+    sentence = node.refusal('rollback')
+    assert 'gone.yaml cannot be read: No such file' in sentence
+    assert 'The running model stays; call again for the model before' in sentence
+    assert live(node) == 'c.yaml'
+    assert node.call('rollback').success
+    assert live(node) == 'a.yaml'
 
 
-class TestRollback:
-    def test_a_rollback_goes_back_model_by_model_to_none_and_no_further(self, rig, make_model):
-        for name in ('a.yaml', 'b.yaml'):
-            make_model(name)
-        node = rig()
-        for name in ('a.yaml', 'b.yaml', 'b.yaml'):  # twice is one step back
-            assert node.set('model_file', f'models/{name}').successful
-        assert live(node) == 'b.yaml'
-        answer = node.call('rollback')
-        assert answer.success
-        assert answer.message == f'compensating with {node.directory / "models/a.yaml"} again'
-        assert live(node) == 'a.yaml'
-        answer = node.call('rollback')
-        assert answer.message == 'no model was live before: wrenches pass uncompensated'
-        assert live(node) is None
-        assert node.refusal('rollback').startswith('There is no earlier model to go back to')
-
-    def test_a_rollback_passes_over_a_model_that_cannot_be_used(self, rig, make_model):
-        for name in ('a.yaml', 'c.yaml'):
-            make_model(name)
-        node = rig()
-        remember(node, 'a.yaml', 'gone.yaml', 'c.yaml')
-        node = rig()
-        sentence = node.refusal('rollback')
-        assert 'gone.yaml cannot be read: No such file' in sentence
-        assert 'The running model stays; call again for the model before' in sentence
-        assert live(node) == 'c.yaml'
-        assert node.call('rollback').success
-        assert live(node) == 'a.yaml'
-
-    def test_every_change_is_kept_with_its_date_and_reason(self, rig, make_model):
-        for name in ('a.yaml', 'b.yaml'):
-            make_model(name)
-        node = rig()
-        for name in ('a.yaml', 'b.yaml', 'b.yaml'):
-            assert node.set('model_file', f'models/{name}').successful
-        assert node.call('rollback').success
-        make_model('a.yaml', {'force_x': (2.0, 0, 0)})
-        assert node.set('model_file', 'models/a.yaml').successful
-        first, *history = node.node.live.history
-        assert (first.path, first.since) == (None, '')
-        assert [(entry.path.name, entry.how, entry.withdrawn) for entry in history] == [
-            ('a.yaml', 'chosen', True), ('b.yaml', 'chosen', True), ('a.yaml', 'back', True),
-            ('a.yaml', 'chosen', False),
-        ]  # fmt: skip
-        assert history[2].why == 'a person went back from b.yaml to a.yaml with ~/rollback'
-        assert history[2].sha256 == history[0].sha256 != history[3].sha256
-        dates = [entry.since for entry in history]
-        assert dates == sorted(dates)
-        assert rig().node.live.history == node.node.live.history
-        assert node.call('rollback').success
-        assert live(node) is None
+def test_every_change_is_kept_with_its_date_and_reason(abc, make_model):
+    node = abc()
+    choose(node, 'a', 'b', 'b')
+    assert node.call('rollback').success
+    make_model('a.yaml', {'force_x': (9.0, 0, 0)})
+    choose(node, 'a')
+    first, *history = node.node.live.history
+    assert (first.path, first.since) == (None, '')
+    assert [(entry.path.name, entry.how, entry.withdrawn) for entry in history] == [
+        ('a.yaml', 'chosen', True), ('b.yaml', 'chosen', True), ('a.yaml', 'back', True),
+        ('a.yaml', 'chosen', False),
+    ]  # fmt: skip
+    assert history[2].why == 'a person went back from b.yaml to a.yaml with ~/rollback'
+    assert history[2].sha256 == history[0].sha256 != history[3].sha256
+    dates = [entry.since for entry in history]
+    assert dates == sorted(dates)
+    assert abc().node.live.history == node.node.live.history
+    assert node.call('rollback').success
+    assert live(node) is None
 
 
 def test_parts_that_follow_the_model_see_the_new_one(rig, make_model):
@@ -91,52 +90,38 @@ def test_parts_that_follow_the_model_see_the_new_one(rig, make_model):
     assert seen == [model.sha256, None]
 
 
-class TestRestart:
-    def test_a_restart_with_a_broken_list_has_no_model(self, rig, make_model, capfd):
-        model = make_model('a.yaml')
-        (model.path.parents[1] / 'active.json').write_text('{')
-        node = rig()
-        status = node.diagnosis('model', 'The last model cannot be used: ')
-        assert status.level == ERROR
-        assert 'active.json' in status.message
-        assert 'Remove it and set model_file.' in capfd.readouterr().err
-        assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
-        assert node.set('model_file', 'models/a.yaml').successful
-        assert node.diagnosis('model', lambda status: status.level == OK)
-        assert live(rig()) == 'a.yaml'
+def test_a_restart_with_a_broken_list_has_no_model(abc, tmp_path, capfd):
+    (tmp_path / 'data/active.json').write_text('{')
+    node = abc()
+    status = node.diagnosis('model', 'The last model cannot be used: ')
+    assert status.level == ERROR
+    assert 'active.json' in status.message
+    assert 'Remove it and set model_file.' in capfd.readouterr().err
+    assert node.ask_output(START, [1.0] * 6) == (1.0,) * 6
+    choose(node, 'a')
+    assert node.diagnosis('model', lambda status: status.level == OK)
+    assert live(abc()) == 'a.yaml'
 
 
-class TestNewestDecision:
-    """What is live after a restart when a model_file is given at start."""
+def test_a_decision_after_the_last_start_goes_on(abc, make_model, capfd):
+    given = {'model_file': 'models/a.yaml'}
+    first = abc(parameters=given)
+    assert live(first) == 'a.yaml'
+    later = make_model('later.yaml', {'force_x': (9, 0, 0)})
+    first.node.live.take(later, 'calibrated')
+    again = abc(parameters=given)
+    assert live(again) == 'later.yaml'
+    assert 'was made live after that: the latter goes on' in capfd.readouterr().err
+    later.path.unlink()
+    assert live(abc(parameters=given)) == 'a.yaml', 'it cannot be used'
 
-    def test_a_calibration_after_the_last_start_goes_on(self, rig, make_model, capfd):
-        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
-        parameters = {'model_file': str(given.path)}
-        first = rig(parameters=parameters)
-        assert live(first) == 'given.yaml'
-        first.node.live.take(later, 'calibrated')
-        again = rig(parameters=parameters)
-        assert live(again) == 'later.yaml'
-        assert 'was made live after that: the latter goes on' in capfd.readouterr().err
-        assert again.call('rollback').success
-        assert live(again) == 'given.yaml'
-        assert live(rig(parameters=parameters)) == 'given.yaml'
 
-    def test_another_model_file_is_a_new_decision(self, rig, make_model):
-        for number, name in enumerate('abc', start=1):
-            make_model(f'{name}.yaml', {'force_x': (float(number), 0, 0)})
-        for name in 'abca':
-            node = rig(parameters={'model_file': f'models/{name}.yaml'})
-            assert live(node) == f'{name}.yaml'
-        assert node.call('rollback').success
-        assert live(node) == 'c.yaml'
-
-    def test_the_model_file_stands_in_for_a_later_one_that_cannot_be_used(self, rig, make_model):
-        given, later = make_model('given.yaml'), make_model('later.yaml', {'force_x': (1, 0, 0)})
-        parameters = {'model_file': str(given.path)}
-        rig(parameters=parameters).node.live.take(later, 'calibrated')
-        later.path.unlink()
-        assert live(rig(parameters=parameters)) == 'given.yaml'
+def test_another_model_file_at_start_is_a_new_decision(abc):
+    for name in 'abca':
+        node = abc(parameters={'model_file': f'models/{name}.yaml'})
+        assert live(node) == f'{name}.yaml'
+    assert node.call('rollback').success
+    assert live(node) == 'c.yaml'
 
 
 class TestModelFile:

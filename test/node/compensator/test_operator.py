@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 from hypothesis import given
 from hypothesis import strategies as st
+from moments import SECOND, START
 import pytest
 from rich.console import Console
 
@@ -16,15 +17,7 @@ from wrist_ft_comp.cli.output import renderables
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 LEVELS = [b'\0', b'\1', b'\2', b'\3']
-
-
-@pytest.fixture(autouse=True)
-def hurry(monkeypatch):
-    """Wait less for nodes that are not there."""
-    monkeypatch.setattr(operator, 'DISCOVERY_S', 5.0)
 
 
 @pytest.fixture
@@ -57,8 +50,9 @@ def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operat
     assert json.loads(out)['error']['kind'] == 'node'
 
 
-def test_a_missing_node_is_named_with_those_that_run(wired, operate):
+def test_a_missing_node_is_named_with_those_that_run(wired, operate, monkeypatch):
     node = wired()
+    monkeypatch.setattr(operator, 'DISCOVERY_S', 1.0)
     code, _, refusal = operate('tare', 'nobody')
     assert code == 1
     assert f'running are: {node.namespace}/wrist_ft_comp' in refusal
@@ -66,9 +60,8 @@ def test_a_missing_node_is_named_with_those_that_run(wired, operate):
 
 def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services(wired, operate):
     node = wired(remap={'__node': 'left_ft'})
-    for name in (node.namespace, f'{node.namespace}/left_ft'):
-        assert operate('reset_tare', name)[1] == 'the tare is zero again\n'
-    code, _, refusal = operate('callibrate', node.namespace)
+    assert operate('reset_tare', node.namespace)[1] == 'the tare is zero again\n'
+    code, _, refusal = operate('callibrate', f'{node.namespace}/left_ft')
     assert code == 1
     assert 'left_ft has no service callibrate' in refusal
     assert 'adopt, calibrate, identify_payload, record, reset_tare, rollback, tare.' in refusal
@@ -76,15 +69,12 @@ def test_a_node_of_another_name_is_found_by_its_namespace_and_lists_its_services
 
 def test_one_of_several_nodes_has_to_be_named(bench, monkeypatch):
     asking = operator.Operator(bench.context)
-    try:
-        monkeypatch.setattr(
-            asking, 'running', lambda: ['/left/wrist_ft_comp', '/right/wrist_ft_comp']
-        )
-        with pytest.raises(NodeError, match='--name'):
-            asking.find()
-        assert asking.find('right') == '/right/wrist_ft_comp'
-    finally:
-        asking.close()
+    names = [f'/{side}/wrist_ft_comp' for side in ('left', 'right')]
+    monkeypatch.setattr(asking, 'running', lambda: names)
+    with pytest.raises(NodeError, match='--name'):
+        asking.find()
+    assert asking.find('right') == names[1]
+    asking.close()
 
 
 def test_the_status_is_one_page_of_text_or_json(wired, operate):
@@ -107,36 +97,33 @@ def test_a_node_that_falls_silent_is_no_longer_waited_for(wired, operate, monkey
     assert (code, 'has said nothing' in refusal) == (1, True)
 
 
-words = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
-statuses = st.dictionaries(
-    st.sampled_from(['input', 'temperature', 'model', 'output', 'calibration', 'payload']),
-    st.tuples(st.sampled_from(LEVELS), words),
-)
+WORDS = st.text(st.characters(codec='utf-8', exclude_categories=['Cc', 'Cs']), max_size=300)
+NAMES = st.sampled_from(['input', 'temperature', 'model', 'output', 'calibration', 'payload'])
+VALUES = {
+    'thermometer_1_age_s': 'never', 'thermometer_2_age_s': '0.1', 'thermometer_2_c': '21.00',
+    'thermometer_2_calibrated_c': '20.1 to 35.0', 'recording_s': '754',
+}  # fmt: skip
+VALUES |= {
+    f'{axis}_{name}': '-0.09579 N m'
+    for axis in command.AXES
+    for name in ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
+}
 
 
-@given(statuses)
+@given(st.dictionaries(NAMES, st.tuples(st.sampled_from(LEVELS), WORDS)))
 def test_a_page_fits_into_eighty_columns_whatever_is_wrong(said):
-    values = {
-        'thermometer_1_age_s': 'never',
-        'thermometer_2_age_s': '0.1',
-        'thermometer_2_c': '21.00',
-        'thermometer_2_calibrated_c': '20.1 to 35.0',
-        'recording_s': '754',
-    }
-    names = 'raw', 'compensated', 'drift', 'drift_deviation', 'tare'
-    values |= {f'{axis}_{name}': '-0.09579 N m' for axis in command.AXES for name in names}
-    heard = {name: Status(name, *pair, values) for name, pair in said.items()}
+    heard = {name: Status(name, *pair, VALUES) for name, pair in said.items()}
     watch = SimpleNamespace(statuses=heard, hardware_id='x' * 100, silent=True)
     page = list(command.page('/a/very/long/namespace/of/a/robot/wrist_ft_comp', watch))
     console = Console(file=StringIO(), width=200)
     console.print(*renderables(page), sep='\n')
-    lines = console.file.getvalue().splitlines()
+    text = console.file.getvalue()
+    lines = text.splitlines()
     long = max(map(len, ' '.join(text for _, text in said.values()).split()), default=0)
     assert max(map(len, lines)) <= max(80, 21 + long)
     levels = [said[name][0] for line in lines for name in said if line[8:].startswith(f'{name} ')]
     assert len(levels) == len(said)
     assert levels == sorted(levels, reverse=True)
-    text = '\n'.join(lines)
     assert ('20.1 to 35.0' in text) == ({'temperature', 'model'} <= said.keys())
     assert ('has run for 13 min' in text) == ('calibration' in said)
     assert text.count('-0.09579') == 30 * ('output' in said)

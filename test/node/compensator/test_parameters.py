@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from moments import SECOND, START
 import pytest
 from rclpy.parameter import parameter_value_to_python
 import yaml
@@ -9,8 +10,6 @@ import yaml
 from wrist_ft_comp.node.compensator_node import CompensatorNode, PARAMETERS, PARTS
 
 CONFIG = Path(__file__).parents[3] / 'config/compensator.yaml'
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 
 
 def test_every_parameter_is_described(rig):
@@ -80,25 +79,20 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     node = rig(topics=topics)
     folder = node.directory / 'recordings'
     folder.mkdir(parents=True)
-    for name in ('a.csv', 'b.csv'):
-        (folder / name).write_text('')
+    recordings = tuple(folder / name for name in ('a.csv', 'b.csv'))
+    for path in recordings:
+        path.write_text('')
     job = node.node.jobs.calibration()
-    assert job.recordings == (folder / 'a.csv', folder / 'b.csv')
-    assert job.skip_unusable
-    assert job.period_s == 1.0
-    assert job.topics.wrench == node.topic('wrench_raw')
-    assert job.topics.temperatures == (
-        node.topic('temperature'),
-        f'{node.topic("state")}:joints[2].heat:K',
-        '/far/temperature',
-        f'{node.topic("state")}:data.3',
-    )
-    assert job.topics.reference == node.topic('wrench_reference')
+    assert (job.recordings, job.skip_unusable, job.period_s) == (recordings, True, 1.0)
+    own, state = (node.topic(name) for name in ('temperature', 'state'))
+    entries = own, f'{state}:joints[2].heat:K', '/far/temperature', f'{state}:data.3'
+    assert job.topics.temperatures == entries
+    names = (node.topic(name) for name in ('wrench_raw', 'wrench_reference'))
+    assert (job.topics.wrench, job.topics.reference) == tuple(names)
     assert node.set('calibration.recordings', ['recordings/b.csv', '']).successful
     assert node.set('calibration.reference', 'recorded').successful
     job = node.node.jobs.calibration()
-    assert job.recordings == (folder / 'b.csv',)
-    assert not job.skip_unusable
+    assert (job.recordings, job.skip_unusable) == (recordings[1:], False)
     assert job.settings.reference == 'recorded'
 
 

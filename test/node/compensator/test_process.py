@@ -2,17 +2,23 @@
 
 from contextlib import suppress
 import os
+import queue
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stored.state_file import load_state
 
 MODULE = 'wrist_ft_comp.node.compensator_node'
 TIMEOUT_S = 60.0
+START_S = 1_700_000_000
 
 
 @pytest.fixture
@@ -33,6 +39,31 @@ def start(bench, executable, tmp_path):
     return launch
 
 
+class Driver:
+    """Sends to a process's node, over DDS that may lose messages, until it is heard."""
+
+    def __init__(self, bench, namespace):
+        self._outputs = bench.listen(WrenchStamped, f'{namespace}/wrench')
+        self._raw = bench.publisher(WrenchStamped, f'{namespace}/wrench_raw')
+        self._heat = bench.publisher(Temperature, f'{namespace}/temperature')
+        self._second = START_S
+
+    def cell(self):
+        """Send a thermal cell, with a wrench of one newton that passes."""
+        self._second += 1
+        warm = Temperature(temperature=25.0)
+        warm.header.stamp.sec = self._second
+        self._heat.publish(warm)
+        sent = wrench_message(self._second * 10**9, 'tool0', [1.0] * 6)
+        for _ in range(100):
+            self._raw.publish(sent)
+            with suppress(queue.Empty):
+                while self._outputs.get(timeout=0.2).header.stamp != sent.header.stamp:
+                    pass
+                return
+        raise queue.Empty
+
+
 def endless(tmp_path):
     """Make a pipe without a writer, which takes the place of a long fit."""
     recording = tmp_path / 'data/endless.csv'
@@ -42,10 +73,10 @@ def endless(tmp_path):
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
-def test_the_end_of_a_node_ends_its_calibration_too(bench, peer, start, tmp_path, number):
+def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, number):
     recording = endless(tmp_path)
     process = start('fits', '-p', f'calibration.recordings:=[{recording}]')
-    answers = peer('/fits', 'fits').ask('calibrate')
+    answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
     # Opening the other end waits until the calibration process has opened this one.
     with recording.open('wb'):
         code, errors = process.end(number)
@@ -66,14 +97,12 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, peer, start, tmp_path
 
 
 def test_a_recording_and_the_thermal_state_survive_the_kill_of_the_process(
-    bench, peer, start, make_model, tmp_path
+    bench, start, make_model, tmp_path
 ):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 600.0)})
-    process, driver = (
-        start('records', '-p', f'model_file:={model.path}'),
-        peer('/records', 'records'),
-    )
-    assert driver.ask('record', data=True).get(timeout=TIMEOUT_S).success
+    process = start('records', '-p', f'model_file:={model.path}')
+    driver = Driver(bench, '/records')
+    assert bench.call(SetBool, '/records/records/record', SetBool.Request(data=True)).success
     (path,) = (tmp_path / 'data/recordings').glob('*.csv')
 
     def kept():

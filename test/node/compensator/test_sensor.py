@@ -1,20 +1,17 @@
 """A node knows whether its model is of its sensor."""
 
-from functools import partial
 import math
 from pathlib import Path
 import shutil
 
+from moments import SECOND, START
 import pytest
 import yaml
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 TOPICS = ['/a/temperature', '/b/state:motors[0]*0.1:K']
 
 
@@ -84,24 +81,9 @@ def test_a_model_takes_its_sensor_from_the_recording(rig, tmp_path):
     assert f'{copy} is a copy of {path}' in answer.message
     assert node.node.live.stored.sensor == sensor
     assert node.diagnosis('model', lambda status: status.level == OK)
+    parameters |= {'calibration.recordings': [str(path)]}
     other = rig(
-        thermometers=2,
-        topics=TOPICS[::-1],
-        parameters={**parameters, 'calibration.recordings': [str(path)]},
-        namespace='/other',
+        thermometers=2, topics=TOPICS[::-1], parameters=parameters, namespace='/other',
         directory=tmp_path / 'other',
-    )
+    )  # fmt: skip
     assert 'in another order' in other.refusal('calibrate')
-
-
-def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp_path):
-    for hour, topics in enumerate((TOPICS, TOPICS, TOPICS[::-1])):
-        channels = ('force_z', 'temperature_c', 'temperature_2_c')
-        sensor = partial(dict, temperature_topics=topics)
-        days = DayFiles(tmp_path, channels, 1e9, sensor=sensor)
-        for minute in range(60):
-            days.append(START + (60 * hour + minute) * 60 * SECOND, [1.0, 20.0, 25.0])
-        days.close()
-    first, second = sorted((tmp_path / 'days').iterdir())
-    assert first.read_text().count('\n') == 121
-    assert 'temperature_topics=/b/state:motors[0]%2A0.1:K&' in second.read_text()

@@ -2,39 +2,32 @@
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+from moments import SECOND, TIMEOUT_S
 from rclpy.qos import QoSReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Temperature
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.ros import topics as qos
 from wrist_ft_comp.ros.topics import wrench_message
 
-SECOND = 1_000_000_000
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-TIMEOUT_S = 60.0
 
 
 def test_topics_and_the_node_can_be_remapped(bench, tmp_path):
     rules = {
-        'wrench_raw': '/driver/ft',
-        'wrench': '/clean/ft',
-        'temperature': '/driver/heat',
-        '__node': 'left_ft',
-        '__ns': '/cell_1',
-    }
+        'wrench_raw': '/driver/ft', 'wrench': '/clean/ft', 'temperature': '/driver/heat',
+        '__node': 'left_ft', '__ns': '/cell_1',
+    }  # fmt: skip
     node = bench.start(CompensatorNode, remap=rules, parameters={'data_directory': str(tmp_path)})
     outputs = bench.listen(WrenchStamped, '/clean/ft')
-    bench.publisher(Temperature, '/driver/heat')
     bench.wait_until(lambda: node._output.get_subscription_count() > 0, 'the listener')
     bench.publisher(WrenchStamped, '/driver/ft').publish(wrench_message(7, 'tool0', LOAD))
     assert outputs.get(timeout=TIMEOUT_S).header.stamp.nanosec == 7
     answer = bench.call(Trigger, '/cell_1/left_ft/rollback', Trigger.Request())
     assert 'no earlier model' in answer.message
-    node.recording.begin()
-    job_topics = node.jobs.calibration().topics
-    assert (job_topics.wrench, job_topics.temperatures) == ('/driver/ft', ('/driver/heat',))
+    topics = node._full_topics(node.chosen())
+    assert (topics.wrench, topics.temperatures) == ('/driver/ft', ('/driver/heat',))
 
 
 def test_simulated_time_stamps_what_has_no_stamp(wired, bench):
@@ -49,26 +42,22 @@ def test_simulated_time_stamps_what_has_no_stamp(wired, bench):
     assert 'was to last 0.01 s' in answer.message, 'timers are steady'
 
 
-def test_quality_of_service_can_be_overridden_for_one_topic_only(bench, tmp_path):
-    prefix = 'qos_overrides./other'
-    node = bench.start(
-        CompensatorNode,
-        namespace='/other',
-        parameters={
-            'data_directory': str(tmp_path),
-            f'{prefix}/wrench.publisher.reliability': 'best_effort',
-            f'{prefix}/wrench_raw.subscription.reliability': 'reliable',
-            f'{prefix}/temperature.subscription.depth': 7,
-            f'{prefix}/wrench_reference.subscription.depth': 8,
-        },
-    )
+def test_quality_of_service_can_be_overridden_for_one_topic_only(rig):
     best_effort, reliable = QoSReliabilityPolicy.BEST_EFFORT, QoSReliabilityPolicy.RELIABLE
+    overrides = {
+        'wrench.publisher.reliability': 'best_effort',
+        'wrench_raw.subscription.reliability': 'reliable',
+        'temperature.subscription.depth': 7,
+        'wrench_reference.subscription.depth': 8,
+    }
+    given = {f'qos_overrides./other/{name}': value for name, value in overrides.items()}
+    one = rig(namespace='/other', parameters=given)
+    node = one.node
     assert node._output.qos_profile.reliability == best_effort
     assert node.drift_topic.drift.qos_profile.reliability == reliable
     assert node._raw.qos_profile.reliability == reliable
     for data in (True, False, True):  # the reference is subscribed to again
-        request = SetBool.Request(data=data)
-        assert bench.call(SetBool, '/other/wrist_ft_comp/record', request).success
+        assert one.call('record', data).success
     depths = {s.topic_name: s.qos_profile.depth for s in node.subscriptions}
     assert (depths['/other/temperature'], depths['/other/wrench_reference']) == (7, 8)
     assert (qos.OUTPUT.reliability, qos.FAST_SENSOR.reliability) == (reliable, best_effort)

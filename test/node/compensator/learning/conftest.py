@@ -4,12 +4,11 @@ from functools import partial
 import json
 import sys
 
+from moments import SECOND, START
 import pytest
 
 from wrist_ft_comp.learning import day_files
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
 NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
 #: Times of days, which are shorter here by this factor: a day has 144 thermal cells of 1 s.
 TIMES, SHORTER = ('DAY_NS', 'SILENCE_NS', 'SHORTEST_NS'), 600
@@ -42,7 +41,6 @@ class Learner:
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **fields):
-        """Say what the next job answers."""
         said = {'learnt': False, 'paused': '', 'incident': '', **fields} if fields else None
         (self._folder / 'answer').write_text(json.dumps(said))
 
@@ -54,7 +52,6 @@ class Learner:
         )  # fmt: skip
 
     def asked(self):
-        """Give the jobs that were asked for so far."""
         path = self._folder / 'asked'
         whole, _, _ = path.read_text().rpartition('\n') if path.exists() else ('', '', '')
         return [json.loads(line) for line in whole.splitlines()]  # the last may be half written
@@ -77,11 +74,9 @@ class Learner:
         self.judged(jobs + 1)
 
     def files(self):
-        """Name the days there are."""
         return sorted(file.name for file in self.days.glob('*.csv'))
 
     def wait(self, condition, what):
-        """Wait while the node looks after itself."""
         self.rig.wait_until(condition, what)
 
     def judged(self, jobs=1):

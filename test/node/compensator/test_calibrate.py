@@ -1,0 +1,161 @@
+"""A warm-up is recorded, learnt and removed while wrenches go on, also where that fails."""
+
+import os
+import signal
+import sys
+
+from moments import SECOND, START
+import numpy as np
+import pytest
+
+from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.stored.model_file import load_model
+
+LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+COMMAND = 'wrist_ft_comp.node.jobs.COMMAND'
+
+
+def stream_goes_on(node, second=0):
+    """Tell whether the stream goes on, as it was; each wrench is answered."""
+    stamps = START + second * SECOND + np.arange(5)
+    return np.allclose(node.stream(stamps, [LOAD] * 5), LOAD, atol=1e-9)
+
+
+class Robot:
+    """Each axis follows its gains times lagged temperatures; two thermometers, two speeds."""
+
+    GAINS = np.array([0.3, -0.5, 1.0, 0.02, 0.03, -0.05])
+    NOISE = 0.01 * np.array([1, 1, 1, 0.1, 0.1, 0.1])
+    WORK = (1.0, 0.2, 0.8, 0.0, 1.0, 0.5, 0.9, 0.1, 0.0, 0.6, 0.2, 0.9, 0.0)
+
+    def __init__(self, lagged):
+        work = np.repeat(self.WORK, 40)
+        far, near = lagged(15.0 * work, 600.0), lagged(25.0 * work, 200.0)
+        self.temperature_c = 20.0 + np.stack((far, near), axis=1)
+        self.zero = np.outer(lagged(far, 300.0) + 0.7 * lagged(near, 100.0), self.GAINS)
+        self._rng = np.random.default_rng(5)
+
+    def run(self, rig, cells):
+        """Send thermal cells of 10 s, two wrenches each; return outputs, shape (2 N, 6)."""
+        outputs = []
+        for cell in cells:
+            stamps = START + (10 * cell + np.array([2, 7])) * SECOND
+            rig.put_temperature(int(stamps[0]), *self.temperature_c[cell])
+            raws = self.zero[cell] + self._rng.normal(0, 1, (2, 6)) * self.NOISE
+            outputs.append(rig.stream(stamps, raws))
+        return np.concatenate(outputs)
+
+
+def test_a_warm_up_is_recorded_learnt_and_removed(rig, lagged):
+    robot, node = Robot(lagged), rig(thermometers=2, period_s=10.0)
+    assert node.call('record', True).success
+    robot.run(node, range(300))
+    assert '(2990 s)' in node.call('record', False).message
+
+    answers = node.ask('calibrate')
+
+    def answered():
+        assert stream_goes_on(node, 3000), 'a new model makes no step'
+        return not answers.empty()
+
+    node.wait_until(answered, 'the answer')
+    answer = answers.get()
+    assert answer.success, answer.message
+    lines = answer.message.splitlines()
+    for axis, line in zip(AXES, lines, strict=False):
+        assert line.startswith(f'{axis}: ')
+        assert ' RMS' in line
+    assert stream_goes_on(node, 3000)
+
+    stored = load_model(next((node.directory / 'models').glob('*.yaml')))
+    report = stored.path.with_suffix('.html')
+    assert lines[-2:] == [f'saved as {stored.path}', f'report: {report}']
+    assert 'Is it good?' in report.read_text(encoding='utf-8')
+    assert set(stored.model.axes) == set(AXES)
+    assert stored.model.thermometers == 2
+    assert node.node.live.stored.sha256 == stored.sha256
+
+    after = robot.run(node, range(300, 520))
+    drift = np.ptp(robot.zero[300:], axis=0)
+    remaining = np.ptp(after.reshape(-1, 4, 6).mean(axis=1), axis=0)
+    assert (drift > 20 * robot.NOISE).all(), 'worth removing'
+    assert (remaining < 0.15 * drift).all(), 'drift of one or two thermal cells at most'
+
+
+@pytest.fixture
+def ready(rig, make, haste):  # noqa: ARG001
+    """Make a node that has a recording to calibrate from, perhaps one of little heat."""
+
+    def start(share=1.0, **options):
+        node, columns = rig(**options), make.drifting()
+        columns['temperature_c'] = [20 + share * (t - 20) for t in columns['temperature_c']]
+        (node.directory / 'recordings').mkdir()
+        make.csv(node.directory / 'recordings/run.csv', columns)
+        return node
+
+    return start
+
+
+def check_refused(node, said, *words):
+    assert not said.success
+    assert all(word in said.message for word in words), said.message
+    status = node.diagnosis('calibration', lambda status: status.level != b'\0')
+    assert status.values['last'] == said.message
+    assert stream_goes_on(node)
+
+
+def test_too_small_a_span_leaves_the_live_model(ready, make_model):
+    live = make_model('live.yaml', {'torque_z': (0.0, 0.0, 0.0)})
+    node = ready(0.1, model=live)
+    said = node.call('calibrate')
+    check_refused(node, said, 'spans 1.', 'at least 3.0 K are needed', 'Record a warm-up')
+    assert node.node.live.stored.sha256 == live.sha256
+    assert [path.name for path in (node.directory / 'models').iterdir()] == ['live.yaml']
+
+
+def python(source):
+    return sys.executable, '-c', source
+
+
+def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monkeypatch):
+    node = ready()
+    monkeypatch.setattr(COMMAND, python('import time; time.sleep(600)'))
+    answers, control = node.ask('calibrate'), node.node.calibration
+    node.wait_until(lambda: control.running_s is not None, 'the calibration')
+    process = control._running[0].gi_yieldfrom.gi_frame.f_locals['process']
+    second = node.refusal('calibrate')
+    assert 'A calibration has been running for ' in second
+    assert 'wait for its answer, then call again' in second
+    assert node.diagnosis('calibration').message.startswith('running for ')
+    assert stream_goes_on(node)
+    assert answers.empty()
+    os.kill(process.pid, signal.SIGKILL)
+    node.wait_until(lambda: not answers.empty(), 'the answer')
+    words = 'was ended by signal 9 and gave no result', 'The running model stays; call again.'
+    check_refused(node, answers.get(), *words)
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        (python('raise ValueError("a fault")'), 'code 1 and gave no result (ValueError: a fault)'),
+        (python('pass'), 'with code 0 and gave no result (it said nothing)'),
+        (python('import sys; sys.stderr.write("x" * 10**6); print("half {")'), 'with code 0'),
+        (('/nowhere/python',), 'cannot be started: [Errno 2] No such file'),
+    ],
+)
+def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, words):
+    node = ready()
+    monkeypatch.setattr(COMMAND, command)
+    check_refused(node, node.call('calibrate'), words, 'call again')
+
+
+def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
+    node = ready()
+    (node.directory / 'active.json').mkdir()
+    said = node.call('calibrate')
+    assert said.success
+    assert '\nwarning: ' in said.message
+    assert 'active.json cannot be written' in said.message
+    assert node.node.live.stored is not None
+    assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message
