@@ -193,8 +193,12 @@ def time_in(recording: Recording, cell: int) -> str:
     stamp_ns = (recording.first_cell + int(cell)) * recording.period_ns
     if stamp_ns < CLOCK_NS:
         return elapsed
-    by_clock = str(np.datetime64(stamp_ns // NANOSECONDS, 's')).replace('T', ' ')
-    return f'{elapsed} ({by_clock} UTC)'
+    return f'{elapsed} ({clock_time(stamp_ns)})'
+
+
+def clock_time(stamp_ns: int) -> str:
+    """Write a stamp as date and time of day."""
+    return f'{np.datetime64(stamp_ns // NANOSECONDS, "s")} UTC'.replace('T', ' ', 1)
 
 
 def require_recordings(given: object) -> None:

@@ -33,7 +33,7 @@ def test_a_missing_file_is_named(command, name, run, model, drift_csv, tmp_path)
 
 def test_a_device_is_refused_at_once(run, tmp_path):
     for words in (['show', '/dev/zero'], ['calibrate', '/dev/zero', '-o', tmp_path / 'm.yaml']):
-        assert 'is a device' in run(*words).sentence
+        assert 'is no file and no folder' in run(*words).sentence
 
 
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])

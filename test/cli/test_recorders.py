@@ -116,10 +116,10 @@ def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, done,
 
 
 def test_there_are_many_forms_of_many_recorders():
-    assert len(FORMS) >= 60
+    assert len(FORMS) >= 85
     assert len({form['recorder'].split()[0] for form in FORMS.values()}) >= 25
     assert all(form['source'] for form in FORMS.values())
-    assert sum('open' not in form for form in FORMS.values()) >= 68
+    assert sum('open' not in form for form in FORMS.values()) >= 80
 
 
 @pytest.mark.parametrize('name', ['ur_rtde_record', 'excel_de', 'picolog'])

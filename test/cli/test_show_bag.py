@@ -160,10 +160,10 @@ def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }
-    assert cells['/ftsensor/wrench'][:5] == ['raw', 'wrench', '1', '1199.0', '1']
+    assert cells['/ftsensor/wrench'][:3] == ['raw', 'wrench', '1']
     # Of 1200 s, every fifth one; but 100 s are missing.
-    heat = ['temperature', f'{220 / 1195:.4g}', '1195.0', '100', '23.0', 'to']
-    assert cells['/joint_heat:temperatures[0]'][:6] == heat
+    heat = ['temperature', f'{220 / 1195:.4g}', '23.0', 'to']
+    assert cells['/joint_heat:temperatures[0]'][:4] == heat
     assert cells['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
     assert not any(entry.endswith('.values[0]') for entry in cells), 'a position is no temperature'
     assert cells['/tf'][0] == 'TF'
@@ -306,12 +306,11 @@ def test_a_gravity_frame_that_tf_lacks_is_a_warning_of_show(done, messages, tmp_
     assert '--reference payload' not in out
 
 
-def test_a_long_gap_and_a_high_rate_are_written_out(done, messages, tmp_path):
+def test_a_high_rate_is_written_out(done, messages, tmp_path):
     stamps_ns = T0 + np.r_[np.arange(1000), 10**6 + np.arange(11_000)] * 10**5
     stamps_ns[1000:] += 1_134 * 10**9
     bag = messages.write(
         tmp_path / 'bag', messages.run(stamps_ns, np.zeros((12_000, 6)), np.full(12_000, 20.0))
     )
     text = done('show', bag)
-    assert ' 1230 ' in text
     assert 'e+0' not in text

@@ -1,7 +1,6 @@
 """The script that turns a table of a chamber test into a recording."""
 
 from pathlib import Path
-import shlex
 import subprocess
 import sys
 
@@ -9,8 +8,6 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.describe import describe_recording
 from wrist_ft_comp.recordings.read import read_recording
 
 ROOT = Path(__file__).parents[2]
@@ -107,18 +104,3 @@ def test_a_copied_column_may_be_kept_and_no_file_is_overwritten(tmp_path):
     assert read_recording(out).duration_s == 1800 * 8
     assert 'exists' in convert(table, '-o', out)[1]
     assert out.read_text() == kept
-
-
-@pytest.mark.parametrize('door', [read_recording, describe_recording])
-def test_a_table_is_refused_with_a_command_that_converts_it(door, tmp_path):
-    table = tmp_path / 'of a "chamber".csv'
-    table.write_bytes((KELLER / 'table2_sensor_b_raw.csv').read_bytes())
-    with pytest.raises(RecordingError, match='is a table of a chamber test') as refused:
-        door(table)
-    python, script, *words = shlex.split(str(refused.value).split('Make a recording of it: ')[1])
-    assert (python, script) == ('python', SCRIPT.relative_to(ROOT).as_posix())
-    folder = tmp_path / 'empty'
-    folder.mkdir()
-    assert not convert(*words, folder=folder)[1]
-    (made,) = folder.iterdir()
-    assert read_recording(made).duration_s == 1800 * 8

@@ -11,10 +11,9 @@ from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag import Connection, read_bag
+from wrist_ft_comp.recordings.bag import read_bag
 from wrist_ft_comp.recordings.read import backend as chosen_backend
 from wrist_ft_comp.recordings.read import open_bag
-from wrist_ft_comp.wire.message_layout import _CODES as CODES
 from wrist_ft_comp.wire.message_layout import define_installed
 
 BAGS = 'wrist_ft_comp.recordings'
@@ -200,41 +199,6 @@ def test_a_type_that_nobody_can_describe_is_named(backend, messages, tmp_path, m
 def test_a_bag_cannot_make_the_package_import_what_is_no_message(kind):
     with pytest.raises(RecordingError, match=r'/heat is .* no message of ROS'):
         define_installed('/heat', kind)
-
-
-def topic_of(messages, kind):
-    """A topic of a bag, with its type's definition as rosbags knows it."""
-    from rosbags import interfaces  # noqa: PLC0415 -- only who needs it
-
-    text = messages.store.generate_msgdef(kind, ros_version=2)[0]
-    definition = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.MSG, text)
-    native = interfaces.Connection(1, '/a', kind, definition, '', 1, None, None)
-    return Connection(1, '/a', kind, 1, native)
-
-
-def definitions_of(messages, kind):
-    """A type's definitions by way of the first backend."""
-    return import_module(f'{BAGS}.rosbags_backend')._define(topic_of(messages, kind))
-
-
-def test_both_backends_find_the_same_installed_types(messages):
-    """What messages of rclpy say of their fields against what is written in their definitions."""
-    kinds = [
-        kind
-        for kind in messages.store.fielddefs
-        if kind.split('/')[0] in {'sensor_msgs', 'diagnostic_msgs', 'std_msgs', 'trajectory_msgs'}
-    ]
-    assert len(kinds) > 50
-    for kind in kinds:
-        package, _, name = kind.partition('/msg/')
-        if not hasattr(pytest.importorskip(f'{package}.msg'), name):
-            continue  # a part of a service
-        by_text = definitions_of(messages, kind)
-        for part, fields in define_installed('/a', kind).items():
-            codes = [(field, CODES.get(what, what), n) for field, (what, n) in fields]
-            theirs = [(field, CODES.get(what, what), n) for field, (what, n) in by_text[part]]
-            empty = [('structure_needs_at_least_one_member', 'B', None)]
-            assert codes == ([] if theirs == empty else theirs), part
 
 
 def test_without_rosbags_the_other_backend_is_taken(backend):

@@ -117,7 +117,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         warnings += range_warnings(stored, recording)  # of a recording that fits the model
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
-    content = report_content.evaluation_content(stored, judged, tare_s)
+    content = report_content.evaluation_content(stored, judged, tare_s, paths)
     document = {
         'model': str(stored.path),
         'sha256': stored.sha256,

@@ -22,7 +22,6 @@ from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, pa
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import describe
-from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.days import (
     date_of,
@@ -35,7 +34,7 @@ from wrist_ft_comp.report.days import (
 )
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
-from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PAYLOADS
@@ -102,22 +101,23 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            summary, recording = describe.describe_recording(path, topics, part_of(progress, 0, 2))
-            refusal, recording = _read(summary, recording, path, part_of(progress, 1, 2))
-        doubts = [*summary.warnings]
-        if recording:
-            doubts += recording.warnings
-            doubts += silent_stretches([recording], CalibrationSettings().max_gap_s)
-        said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
-        summary = replace(summary, warnings=said)
+            described, recording = describe.describe_recording(path, topics, progress)
+            refusal = _refusal(described, recording)
+            learnt_from = list[str]()
+            if recording and not refusal:
+                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
+                learnt_from += [*recording.warnings, *silent]
+            doubts = dict.fromkeys((*described.warnings, *learnt_from))
+            said = tuple(doubt for doubt in doubts if doubt not in refusal)
+            described = replace(described, warnings=said)
         document = {
-            **vars(summary),
-            'candidates': [{**vars(c), 'rate_hz': c.rate_hz} for c in summary.candidates],
-            'commands': [] if refusal and not summary.is_open else _commands(summary, path),
+            **vars(described),
+            'candidates': [vars(c) for c in described.candidates],
+            'commands': [] if refusal and not described.is_open else _commands(described, path),
             'refusal': refusal,
         }
-        lines = [*_recording_lines(summary, path, refusal)]
-        if arguments.picture and recording:
+        lines = [*_recording_lines(described, path, refusal)]
+        if arguments.picture and recording and not refusal:
             figure = pictures.recording_figure(recording)
     if arguments.picture:
         if figure is None:
@@ -230,10 +230,9 @@ def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str |
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
     yield table(
-        ['as', 'per second', 'span, s', 'longest gap, s', 'values', 'topic'],
+        ['as', 'per second', 'values', 'topic'],
         [
-            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', f'{c.span_s:.1f}',
-             rounded(c.longest_gap_s), _range(c.reads), c.entry]
+            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', _range(c.reads), c.entry]
             for c in candidates
         ])  # fmt: skip
     yield ''
@@ -243,12 +242,10 @@ def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str |
             yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
 
 
-def _read(
-    summary: describe.RecordingSummary, recording: Recording | None, path: Path, progress: Progress
-) -> tuple[str, Recording | None]:
-    """Read a recording as others do, or say why nothing can be learnt from it."""
+def _refusal(summary: describe.RecordingSummary, recording: Recording | None) -> str:
+    """Say why nothing can be learnt from a recording; empty where something can."""
     if summary.is_open:
-        return summary.refusal, None
+        return summary.refusal
     held = [channel.role for channel in summary.channels if channel.samples]
     if lacks := [
         part
@@ -258,22 +255,18 @@ def _read(
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
         words = {describe.RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
-        return f'It holds no {what}{named}, so nothing can be learnt from it.', None
-    if summary.refusal:
-        return f'Nothing can be learnt from it. {summary.refusal}', None
-    try:  # of a bag, which topics to read is known by now
-        recording = recording or read_recording(path, topics=summary.topics, progress=progress)
-    except RecordingError as error:
-        return f'Nothing can be learnt from it with these topics. {error}', None
+        return f'It holds no {what}{named}, so nothing can be learnt from it.'
+    if summary.refusal or not recording:
+        which = ' with these topics' if summary.candidates else ''
+        return f'Nothing can be learnt from it{which}. {summary.refusal}'
     present = recording.measured, np.isfinite(recording.wrench)
     cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
     if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
-        sentence = (
+        return (
             'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
             'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
         )
-        return sentence, None
-    return '', recording
+    return ''
 
 
 def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:

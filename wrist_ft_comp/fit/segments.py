@@ -23,9 +23,15 @@ from wrist_ft_comp.steps import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
 #: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
 #: longer touch both ends are steps.
 _LEVEL_S = BESIDE_S
+#: In a log of a row in up to half of that, a level is at least this many samples: three of them
+#: may be a contact.
+_LEVEL_SAMPLES = 7
 #: A reading stands out by this share of the axis' range (and as a step does, by its noise): sudden
 #: heat bends less within two minutes.
 _OUTLYING_SHARE = 0.2
+#: Readings that scatter by more around their level are not those of a still sensor, N; torques at
+#: a lever of 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
+_MOVING_N = 1.0
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
@@ -57,8 +63,10 @@ def segment(
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
     """Make readings NaN that stand out from the level of minutes, and say so."""
-    wrench, sentences = recording.wrench.copy(), list[str]()
-    width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, 3)
+    wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
+    declared = reference.replace('payload', 'constant, as there is no specific force')
+    least = _LEVEL_SAMPLES if recording.period_s <= _LEVEL_S / 2 else 3
+    width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, least)
     for axis in recording.axes_present:
         column = AXES.index(axis)
         at = np.flatnonzero(np.isfinite(recording.wrench[:, column]))
@@ -72,13 +80,21 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             _OUTLYING_SHARE * float(np.ptp(level)),
             ROUNDING * float(np.abs(raw).max()),
         )
-        cells = at[distance > limit]
+        outlying = distance > limit
+        # A sample of a slow log may stand between two that agree, however wide the range is.
+        moving = _MOVING_N * (1.0 if axis_unit(axis) == 'N' else 0.1)
+        alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
+        is_lone = alone > max(SMALLEST_SIGMA * noise_level([raw]), moving)
+        outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
+        scatter = float(np.sqrt(np.mean(distance[~outlying] ** 2)))
+        if scatter > moving:
+            swings.append(f'{axis} by {rounded(scatter, 2)} {axis_unit(axis)}')
+        cells = at[outlying]
         if not len(cells):
             continue
         share, size = len(cells) / len(at), f'{rounded(float(distance.max()))} {axis_unit(axis)}'
         first = time_in(recording, cells[0])
         if share > MOST_LEFT_OUT and len(cells) > 1:
-            declared = reference.replace('payload', 'constant, as there is no specific force')
             raise CalibrationRefusedError(
                 f'{axis} of {recording.name} moves by up to {size} for {100 * share:.0f} % '
                 f'of the time, although the load was declared {declared}, first at {first}: the '
@@ -90,6 +106,14 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         sentences.append(
             f'{axis} of {recording.name} stands out by up to {size} for '
             f'{len(cells) * recording.period_s:.0f} s in all, first at {first}; left out.'
+        )
+    if swings:
+        sentences.insert(
+            0,
+            f'{recording.name} swings around its levels of {_LEVEL_S:.0f} s, RMS: '
+            f'{", ".join(swings)}, although the load was declared {declared}. Did the robot move, '
+            'or does something vibrate? Record again standing still, or with the specific force '
+            '(--reference payload).',
         )
     return replace(recording, wrench=wrench), sentences
 

@@ -1,6 +1,6 @@
 """What a bag is, whichever backend reads it."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ class Bag:
         self, connections: Sequence[Connection], progress: Progress | None = None
     ) -> Iterator[list[Message]]:
         """Read messages of the given connections, BATCH at a time, in order of recording."""
-        messages = self.read(connections)
+        messages = self.read(connections) if connections else iter(())
         total, seen = sum(connection.msgcount for connection in connections), 0
         while True:
             with translated(self.name):
@@ -117,30 +117,30 @@ class Bag:
 
     def find(self, topic: str, message_type: str | None, role: str) -> list[Connection]:
         """Find a topic's connections, of a type or any (None); RecordingError where none fits."""
-        named_so = self.named(topic)
-        if not named_so:
+        found = self.named(topic)
+        if not found:
             wanted = topic.strip('/')
-            present = {c.topic: c.msgtype for c in self.connections}
-            listed = ', '.join(f'{name} ({kind})' for name, kind in present.items())
-            fitting = [name for name, kind in present.items() if message_type in {kind, None}]
+            kinds = {c.topic: c.msgtype for c in self.connections}
+            fitting = [name for name, kind in kinds.items() if message_type in {kind, None}]
             near = difflib.get_close_matches(f'/{wanted}', fitting, 1, 0.3) or fitting
+            listed = ', '.join(f'{name} ({kind})' for name, kind in kinds.items())
+            meant = f' Did you mean {near[0]}? Then name that topic.' if near else ''
             raise RecordingError(
                 f'{self.name} holds no topic /{wanted} for the {role}; it holds '
-                f'{listed or "no topic at all"}.'
-                + (f' Did you mean {near[0]}? Then name that topic.' if near else '')
+                f'{listed or "no topic at all"}.{meant}'
             )
-        for connection in named_so:
+        for connection in found:
             if message_type not in {connection.msgtype, None}:
                 raise RecordingError(
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
                     f'be {message_type}. Name another topic.'
                 )
-        if not sum(connection.msgcount for connection in named_so):
+        if not any(connection.msgcount for connection in found):
             raise RecordingError(
-                f'{named_so[0].topic} of {self.name} holds no messages; was the {role} published '
+                f'{found[0].topic} of {self.name} holds no messages; was the {role} published '
                 'while recording?'
             )
-        return named_so
+        return found
 
 
 #: Two functions that write a bag. The first adds a topic like a connection, by name and type,
@@ -175,7 +175,7 @@ _STEP_NS = NANOSECONDS // 50
 _STEPS = np.arange(GAP_NS // _STEP_NS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _TopicStream:
     """A topic that is read: a header and doubles, or any message with numbers in it."""
 
@@ -184,23 +184,24 @@ class _TopicStream:
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
     reader: NumberReader | None = None
+    #: Whether a message was read, and whether one had a stamp.
+    is_read: bool = False
+    is_stamped: bool = False
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
     """Read wrench, temperatures and, where they are, reference and specific force; by batch."""
-    found = _streams(bag, topics)
-    streams = {stream.connection.id: stream for stream in found}
-    unstamped = [stream for stream in found if not stream.sources]
-    unread = {stream for stream in found if stream.sources}
+    streams = {stream.connection.id: stream for stream in _streams(bag, topics)}
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
     for stream, times_ns, messages in bag.grouped(streams, progress):
         connection, channels = stream.connection, stream.channels
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
+        is_first, stream.is_read = not stream.is_read, True
+        stream.is_stamped |= bool(stamps_ns.any())
         if not stream.sources:
             if stamps_ns.any():
-                unstamped = [other for other in unstamped if other is not stream]
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
             stamps_ns = np.where(stamps_ns, stamps_ns, NO_TIME)
             if connection.msgtype == cdr.IMU:
@@ -211,12 +212,10 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             else:
                 yield Samples(channels, stamps_ns, values[:, : len(channels)])
             continue
-        if stream in unread:
-            unread.discard(stream)
-            for source, column in zip(stream.sources, values.T, strict=True):
-                if not np.isfinite(column).any():
-                    layout = follow(bag.define(connection), connection.msgtype, messages[0])
-                    raise RecordingError(f'{bag.name}: {source.missing(layout)}')
+        for source, column in zip(stream.sources, values.T, strict=True):
+            if is_first and not np.isfinite(column).any():
+                layout = follow(bag.define(connection), connection.msgtype, messages[0])
+                raise RecordingError(f'{bag.name}: {source.missing(layout)}')
         if abs(ahead_ns) > _APART_NS and not stamps_ns.all():
             raise RecordingError(
                 f'Messages on {connection.topic} of {bag.name} have no stamp, and their '
@@ -232,21 +231,21 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
             values = values[first]
         for channel, source, column in zip(channels, stream.sources, values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
-    for stream in unstamped:
-        topic, remedy = stream.connection.topic, 'and record again'
-        if stream.connection.msgtype == cdr.TEMPERATURE:
-            remedy = f'or name it {topic}:temperature, which takes the times of arrival'
-        raise RecordingError(
-            f'Every message on {topic} of {bag.name} has the header stamp 0; expected the time of '
-            f'measurement. Let the driver fill header.stamp, {remedy}.'
-        )
+    for stream in streams.values():
+        if not stream.sources and not stream.is_stamped:
+            topic, remedy = stream.connection.topic, 'and record again'
+            if stream.connection.msgtype == cdr.TEMPERATURE:
+                remedy = f'or name it {topic}:temperature, which takes the times of arrival'
+            raise RecordingError(
+                f'Every message on {topic} of {bag.name} has the header stamp 0; expected the '
+                f'time of measurement. Let the driver fill header.stamp, {remedy}.'
+            )
 
 
 def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     """Find the topics; a stream for each connection."""
-    plain: list[tuple[str, str, str, tuple[str, ...]]] = [
-        (topics.wrench, cdr.WRENCH, 'raw wrench', AXES)
-    ]
+    axes: tuple[str, ...] = AXES
+    named = [(topics.wrench, cdr.WRENCH, 'raw wrench', axes)]
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
@@ -255,38 +254,36 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
             fields[source.topic.strip('/')].append((channel, source))
             continue
         for connection in bag.named(source.topic):
-            if connection.msgtype == cdr.TEMPERATURE:
-                continue
-            for path in temperatures_inside(bag, connection)[:1]:
+            inside = temperatures_inside(bag, connection)[:1]
+            if inside and connection.msgtype != cdr.TEMPERATURE:
                 raise RecordingError(
                     f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
                     f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
-                    f'{source.topic}:{path_text(path)}?'
+                    f'{source.topic}:{path_text(inside[0])}?'
                 )
-        plain.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
+        named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
-        plain.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
+        named.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
     if topics.imu:
-        plain.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
+        named.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
     streams = [
         _TopicStream(connection, channels)
-        for topic, message_type, role, channels in plain
+        for topic, message_type, role, channels in named
         for connection in bag.find(topic, message_type, role)
     ]
     for topic, parts in fields.items():
-        channels, named = zip(*parts, strict=True)
-        paths = [source.path for source in named]
+        channels, of_topic = zip(*parts, strict=True)
         for connection in bag.find(topic, None, 'temperature'):
+            paths = [source.path for source in of_topic]
             reader = NumberReader(bag.define(connection), connection.msgtype, paths)
-            streams.append(_TopicStream(connection, channels, named, reader))
-    seen: set[int] = set()
+            streams.append(_TopicStream(connection, channels, of_topic, reader))
+    topics_read = Counter(stream.connection.id for stream in streams)
     for stream in streams:
-        if stream.connection.id in seen:
+        if topics_read[stream.connection.id] > 1:
             raise RecordingError(
                 f'Topic {stream.connection.topic} is named twice; name each topic once.'
             )
-        seen.add(stream.connection.id)
     return streams
 
 
@@ -379,8 +376,7 @@ def _static_gravity(bag: Bag, topics: Topics) -> GravityByTf:
             'sensor is turned. Let the driver fill header.frame_id, or use an IMU.'
         )
     gravity = GravityByTf(topics.gravity_frame, sensor['frame_id'][0])
-    static = bag.named(_tf_topic(bag, '/tf_static'))
-    for batch in bag.batches(static) if static else ():
+    for batch in bag.batches(bag.named(_tf_topic(bag, '/tf_static'))):
         _add_transforms(bag, gravity, batch, static=True)
     return gravity
 
@@ -395,11 +391,10 @@ def _add_transforms(
     bag: Bag, gravity: GravityByTf, batch: Sequence[Message], *, static: bool = False
 ) -> list[IntArray]:
     """Take the transforms of messages in; returns their stamps, ns."""
-    stamps = []
     try:
-        for transforms in decode_transforms([data for _, _, data in batch]):
+        found = [*decode_transforms([data for _, _, data in batch])]
+        for transforms in found:
             gravity.add(transforms, static=static)
-            stamps.append(transforms.stamps_ns)
     except RecordingError as error:
         raise RecordingError(f'A transform of {bag.name} is damaged. {error}') from error
-    return stamps
+    return [transforms.stamps_ns for transforms in found]

@@ -13,8 +13,7 @@ from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
 from wrist_ft_comp.recordings.read_options import COMPENSATED, ORIGIN
-from wrist_ft_comp.recordings.table import Rows
-from wrist_ft_comp.series import FloatArray, Progress
+from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.own_file import Output, writing
 from wrist_ft_comp.wire import cdr
 
@@ -135,36 +134,22 @@ def _write_table(
 
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
-    origin = [name for name in source.names if name.startswith(ORIGIN)]
-    present = [axis for axis in AXES if axis in channels]
+    empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
+    axes = [axis for axis in AXES if axis in channels]
+    added = [f'external_{axis}' for axis in axes if external]
     for number, rows in enumerate(source.rows(progress)):
         # Of tables that are joined, each fills its own columns.
-        absent = np.full(len(rows.stamps_ns), np.nan)
-        values = {channel: rows.values.get(channel, absent) for channel in channels}
-        filled = replace(rows, values=values)
-        columns: dict[str, object] = {'stamp_ns': rows.stamps_ns, **values}
-        columns |= _corrected(filled, present, correct, '')
-        columns |= dict.fromkeys([*origin, COMPENSATED], '')
-        if external:
-            columns |= _corrected(filled, present, external, 'external_')
-        pandas.DataFrame(columns).to_csv(
-            target, mode='a', index=False, header=not number, lineterminator='\n'
-        )
+        frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
+        frame = frame.reindex(columns=['stamp_ns', *channels, *empty, *added])
+        wrench = frame.reindex(columns=AXES).to_numpy(float)
+        for correction, names in ((correct, axes), (external, added)):
+            corrected = np.full_like(wrench, np.nan)
+            filled = ~np.isnan(wrench).all(axis=1)
+            if correction and filled.any():
+                corrected[filled] = correction(rows.stamps_ns[filled], wrench[filled])
+            corrected[np.isnan(wrench)] = np.nan
+            frame[names] = corrected[:, [AXES.index(axis) for axis in axes][: len(names)]]
+        frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})
         frame.sort_values('stamp_ns', kind='stable').to_csv(target, index=False)
-
-
-def _corrected(
-    rows: Rows, present: Sequence[str], correct: Correction, prefix: str
-) -> dict[str, FloatArray]:
-    """Correct the wrench of the rows that have one; by channel, NaN where there is none."""
-    wrench = np.full((len(rows.stamps_ns), len(AXES)), np.nan)
-    for axis in present:
-        wrench[:, AXES.index(axis)] = rows.values[axis]
-    absent = np.isnan(wrench)
-    filled = ~absent.all(axis=1)
-    if filled.any():
-        wrench[filled] = correct(rows.stamps_ns[filled], wrench[filled])
-    wrench[absent] = np.nan
-    return {f'{prefix}{axis}': wrench[:, AXES.index(axis)] for axis in present}

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
@@ -12,32 +13,24 @@ import numpy as np
 from wrist_ft_comp.channels import (
     AXES,
     axis_unit,
-    FORCE_CHANNELS,
     is_plausible,
-    REFERENCE_CHANNELS,
-    ROTATION_CHANNEL,
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings.bag import (
-    Bag,
-    Connection,
-    gravity_samples,
-    temperatures_inside,
-    uppermost_frame,
-)
-from wrist_ft_comp.recordings.log_proposal import FAR, missing_sentence, OPEN
+from wrist_ft_comp.recordings.bag import Bag, Connection, temperatures_inside, uppermost_frame
+from wrist_ft_comp.recordings.log_proposal import FAR, OPEN
 from wrist_ft_comp.recordings.read import (
     BAG,
     open_recording,
+    OpenBag,
     OpenTable,
     read_opened,
     TABLE,
 )
 from wrist_ft_comp.recordings.read_options import parse_options
-from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, part_of, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import NumberReader
 from wrist_ft_comp.wire.message_layout import Path as FieldPath
@@ -66,31 +59,17 @@ class Candidate:
     #: As an option takes it: a topic, or ``topic:field``.
     entry: str
     samples: int
-    #: Time from the first to the last sample.
-    span_s: float
-    #: Longest time without a sample.
-    longest_gap_s: float
+    #: Samples per second, on average; None where all came at once.
+    rate_hz: float | None
     #: Whether the stamps are the headers'; else times of arrival.
     stamped: bool
     #: Lowest and highest reading, in the driver's unit; None but for temperatures.
     reads: tuple[float, float] | None = None
-    #: Specific force of an IMU; None for other roles.
-    force: ForceSummary | None = None
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Samples per second, on average."""
-        return (self.samples - 1) / self.span_s if self.span_s > 0 else None
 
     @property
     def moves(self) -> bool:
         """Whether it is a temperature that moved."""
         return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
-
-    @property
-    def usable(self) -> bool:
-        """Whether it is a temperature that moved, probably in °C."""
-        return self.moves and all(map(is_plausible, self.reads or ()))
 
 
 @dataclass(eq=False)
@@ -103,55 +82,44 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[FieldPath] = field(default_factory=list)
     reader: NumberReader | None = None
-    samples: int = 0
     stamped: bool = False
-    first_ns: int | None = None
-    last_ns: int = 0
-    gap_ns: int = 0
+    #: Earliest and latest stamp, ns.
+    stamps_ns: list[int] = field(default_factory=list)
     #: Of each temperature.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
-    #: Of specific force.
-    moments: FloatArray = field(default_factory=lambda: np.zeros((4, 4)))
 
     def add(self, times_ns: list[int], messages: list[bytes]) -> None:
         """Take messages into account."""
+        stamps_ns: IntArray = np.zeros(len(messages), np.int64)
+        values: FloatArray = np.empty((len(messages), 0))
         if self.reader is not None:
             stamps_ns, values = self.reader.read(messages)
-        elif self.role == TF:
-            stamps_ns, values = np.zeros(len(messages), np.int64), np.empty((len(messages), 0))
-        else:
+        elif self.role != TF:
             stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
-        if self.role == IMU:
-            self.moments += moments_of(values[:, cdr.ACCELERATION])
         if self.role:
             values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
-        self.stamped |= bool(stamps_ns.any())
         # A single message without a stamp must not mix the clock of arrival with that of stamps.
-        stamps_ns = np.asarray(stamps_ns[stamps_ns != 0] if stamps_ns.any() else times_ns)
-        self.samples += len(messages)
-        if self.first_ns is None:
-            self.first_ns = self.last_ns = int(stamps_ns[0])
-        steps = np.diff(stamps_ns, prepend=self.last_ns)
-        self.gap_ns = max(self.gap_ns, int(steps.max()))
-        self.last_ns = int(stamps_ns[-1])
+        self.stamped |= bool(stamps_ns.any())
+        used_ns = [*(stamps_ns[stamps_ns != 0].tolist() or times_ns), *self.stamps_ns]
+        self.stamps_ns = [min(used_ns), max(used_ns)]
         self.low = np.fmin(self.low, np.fmin.reduce(values))
         self.high = np.fmax(self.high, np.fmax.reduce(values))
 
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
-        span_ns = self.last_ns - (self.first_ns or 0)
-        figures = self.samples, span_ns / NANOSECONDS, self.gap_ns / NANOSECONDS, self.stamped
-        topic = self.connection.topic
+        topic, samples = self.connection.topic, self.connection.msgcount
+        span_ns = self.stamps_ns[1] - self.stamps_ns[0]
+        rate_hz = (samples - 1) * NANOSECONDS / span_ns if span_ns else None
+        figures = samples, rate_hz, self.stamped
         if self.role and self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, *figures, force=describe_force(self.moments))
+            yield Candidate(self.role, topic, *figures)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[FieldPath] = [()] if self.stamped else [('temperature',)]
-        paths = plain if self.role else self.paths
-        for path, low, high in zip(paths, self.low, self.high, strict=True):
+        for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            yield Candidate(TEMPERATURE, entry, *figures, (float(low), float(high)))
+            yield Candidate(TEMPERATURE, entry, *figures, (float(reads[0]), float(reads[1])))
 
 
 def survey_bag(
@@ -161,9 +129,8 @@ def survey_bag(
     warnings: list[str] = []
     tallies: dict[int, _Tally] = {}
     for connection in (c for c in bag.connections if c.msgcount):
-        number, kind = connection.id, connection.msgtype
-        if role := _ROLES.get(kind):
-            tallies[number] = _Tally(connection, role)
+        if role := _ROLES.get(connection.msgtype):
+            tallies[connection.id] = _Tally(connection, role)
             continue
         try:
             definitions = bag.define(connection)
@@ -171,20 +138,18 @@ def survey_bag(
             warnings.append(f'Whether it holds temperatures is not known: {error}')
             continue
         if paths := temperatures_inside(bag, connection):
-            reader = NumberReader(definitions, kind, paths)
-            tallies[number] = _Tally(connection, '', paths, reader)
+            reader = NumberReader(definitions, connection.msgtype, paths)
+            tallies[connection.id] = _Tally(connection, '', paths, reader)
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
             tally.add(times_ns, messages)
         except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
-    found = (c for tally in tallies.values() if tally.samples for c in tally.candidates())
+    found = [c for tally in tallies.values() if tally.stamps_ns for c in tally.candidates()]
     order = list(_ROLES.values())
-    return (
-        tuple(sorted(found, key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))),
-        tuple(warnings),
-    )
+    found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
+    return tuple(found), tuple(warnings)
 
 
 def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
@@ -201,12 +166,17 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
-    rivals = [c.entry for c in wrenches]
+
+    def names(entry: str) -> set[str]:
+        """Split a topic into the names between its slashes, and these into words."""
+        return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
 
     def is_of_another_sensor(candidate: Candidate) -> bool:
-        names, ours = _names(candidate.entry), _names(wrench)
-        others = (_names(other) for other in rivals if other != wrench)
-        return any(names & (other - ours) and not names & (ours - other) for other in others)
+        theirs, ours = names(candidate.entry), names(wrench)
+        return any(
+            theirs & (names(other.entry) - ours) and not theirs & (ours - names(other.entry))
+            for other in wrenches[1:]
+        )
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
         pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
@@ -216,30 +186,19 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
-    candidates = [c for c in candidates if not is_of_another_sensor(c)]
-    imus = sorted((c for c in candidates if c.role == IMU and c.stamped), key=distance)
+    candidates = sorted((c for c in candidates if not is_of_another_sensor(c)), key=distance)
+    imus = [c for c in candidates if c.role == IMU and c.stamped]
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)
     if topics.temperatures != Topics().temperatures:
         return topics
     found = [c for c in candidates if c.role == TEMPERATURE]
-    found = sorted([c for c in found if c.usable] or found[:1], key=distance)
-    return replace(topics, temperatures=tuple(c.entry for c in found[:_SUGGESTED]))
-
-
-def _names(entry: str) -> set[str]:
-    """Split a topic into the names between its slashes, and these into words."""
-    return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
+    usable = [c for c in found if c.moves and all(map(is_plausible, c.reads or ()))]
+    return replace(topics, temperatures=tuple(c.entry for c in (usable or found[:1])[:_SUGGESTED]))
 
 
 REFERENCE = 'reference'
 SPECIFIC_FORCE = 'specific force'
-#: Roles of channels that are no temperatures.
-_CHANNEL_ROLES = {
-    **dict.fromkeys(AXES, RAW_WRENCH),
-    **dict.fromkeys(REFERENCE_CHANNELS, REFERENCE),
-    **dict.fromkeys((*FORCE_CHANNELS, ROTATION_CHANNEL), SPECIFIC_FORCE),
-}
 
 
 @dataclass(frozen=True)
@@ -273,16 +232,19 @@ class RecordingSummary:
     #: What may be used, of a bag only, and what is used.
     candidates: tuple[Candidate, ...] = ()
     topics: Topics | None = None
-    #: None where no specific force was recorded.
+    #: None where no specific force was recorded, or nothing can be learnt.
     specific_force: ForceSummary | None = None
     #: Whether the columns of ``topics`` are a guess, because nobody gave any.
     guessed: bool = False
-    #: Whether a person has to name some of them.
-    is_open: bool = False
-    #: Why a file cannot be read as a recording; empty where it can, and of a bag.
+    #: Why it cannot be read as a recording; empty where it can.
     refusal: str = ''
     #: Whether a reference was recorded that is zero throughout.
     is_unloaded: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person has to name some of the columns."""
+        return self.topics is not None and OPEN in self.topics.columns
 
 
 def describe_recording(
@@ -291,97 +253,103 @@ def describe_recording(
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Of a bag, the topics say which role which one has; what they don't name is chosen. A table is
-    read on the way: the recording, or None. RecordingError when it cannot be read.
+    Of a bag, the topics say which role which one has; what they don't name is chosen. It is read
+    on the way: the recording, or None. RecordingError when it is none at all.
     """
     topics = topics or Topics()
     with open_recording(Path(path), topics) as opened:
         if isinstance(opened, OpenTable):
-            return _describe_table(opened, progress)
-        # Take topics, counts and times from the bag's own index, and survey what may be used.
-        bag = opened.bag
-        candidates, warnings = survey_bag(bag, progress)
-        topics = suggested_topics(candidates, topics)
+            summary, recording = _describe_table(opened, progress)
+        else:
+            summary, recording = _describe_bag(opened.bag, topics, progress)
+    if recording is None or recording.specific_force is None:
+        return summary, recording
+    known = np.isfinite(recording.specific_force).all(axis=1)
+    force = describe_force(moments_of(recording.specific_force[known]))
+    return replace(summary, specific_force=force), recording
 
-        # Specific force of an IMU, or else by TF; say why there is none where it was asked for.
-        force, asked = None, topics.gravity_frame
-        if topics.imu:
-            imus = (c.force for c in candidates if c.entry.strip('/') == topics.imu.strip('/'))
-            force = next(imus, None)
-        elif topics.wrench and (asked or any(c.role == TF for c in candidates)):
-            moments = np.zeros((4, 4))
-            try:
-                topics = replace(topics, gravity_frame=asked or uppermost_frame(bag, topics))
-                for block in gravity_samples(bag, topics):
-                    moments += moments_of(block.values) if block.channels == FORCE_CHANNELS else 0
-                force = describe_force(moments)
-            except RecordingError as error:
-                topics = replace(topics, gravity_frame='')
-                warnings = *warnings, *([str(error)] if asked else [])
 
-        temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
-        wrench = topics.wrench.strip('/')
-        both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
-        roles = {
-            (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
-            topics.reference.strip('/'): REFERENCE,
-            **dict.fromkeys(temperatures, TEMPERATURE),
-            wrench: both,
-        }
-        counts: Counter[tuple[str, str]] = Counter()
-        for connection in bag.connections:
-            counts[connection.topic, connection.msgtype] += connection.msgcount
-        first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
-        channels = tuple(
-            ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
-            for (topic, kind), count in sorted(counts.items())
-        )
-        compressed = f', {bag.compression} compression' if bag.compression else ''
-        summary = RecordingSummary(
-            bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
-            (*bag.warnings, *warnings), candidates, topics, force)  # fmt: skip
-        return summary, None
+def _describe_bag(
+    bag: Bag, topics: Topics, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
+    parts = [part_of(progress, k, 2) if progress else None for k in range(2)]
+    candidates, warnings = survey_bag(bag, parts[0])
+    topics, asked = suggested_topics(candidates, topics), topics.gravity_frame
+    if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
+        with suppress(RecordingError):
+            topics = replace(topics, gravity_frame=uppermost_frame(bag, topics))
+    # What TF does not tell is left out; it is said where a person asked for it.
+    recording, refusal = None, ''
+    for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
+        topics = replace(topics, gravity_frame=frame)
+        try:
+            recording = read_opened(OpenBag(bag, parse_options(topics)), 1.0, progress=parts[1])
+            refusal = ''
+            break
+        except RecordingError as error:
+            refusal = str(error)
+            warnings = *warnings, *([refusal] if frame and asked else [])
+
+    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+    wrench = topics.wrench.strip('/')
+    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
+    roles = {
+        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+        topics.reference.strip('/'): REFERENCE,
+        **dict.fromkeys(temperatures, TEMPERATURE),
+        wrench: both,
+    }
+    counts: Counter[tuple[str, str]] = Counter()
+    for connection in bag.connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+    channels = tuple(
+        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+        for (topic, kind), count in sorted(counts.items())
+    )
+    compressed = f', {bag.compression} compression' if bag.compression else ''
+    summary = RecordingSummary(
+        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+        (*bag.warnings, *warnings), candidates, topics, refusal=refusal)  # fmt: skip
+    return summary, recording
 
 
 def _describe_table(
     opened: OpenTable, progress: Progress | None
 ) -> tuple[RecordingSummary, Recording | None]:
     """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
-    topics, guessed = opened.options.topics, bool(opened.lacks())
-    if guessed:
+    topics, lacking = opened.options.topics, opened.lacks()
+    if lacking:
         proposal = opened.propose()
         columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
         topics = replace(topics, columns=columns, time=topics.time or proposal.time)
         if OPEN in columns:
-            refusal = missing_sentence(opened.name, opened.names, opened.lacks(), proposal)
+            refusal = proposal.refusal(opened.name, opened.names, lacking)
             summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
-            return replace(summary, is_open=True, guessed=True, refusal=refusal), None
+            return replace(summary, guessed=True, refusal=refusal), None
         opened = OpenTable(opened.tables, parse_options(topics))
-    recording, refusal = None, ''
+    recording, refusal = None, opened.compensated
     try:
-        recording = read_opened(opened, period_s=opened.period_s, progress=progress)
+        recording = read_opened(opened, opened.period_s, progress=progress)
     except RecordingError as error:
         if not opened.is_read:
             raise
-        refusal = str(error)
-    force, is_unloaded = None, False
+        refusal = refusal or str(error)
     reads: dict[str, tuple[float, float]] = {}
-    if recording:
-        for j, celsius in enumerate(recording.temperature_c.T):
-            reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
-        is_unloaded = not np.nan_to_num(recording.reference).any()
-        if recording.specific_force is not None:
-            known = np.isfinite(recording.specific_force).all(axis=1)
-            force = describe_force(moments_of(recording.specific_force[known]))
-    first_ns, last_ns = opened.span_ns or (None, None)
+    for j, celsius in enumerate(recording.temperature_c.T if recording else ()):
+        reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
     channels = []
     for channel, count in opened.counts.items():
-        role = _CHANNEL_ROLES.get(channel, TEMPERATURE)
-        unit = '°C' if role == TEMPERATURE else axis_unit(channel.removeprefix('reference_'))
+        role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
+        role = REFERENCE if channel.startswith(REFERENCE) else role
+        unit = axis_unit(channel.removeprefix('reference_'))
+        if channel.startswith('temperature'):
+            role, unit = TEMPERATURE, '°C'
         channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    first_ns, last_ns = opened.span_ns or (None, None)
     summary = RecordingSummary(
-        opened.name, TABLE, tuple(channels), first_ns, last_ns,
-        warnings=opened.warnings, topics=topics,
-        specific_force=force, guessed=guessed, refusal=opened.compensated or refusal,
-        is_unloaded=is_unloaded)  # fmt: skip
+        opened.name, TABLE, tuple(channels), first_ns, last_ns, opened.warnings, topics=topics,
+        guessed=bool(lacking), refusal=refusal,
+        is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
     return summary, recording

@@ -4,14 +4,13 @@ What the columns of another program's log may be: proposed by names, units and v
 A time increases; of two, one that is no row number. A temperature has its name or its unit, and
 readings that a thermometer makes. A force has its name, or it is what is left with a unit or a
 word of forces. What never changes, what counts, and texts are none of them. What cannot be told
-stays open, as in ``force_z=…``, with the columns that it could be.
+stays open, as in ``force_z=…``.
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
-from math import isnan
 import re
 import shlex
 from unicodedata import normalize
@@ -22,7 +21,7 @@ from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
 from wrist_ft_comp.recordings.read_options import (
     CHANNELS,
     COMPENSATED,
-    EXCEL,
+    DAYS_TO_1970,
     KINDS,
     listed,
     ORIGIN,
@@ -37,6 +36,7 @@ from wrist_ft_comp.recordings.table_form import (
     exact_ns,
     find_form,
     Header,
+    MISSING,
     number_in,
     unit_of_times,
 )
@@ -52,16 +52,17 @@ _EXPECTED = {
 OPEN = '…'
 #: Words of quantities, in small letters, in the languages of common recorders.
 _QUANTITIES = {
-    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', '力', '荷重'},
+    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', 'síla',
+              'сила', '힘', '力', '荷重'},
     'torque': {
         'torque', 'torques', 'trq', 't', 'm', 'mom', 'moment', 'drehmoment', 'couple', 'momento',
-        'coppia', 'トルク', '力矩', '扭矩',
+        'coppia', 'момент', '토크', 'トルク', '力矩', '扭矩',
     },
     'linear_acceleration': {'acceleration', 'accel', 'acc', 'a', 'beschleunigung'},
 }  # fmt: skip
 #: A word that ends in an axis, and the quantity before it.
 _AXIS = re.compile(
-    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク)?([xyz])'
+    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク|힘|토크)?([xyz])'
 )
 #: Words of times, in words of names, and alone.
 _TIME_WORD = re.compile(
@@ -71,7 +72,18 @@ _TIME_WORD = re.compile(
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
-_TEMPERATURE_WORDS = {'t', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度'}
+_TEMPERATURE_WORDS = {
+    't',
+    'tmp',
+    'tc',
+    'pt',
+    'rtd',
+    'ntc',
+    'thermistor',
+    '温度',
+    '온도',
+    'температура',
+}
 #: Words of the true wrench, of what was made of the raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
 _TREATED = {
@@ -80,7 +92,7 @@ _TREATED = {
 }  # fmt: skip
 _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
-    'fuerza|peso|carga|forza|力|荷重|重'
+    'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
 )
 #: What has six or three numbers that are no wrench of the sensor.
 _NO_WRENCH = re.compile('joint|motor|current|target|tau')
@@ -103,58 +115,60 @@ _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
 _MOST_BACK = 0.05
-#: Days of a spreadsheet since 1899-12-30: from 1982 to 2118.
-_EXCEL_DAYS = 30_000, 80_000
-#: Most entries of a proposed map, and most columns that are named for one that is open.
-_MOST_ENTRIES, _MOST_CANDIDATES = 30, 12
+#: When a log was probably written: from 1982 to 2118, days since 1970.
+_LIKELY_DAYS = 4_400, 54_000
+#: Most entries of a proposed map.
+_MOST_ENTRIES = 30
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A map of a table's columns."""
+    """A map of the columns of tables with one clock."""
 
     #: As ``--columns`` takes it; empty where nothing is missing.
     columns: str
     #: As ``--time`` takes it.
     time: str
-    #: By what is open: the columns that it could be.
-    candidates: dict[str, list[str]] = field(default_factory=dict)
 
-    def sentence(self) -> str:
-        """Say what is open, and what it could be; empty where nothing is."""
-        if OPEN not in self.columns:
-            return ''
-        could = [
-            f'{ours} could be {" or ".join(theirs)}'
-            for ours, theirs in self.candidates.items()
-            if theirs
+    @classmethod
+    def of(cls, found: Sequence[tuple[dict[str, str], str]], lacking: Sequence[str]) -> 'Proposal':
+        """Join what propose found in each table; KINDS that are lacking without it stay OPEN."""
+        times = {time for _, time in found if time}
+        entries = [
+            # Each table has its own form of times; forms of dates are found again.
+            f'{ours}={theirs}'
+            + (f':{time}' if ours == STAMP and len(times) > 1 and time in TIME_UNITS_NS else '')
+            for columns, time in found
+            for ours, theirs in columns.items()
         ]
-        sentence = f'Put the name or the number of a column in the place of {OPEN}'
-        sentence += f': {"; ".join(could)}.' if could else '.'
-        if not self.candidates.get('stamp', ['']):
+        for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
+            has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
+            if kind in lacking and not (all(has_kind) if kind == STAMP else any(has_kind)):
+                entries.append(f'{channel}={OPEN}')
+        return cls(','.join(entries), times.pop() if len(times) == 1 else '')
+
+    def refusal(self, table: str, names: Sequence[str], lacking: Sequence[str]) -> str:
+        """Say which KINDS of columns a table lacks, and what to say of them."""
+        expected = ' and '.join(_EXPECTED[kind] for kind in lacking)
+        form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
+        sentence = (
+            f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
+            f'{listed(names)}. Rename them, or say what they are, such as --columns '
+            f"'{self.columns}'{form}."
+        )
+        if OPEN in self.columns:
+            sentence += f' Put the name or the number of a column in the place of {OPEN}.'
+        if f'{STAMP}={OPEN}' in self.columns:
             sentence += (
                 f' Where no column is a time, and rows come at a fixed rate, stamp={ROW_NUMBER}*'
                 '0.01 is a hundred of them a second.'
             )
-        if not self.candidates.get('temperature_c', ['']):
+        if f'temperature_c={OPEN}' in self.columns:
             sentence += (
                 ' If the temperature is in another file with the same clock, join both: '
                 'force.csv+temperature.csv.'
             )
         return sentence
-
-
-def missing_sentence(
-    table: str, names: Sequence[str], missing: Sequence[str], proposal: Proposal
-) -> str:
-    """Say which KINDS of columns a table lacks, with a map of it."""
-    expected = ' and '.join(_EXPECTED[kind] for kind in missing)
-    form = f' --time {shlex.quote(proposal.time)}' if proposal.time not in {'', 's'} else ''
-    remedy = f"Rename them, or say what they are, such as --columns '{proposal.columns}'{form}"
-    return (
-        f'{table} has no {" and no ".join(missing)} column; expected {expected}, got '
-        f'{listed(names)}. {remedy}. {proposal.sentence()}'.rstrip()
-    )
 
 
 def warn_of_unused(placed: Placed) -> list[str]:
@@ -168,9 +182,8 @@ def warn_of_unused(placed: Placed) -> list[str]:
     if not unused:
         return []
     sentence = f'{placed.table} has columns that are not understood and not used: {listed(unused)}'
-    entries = [e for e in propose(placed).columns.split(',') if e and OPEN not in e]
-    meant = f" Perhaps they are: --columns '{','.join(entries)}'." if entries else ''
-    return [f'{sentence}.{meant}']
+    meant = Proposal.of([propose(placed)], ()).columns
+    return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
 
 
 class _Looks:
@@ -180,15 +193,15 @@ class _Looks:
         self.place, self._name, self._unit = place, name, unit
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
-        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\u9fff])(?=[A-Za-z])', ' ', text)
+        text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
         self.words = re.findall(r'[^\W\d_]+|\d+', text.lower())
         self.plain = '_'.join(self.words)
-        self.filled = [cell for cell in cells if cell]
+        self.filled = [cell for cell in cells if cell.lower() not in MISSING]
         numbers = []
         for cell in self.filled:
             with suppress(ValueError):
                 numbers.append(number_in(cell, ''))
-        self.numbers = np.array([number for number in numbers if not isnan(number)])
+        self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
         self._steps = steps = np.diff(self.numbers)
@@ -203,8 +216,9 @@ class _Looks:
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
             first, last = self.numbers[0], self.numbers[-1]
-            if _DATE_WORD.search(self.plain) and _EXCEL_DAYS[0] < first <= last < _EXCEL_DAYS[1]:
-                self.form = EXCEL
+            for form, day in DAYS_TO_1970.items():
+                likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
+                self.form = form if likely and _DATE_WORD.search(self.plain) else self.form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -221,7 +235,7 @@ class _Looks:
         if not self.filled:
             return float(self._is_time_word)
         has_unit = bool(self.unit_of(STAMP))
-        is_clock = not self._is_number or self.form == EXCEL
+        is_clock = not self._is_number or self.form in DAYS_TO_1970
         if self._is_number and len(self.numbers):
             is_clock |= bool(epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):
@@ -237,18 +251,13 @@ class _Looks:
         merit = 1.0 + 2.0 * is_clock + 0.5 * self._is_time_word - 0.5 * is_row_number
         return merit * float(np.mean(steps > 0))
 
-    def is_date(self) -> bool:
-        """Whether it is a date without a time of day."""
-        form = self.form if not self._is_number else ''
-        return form not in {'', *TIME_UNITS_NS} and not any(':' in cell for cell in self.filled)
-
     def temperature_unit(self) -> str | None:
         """Find the unit in which it reads like a thermometer; None where it is none."""
-        unit = self.unit_of('temperature_c')
+        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
             and not any(map(_AXIS.fullmatch, self.words))
-            and self.is_smooth()
+            and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )
         if not (unit or is_named) or not self.may_be('temperature_c'):
             return None
@@ -259,20 +268,6 @@ class _Looks:
         unit = unit or next(likely, '')
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
-
-    def is_smooth(self) -> bool:
-        """Whether it moves from sample to sample as a temperature does."""
-        steps = np.abs(self._steps)
-        return len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers))
-
-    def could_be(self, channel: str) -> bool:
-        """Whether its values do not exclude a channel, or a stamp."""
-        if not self.may_be(channel) or not len(self.numbers):
-            return False
-        if channel == STAMP:
-            return bool((self._steps > 0).all())
-        is_warm = is_plausible(float(self.numbers[0])) and self.is_smooth()
-        return is_warm or channel != 'temperature_c'
 
     def channel(self) -> str:
         """Find the axis that its name means, or ''; of a reference only if it says so."""
@@ -293,12 +288,12 @@ class _Looks:
 
 def propose(
     placed: Placed, rows: Sequence[Sequence[str]] = (), header: Header | None = None
-) -> Proposal:
+) -> tuple[dict[str, str], str]:
     """
-    Propose what columns are that are not understood.
+    Propose what columns are that are not understood, by names, units and some rows of texts.
 
-    By names, units and some rows of texts. A stamp, a force and a temperature that are missing
-    stay OPEN where no column can be said to be one.
+    By the names of ours: columns, with their factors and units, as ``--columns`` has them; and
+    the form of the times, as ``--time`` has it.
     """
     units = (*placed.units, *[''] * len(placed.names))
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(placed.names)
@@ -309,11 +304,10 @@ def propose(
         for place, name in enumerate(placed.names)
         if place not in used and (name or any(cells[place]))
     ]
-    absent = [c for c in (*STAMP_COLUMNS, *CHANNELS) if c not in placed.columns]
-    found, time = _find_times(free, sign) if STAMP in absent else ({}, '')
-    _find_channels(free, found, absent, placed)
+    found, time = _find_times(free, sign) if STAMP not in placed.columns else ({}, '')
+    _find_channels(free, found, [c for c in CHANNELS if c not in placed.columns], placed)
 
-    entries = []
+    proposed = {}
     order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
     for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
         looks, factor, quantity = found[channel], '', channel.split('_')[0]
@@ -324,31 +318,33 @@ def propose(
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
             factor = f'*{1 / counts:g}' if counts > 1 else ''
-        entries.append(f'{channel}={_called(placed, looks)}{factor}{f":{unit}" if unit else ""}')
-    candidates: dict[str, list[str]] = {}
-    for channel, kind in zip((STAMP, 'force_z', 'temperature_c'), KINDS.values(), strict=True):
-        if {*kind}.isdisjoint({*placed.columns, *found}):
-            entries.append(f'{channel}={OPEN}')
-            may_be = [_called(placed, looks) for looks in free if looks.could_be(channel)]
-            candidates[channel] = may_be[:_MOST_CANDIDATES]
-    return Proposal(','.join(entries[:_MOST_ENTRIES]), time, candidates)
+        # A map names a column by its number where its name is none for a map.
+        name = placed.names[looks.place]
+        by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
+        name = str(looks.place + 1) if by_number else name
+        proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
+        if len(proposed) == _MOST_ENTRIES:
+            break
+    return proposed, time
 
 
 def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
     """Take the columns of the stamps from those that are free, and their form."""
-    found: dict[str, _Looks] = {}
     scores = {looks: score for looks in free if (score := looks.time_score())}
     if not scores:
-        return found, ''
+        return {}, ''
     best = max(scores, key=scores.__getitem__)
-    found[STAMP], time = best, best.form
-    nanosec = [x for x in free if _NANOSEC.fullmatch(x.plain) and time == 's']
-    dates = [x for x in free if x.is_date() and time.startswith(('%H', '%I'))]
-    if nanosec:
-        found[STAMP_NANOSEC] = nanosec[0]
-    if dates:
-        joined = map(' '.join, zip(dates[0].filled, best.filled, strict=False))
-        found[STAMP_DATE], time = dates[0], find_form([*joined], month_first=sign == ',')
+    found, time = {STAMP: best}, best.form
+    is_time_of_day = time.startswith(('%H', '%I'))
+    for looks in free:
+        if _NANOSEC.fullmatch(looks.plain) and time == 's':
+            found.setdefault(STAMP_NANOSEC, looks)
+        is_date = looks.form == 'iso' or looks.form.startswith('%')
+        if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
+            found.setdefault(STAMP_DATE, looks)
+    if date := found.get(STAMP_DATE):
+        joined = map(' '.join, zip(date.filled, best.filled, strict=False))
+        time = find_form([*joined], month_first=sign == ',')
     others = {looks for looks, score in scores.items() if score > 1}
     free[:] = [looks for looks in free if looks not in others | {*found.values()}]
     return found, time
@@ -392,20 +388,8 @@ def _find_channels(
         channel = looks.channel()
         if channel in absent and looks.may_be(channel):
             take(channel, looks)
-    if set(AXES) <= set(absent):
-        forces = (
-            looks
-            for looks in free
-            if looks not in hot
-            and looks.may_be('force_z')
-            and (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
-        )
-        for looks in [*forces][:1]:
+    for looks in free if set(AXES) <= set(absent) else ():
+        is_force = looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain)
+        if looks not in hot and is_force and looks.may_be('force_z'):
             take('force_z', looks)
-
-
-def _called(placed: Placed, looks: _Looks) -> str:
-    """Name a column as a map can: by its number where its name is none for a map."""
-    name = placed.names[looks.place]
-    by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
-    return str(looks.place + 1) if by_number else name
+            break

@@ -4,12 +4,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import replace
+from functools import partial
 import hashlib
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-import re
-import shlex
 from types import ModuleType
 from typing import Any, Protocol
 
@@ -21,19 +20,13 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
-from wrist_ft_comp.recordings.log_proposal import (
-    missing_sentence,
-    OPEN,
-    Proposal,
-    propose,
-    warn_of_unused,
-)
+from wrist_ft_comp.recordings.log_proposal import Proposal, propose, warn_of_unused
 from wrist_ft_comp.recordings.read_options import (
     Column,
     ColumnMap,
     COMPENSATED,
-    Excerpt,
     KINDS,
+    listed,
     options_beside,
     parse_options,
     Placed,
@@ -44,14 +37,11 @@ from wrist_ft_comp.recordings.read_options import (
 )
 from wrist_ft_comp.recordings.table import Rows, Table
 from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
 
-#: Turns a table of a chamber test into a recording.
-_CONVERTER = 'examples/paper/chamber_table.py'
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
@@ -59,18 +49,15 @@ LONGEST_SPACING_S = 86_400.0
 
 def kind_of(path: Path) -> str:
     """Find the kind of a recording from its name; a table if in doubt."""
-    files = files_of(path)
-    if len(files) > 1:
+    if len(files_of(path)) > 1:
         return TABLE
-    (path,) = files
     if not path.exists():
         raise RecordingError(
             f'{path} does not exist; expected a bag folder, an .mcap, .db3 or CSV file.'
         )
-    if path.is_char_device() or path.is_block_device():
+    if not path.is_file() and not path.is_dir():
         raise RecordingError(
-            f'{path} is a device, which may never end; expected a file or a folder. Write what '
-            'it gives into a file first.'
+            f'{path} is no file and no folder, and may never end. Write what it gives into a file.'
         )
     if path.is_dir() or path.suffix in SUFFIXES:
         return BAG
@@ -140,60 +127,56 @@ class OpenBag:
     """A bag, and which of its topics are read."""
 
     def __init__(self, bag: Bag, options: ReadOptions) -> None:
-        self.bag, self.name, self.options = bag, bag.name, options
+        self.bag, self.name, self.options, self.warnings = bag, bag.name, options, bag.warnings
         self.sources: tuple[TemperatureSource, ...] = parse_sources(options.topics.temperatures)
-
-    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
-        """Read by batch."""
-        return read_bag(self.bag, self.options.topics, progress)
 
     @property
     def sensor(self) -> SensorNames:
         """What the sensor is called: by topics, and the frame of the first wrench."""
         return sensor_of(self.bag, self.options.topics)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was lost."""
-        return self.bag.warnings
+    def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
+        """Read by batch."""
+        return read_bag(self.bag, self.options.topics, progress)
 
 
 class OpenTable:
     """A table, or several with one clock, and which of their columns are read."""
 
-    def __init__(self, tables: Sequence[Table], options: ReadOptions) -> None:
+    def __init__(
+        self, tables: Sequence['Table | _MemoryTable'], options: ReadOptions, name: str = ''
+    ) -> None:
         self.tables, self.options = tables, options
-        self.name = '+'.join(table.name for table in tables)
+        self.name = name or '+'.join(table.name for table in tables)
         self.sources = ()
         self.names = names = [name for table in tables for name in table.names]
-        if re.search(r'\bload_\w+.*\boutput_at_\S+_c\b', ' '.join(names)):
-            path = tables[0].path
-            words = 'python', _CONVERTER, str(path), '-o', f'{path.stem}_recording.csv'
-            raise RecordingError(
-                f'{self.name} is a table of a chamber test, which has no times. Make a recording '
-                f'of it: {shlex.join(words)}'
-            )
         self.columns: list[Placed] = []
         for table in tables:
             own = ColumnMap().place(table.name, table.names, table.units)
             # A map beside a recording of our own, such as a compensated copy, is of others.
-            if options.columns.source == '--columns' or own.lacks(list(KINDS)):
-                own = options.columns.place(
-                    table.name, table.names, table.units, joined=len(tables) > 1
-                )
-            self.columns.append(own)
+            is_ours = options.columns.source != '--columns' and not own.lacks(list(KINDS))
+            named = (table.name, table.names, table.units)
+            self.columns.append(own if is_ours else options.columns.place(*named))
         for column in options.columns.columns:
-            if len(tables) > 1 and all(column.channel not in p.columns for p in self.columns):
-                options.columns.place(self.name, names)  # refuses what no table has
+            if all(column in placed.missing for placed in self.columns):
+                raise RecordingError(
+                    f'{self.name} has no column {column.name!r}, which {options.columns.source} '
+                    f'names; it has {listed(names)}. Write it as the header does, or give its '
+                    'number, from 1 on. If the map is of other tables, give this one its own by '
+                    '--columns.'
+                )
+        channels = Counter(column.channel for p in self.columns for column in p.channels)
+        if twice := [channel for channel, count in channels.items() if count > 1]:
+            raise RecordingError(f'{self.name} has {listed(twice)} in two tables; leave one out.')
         #: Once samples were read: whether all were, how many by channel, and the outermost stamps.
         self.is_read, self.counts = False, Counter[str]()
         self.span_ns: tuple[int, ...] = ()
         #: What the sensor is called: by the name of a column.
         self.sensor = sensor_in(names)
         #: Says that drift was removed from it; empty where it was not.
-        self.compensated = ''
-        if any(name.startswith(COMPENSATED) for name in names):
-            self.compensated = f'{self.name} was compensated already. Name the raw recording.'
+        is_raw = not any(name.startswith(COMPENSATED) for name in names)
+        already = f'{self.name} was compensated already. Name the raw recording.'
+        self.compensated = '' if is_raw else already
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
@@ -203,37 +186,14 @@ class OpenTable:
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""
-        found = [
-            propose(placed, table.shown_rows(), table.header)
-            for placed, table in zip(self.columns, self.tables, strict=True)
-        ]
-        if len(found) == 1:
-            return found[0]
-        # What one table leaves open may be in another one.
-        times = {proposal.time for proposal in found if proposal.time}
-        entries = []
-        for proposal in found:
-            # Each has its own form of times; forms of dates are found again.
-            unit = f':{proposal.time}' if len(times) > 1 and proposal.time in TIME_UNITS_NS else ''
-            entries += [
-                entry + unit if entry.startswith('stamp=') and OPEN not in entry else entry
-                for entry in proposal.columns.split(',')
-            ]
-        named = {entry.partition('=')[0] for entry in entries if not entry.endswith(OPEN)}
-        kinds = {channel: kind for kind in KINDS.values() for channel in kind}
-        known = named.union(*(kinds.get(n, ()) for n in named), *(p.columns for p in self.columns))
-        kept = [e for e in entries if not e.endswith(OPEN) or e.partition('=')[0] not in known]
-        candidates = {c: theirs for p in found for c, theirs in p.candidates.items()}
-        return Proposal(
-            ','.join(dict.fromkeys(filter(None, kept))),
-            times.pop() if len(times) == 1 else '',
-            candidates,
-        )
+        pairs = zip(self.columns, self.tables, strict=True)
+        found = [propose(placed, table.shown_rows(), table.header) for placed, table in pairs]
+        return Proposal.of(found, self.lacks())
 
     def require(self, *kinds: str) -> None:
         """Refuse a table without columns of some kinds, all by default, and propose a map."""
         if lacking := self.lacks(kinds or tuple(KINDS)):
-            raise RecordingError(missing_sentence(self.name, self.names, lacking, self.propose()))
+            raise RecordingError(self.propose().refusal(self.name, self.names, lacking))
 
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
         """Read all rows of the columns that are used, one table after the other."""
@@ -264,9 +224,8 @@ class OpenTable:
             if len(block.stamps_ns) > 1
         ]
         spacing_s = min(spacings_s, default=1.0)
-        if spacing_s > LONGEST_SPACING_S:
-            return 1.0
-        return float(min(max(round(spacing_s), 1), PERIODS_S[1]))
+        is_likely = spacing_s <= LONGEST_SPACING_S
+        return float(min(max(round(spacing_s), 1), PERIODS_S[1])) if is_likely else 1.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -298,10 +257,6 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
         yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
 
 
-#: Bytes of a file that are hashed at once.
-_HASHED_AT_ONCE = 1 << 20
-
-
 def read_recording(
     path: Path | str,
     *,
@@ -318,45 +273,28 @@ def read_recording(
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
     with open_recording(Path(path), topics or Topics()) as source:
-        return read_opened(
-            source, period_s=period_s, max_bad_share=max_bad_share, progress=progress
-        )
+        return read_opened(source, period_s, max_bad_share, progress)
 
 
 def read_opened(
     source: OpenBag | OpenTable,
-    *,
     period_s: float,
     max_bad_share: float = 0.01,
     progress: Progress | None = None,
 ) -> Recording:
     """Read what was opened, as read_recording does."""
-    origin_ns: int | None = None
     if isinstance(source, OpenTable):
         source.require()
-
-    def blocks() -> Iterator[Samples]:
-        """Read, and note the first stamp of all, from which times count."""
-        nonlocal origin_ns
-        for block in source.samples(progress):
-            timed = block.stamps_ns[block.stamps_ns != NO_TIME]
-            if origin_ns is None and len(timed):
-                origin_ns = int(timed[0])
-            yield block
-
-    excerpt, sensor = source.options.excerpt, source.sensor
+    first_ns: list[int] = []
     recording = grid_samples(
-        blocks() if excerpt == Excerpt() else excerpt.select(blocks(), source.name),
-        name=source.name,
-        period_s=period_s,
-        max_bad_share=max_bad_share,
-        temperatures=source.sources,
-    )
-    said = {'temperature_topics': source.options.topics.temperatures}
+        source.options.excerpt.select(source.samples(progress), source.name, first_ns),
+        name=source.name, period_s=period_s, max_bad_share=max_bad_share,
+        temperatures=source.sources)  # fmt: skip
+    sensor, said = source.sensor, {'temperature_topics': source.options.topics.temperatures}
     if problem := order_problem(said, sensor):
         raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
     warnings = *source.warnings, *recording.warnings
-    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=origin_ns)
+    return replace(recording, warnings=warnings, sensor=sensor, origin_ns=first_ns[0])
 
 
 def period_of(paths: Iterable[Path], topics: Topics) -> float:
@@ -381,7 +319,7 @@ def hash_recording(path: Path) -> str:
         files = sorted(file for file in path.iterdir() if {*SUFFIXES} & {*file.suffixes})
     for file in filter(Path.is_file, files):
         with file.open('rb') as content:
-            while some := content.read(_HASHED_AT_ONCE):
+            for some in iter(partial(content.read, 1 << 20), b''):
                 digest.update(some)
     return digest.hexdigest()
 
@@ -394,6 +332,53 @@ class Columns(Protocol):
 
     def __getitem__(self, name: str, /) -> Any:
         """Give what numpy makes an array of."""
+
+
+class _MemoryTable:
+    """Columns in memory, as OpenTable has a table in a file."""
+
+    header, units, path, warnings = None, (), Path(), ()
+
+    def __init__(self, columns: Columns, name: str) -> None:
+        self._columns, self.name, self.names = columns, name, tuple(map(str, columns.keys()))
+
+    def shown_rows(self) -> list[list[str]]:
+        """Show no rows: only names are looked at."""
+        return []
+
+    def rows(self, placed: Placed, _progress: Progress | None = None) -> Iterator[Rows]:
+        """Give all rows at once; RecordingError where a column holds something else."""
+        stamp = placed.columns[STAMP]
+        stamps = np.asarray(self._columns[stamp.name])
+        shape = (stamps.size,)
+
+        def numbers(column: Column) -> FloatArray:
+            try:
+                values = np.asarray(self._columns[column.name], dtype=float)
+            except (TypeError, ValueError) as error:
+                raise RecordingError(
+                    f'{column.name} of {self.name} must hold numbers: {error}.'
+                ) from error
+            if values.shape != shape:
+                raise RecordingError(
+                    f'{column.name} of {self.name} must have shape {shape}, as its stamps; got '
+                    f'{values.shape}.'
+                )
+            return values
+
+        is_date = stamps.dtype.kind == 'M'
+        is_whole = is_date or (stamp.unit == 'ns' and stamps.dtype.kind in 'iu')
+        if stamps.ndim == 1 and not is_whole:
+            stamps = np.rint(numbers(stamp) * TIME_UNITS_NS[stamp.unit])
+        if stamps.ndim != 1 or not np.isfinite(stamps).all():
+            raise RecordingError(
+                f'{stamp.name} of {self.name} must be one time per row; leave out rows without it.'
+            )
+        stamps_ns = (stamps.astype('datetime64[ns]') if is_date else stamps).astype(np.int64)
+        if STAMP_NANOSEC in placed.columns:
+            stamps_ns = stamps_ns + numbers(placed.columns[STAMP_NANOSEC]).astype(np.int64)
+        values = {column.channel: column.to_channel(numbers(column)) for column in placed.channels}
+        yield Rows(stamps_ns, values, np.arange(len(stamps_ns)))
 
 
 def recording_from_columns(
@@ -409,18 +394,8 @@ def recording_from_columns(
     The recording's warnings say what was left out. RecordingError when a table cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
-    blocks: list[Samples] = []
-    names: list[str] = []
-    for table in tables:
-        placed, stamps_ns, values = _read(table, name)
-        blocks += samples_of(stamps_ns, values)
-        stamps = {column.name for column in placed.stamps} if names else ()
-        names += [column for column in placed.names if column not in stamps]
-    placed = ColumnMap().place(name, names)
-    if lacking := placed.lacks(list(KINDS)):
-        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
-    recording = grid_samples(blocks, name=name, period_s=period_s, max_bad_share=max_bad_share)
-    return replace(recording, warnings=(*recording.warnings, *warn_of_unused(placed)))
+    opened = OpenTable([_MemoryTable(table, name) for table in tables], ReadOptions(), name)
+    return read_opened(opened, period_s, max_bad_share)
 
 
 def compensate(
@@ -434,44 +409,9 @@ def compensate(
     RecordingError as there, or when the thermometers are not those of the model.
     """
     recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
-    _, stamps_ns, values = _read(table, recording.name)
-    absent = np.full(len(stamps_ns), np.nan)
-    raw = np.stack([values.get(axis, absent) for axis in AXES], axis=1)
+    (rows,) = OpenTable([_MemoryTable(table, recording.name)], ReadOptions()).rows()
+    absent = np.full(len(rows.stamps_ns), np.nan)
+    raw = np.stack([rows.values.get(axis, absent) for axis in AXES], axis=1)
     tare = initial_tare(model, recording, tare_s)
-    corrected = correct_many(track_drift(model, recording), stamps_ns, raw, tare)
-    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in values}
-
-
-def _read(table: Columns, name: str) -> tuple[Placed, IntArray, dict[str, FloatArray]]:
-    """Take stamps, ns, and the channels out of a table, all of shape (n,)."""
-    placed = ColumnMap().place(name, list(map(str, table.keys())))
-    if lacking := placed.lacks(['stamp']):
-        raise RecordingError(missing_sentence(name, placed.names, lacking, propose(placed)))
-    stamp = placed.columns[STAMP]
-    stamps = np.asarray(table[stamp.name])
-    shape = (stamps.size,)
-
-    def numbers(column: Column) -> FloatArray:
-        try:
-            values = np.asarray(table[column.name], dtype=float)
-        except (TypeError, ValueError) as error:
-            raise RecordingError(f'{column.name} of {name} must hold numbers: {error}.') from error
-        if values.shape != shape:
-            raise RecordingError(
-                f'{column.name} of {name} must have shape {shape}, as its stamps; got '
-                f'{values.shape}.'
-            )
-        return values
-
-    is_date = stamps.dtype.kind == 'M'
-    if stamps.ndim == 1 and not is_date and (stamp.unit != 'ns' or stamps.dtype.kind not in 'iu'):
-        stamps = np.rint(numbers(stamp) * TIME_UNITS_NS[stamp.unit])
-    if stamps.ndim != 1 or not np.isfinite(stamps).all():
-        raise RecordingError(
-            f'{stamp.name} of {name} must be one time per row; leave out rows without it.'
-        )
-    stamps_ns = (stamps.astype('datetime64[ns]') if is_date else stamps).astype(np.int64)
-    if STAMP_NANOSEC in placed.columns:
-        stamps_ns = stamps_ns + numbers(placed.columns[STAMP_NANOSEC]).astype(np.int64)
-    values = {column.channel: column.to_channel(numbers(column)) for column in placed.channels}
-    return placed, stamps_ns, values
+    corrected = correct_many(track_drift(model, recording), rows.stamps_ns, raw, tare)
+    return {axis: corrected[:, i] for i, axis in enumerate(AXES) if axis in rows.values}

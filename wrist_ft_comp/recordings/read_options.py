@@ -5,11 +5,11 @@ How columns of a table become channels: names, units, factors, and the form of t
 a column that has no name is called by its number, from 1 on. A date beside a time of day is
 ``stamp_date=date,stamp=time``; rows without a time, a hundred a second, are ``stamp=#*0.01``.
 ``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
-1899-12-30), or a form of strptime. The same may stand in ``recording.yaml`` beside the recordings.
+1899-12-30), datenum (days of MATLAB), timedelta (of pandas), or a form of strptime. The same may
+stand in ``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
@@ -27,7 +27,7 @@ from wrist_ft_comp.channels import (
     SensorNames,
 )
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.recording import Samples, Topics
+from wrist_ft_comp.recording import clock_time, Samples, Topics
 from wrist_ft_comp.recordings.units import (
     known_unit,
     plain_unit,
@@ -50,8 +50,10 @@ STAMP_COLUMNS = STAMP, STAMP_NANOSEC, STAMP_DATE
 ROW_NUMBER = '#'
 #: The place of that column.
 ROW = -2
-#: A form of times: days since 1899-12-30, as spreadsheets have them.
-EXCEL = 'excel'
+#: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
+DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
+#: A form of times: 0 days 00:10:00, as pandas writes it.
+TIMEDELTA = 'timedelta'
 #: Channels with one name; thermometers have a number and a unit.
 CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
 #: What a recording has to have: channels of which one is enough.
@@ -119,18 +121,14 @@ class ColumnMap:
     #: Who said so.
     source: str = '--columns'
 
-    def place(
-        self, table: str, names: Sequence[str], units: Sequence[str] = (), *, joined: bool = False
-    ) -> 'Placed':
+    def place(self, table: str, names: Sequence[str], units: Sequence[str] = ()) -> 'Placed':
         """
-        Find the columns of a table of given names, and units where it has a row or column of them.
+        Find the columns of a table of given names, and units where it has a row of them.
 
-        RecordingError where two hold the same, or one is not there, unless in a table that is
-        joined with it.
+        RecordingError where two hold the same.
         """
-        found: dict[str, Column] = {}
-        warnings: list[str] = []
         mapped: dict[int, Column] = {}
+        missing: list[Column] = []
         for named in self.columns:
             if named.name in names:
                 mapped[list(names).index(named.name)] = named
@@ -138,33 +136,23 @@ class ColumnMap:
                 mapped[int(named.name) - 1] = named
             elif named.name == ROW_NUMBER and named.channel == STAMP:
                 mapped[ROW] = named
-            elif not joined:
-                remedy = 'Write it as the header does, or give its number, from 1 on.'
-                if self.source != '--columns':
-                    remedy = (
-                        'Move one of them into another folder, or say by --columns what the '
-                        f'columns of {table} are.'
-                    )
-                raise RecordingError(
-                    f'{table} has no column {named.name!r}, which {self.source} names; it has '
-                    f'{listed(names)}. {remedy}'
-                )
+            else:
+                missing.append(named)
         said = {column.channel for column in mapped.values()}
+        found: dict[str, Column] = {}
+        warnings: list[str] = []
         for place, name in [*enumerate(names), *[(ROW, ROW_NUMBER)] * (ROW in mapped)]:
             column = mapped.get(place) or own_column(name)
             if column is None or (place not in mapped and column.channel in said):
                 continue
-            if column.channel in found:
+            if other := found.get(column.channel):
                 raise RecordingError(
-                    f'{table} has the column {name} and {found[column.channel].name}, which is '
-                    'the same; remove or rename one.'
-                    if name != found[column.channel].name
-                    else f'{table} has the column {name} twice; remove or rename one.'
+                    f'{table} has {column.channel} twice, in the columns {other.name} and {name}; '
+                    'remove or rename one.'
                 )
             # A word of the person counts most, then that of the name, then that beside it.
             unit = self.time if column.channel == STAMP and self.time else column.unit
-            is_plain = column.factor is None and column.channel not in STAMP_COLUMNS[1:]
-            if not unit and is_plain:
+            if not unit and column.factor is None and column.channel not in STAMP_COLUMNS[1:]:
                 beside = units[place] if 0 <= place < len(units) else ''
                 unit = known_unit(column.channel, name, beside)
                 word = next(iter(said_units(name, beside)[-1:]), '')
@@ -184,7 +172,7 @@ class ColumnMap:
                 f'{table} has nanoseconds beside stamps that are not in seconds; leave '
                 f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
             )
-        return Placed(table, names, units, found, tuple(warnings))
+        return Placed(table, names, units, found, missing, tuple(warnings))
 
 
 @dataclass(frozen=True)
@@ -196,6 +184,8 @@ class Placed:
     units: Sequence[str]
     #: By channel, STAMP and STAMP_NANOSEC.
     columns: Mapping[str, Column]
+    #: What a map names and the table does not have.
+    missing: Sequence[Column] = ()
     #: Units that are not understood, in sentences.
     warnings: tuple[str, ...] = ()
 
@@ -217,8 +207,7 @@ class Placed:
 def parse_map(columns: str, time: str, source: str = '--columns') -> ColumnMap:
     """Understand ``--columns`` and ``--time``; SettingsError where they can't be meant so."""
     time = time if '%' in time else plain_unit(time)
-    check_time(time)
-    understood = []
+    understood, times = [], [time]
     for entry in filter(None, map(str.strip, re.split(r',(?=\s*\w+=)', columns))):
         match = _ENTRY.fullmatch(entry)
         if match is None:
@@ -236,30 +225,27 @@ def parse_map(columns: str, time: str, source: str = '--columns') -> ColumnMap:
                 f'linear_acceleration_x …; got {entry!r}.'
             )
         unit = plain_unit(match['unit'] or '')
-        if ours.channel == STAMP and unit:
-            check_time(unit)
+        if ours.channel == STAMP:
+            times.append(unit)
         elif unit and unit not in units_of(ours.channel):
             allowed = ', '.join(units_of(ours.channel))
             raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
-        factor = None
-        if match['factor']:
-            with suppress(ValueError):
-                factor = float(match['factor'])
-            if factor is None or not math.isfinite(factor):
-                raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
+        try:
+            factor = float(match['factor']) if match['factor'] else None
+        except ValueError:
+            factor = math.nan
+        if factor is not None and not math.isfinite(factor):
+            raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
         # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
         said = '' if ours.unit == 'C' else ours.unit
         understood.append(Column(match['theirs'].strip(), ours.channel, unit or said, factor))
+    for word in filter(None, times):
+        if word not in {*TIME_UNITS_NS, *DAYS_TO_1970, TIMEDELTA, 'iso'} and '%' not in word:
+            raise SettingsError(
+                f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, datenum, timedelta, or a '
+                f'form such as %d.%m.%Y %H:%M:%S.%f; got {word!r}.'
+            )
     return ColumnMap(tuple(understood), time, source)
-
-
-def check_time(time: str) -> None:
-    """Refuse a time that is no unit and no form, by a SettingsError."""
-    if time and time not in {*TIME_UNITS_NS, EXCEL, 'iso'} and '%' not in time:
-        raise SettingsError(
-            f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, or a form such as %d.%m.%Y '
-            f'%H:%M:%S.%f; got {time!r}.'
-        )
 
 
 def listed(names: Iterable[str]) -> str:
@@ -305,22 +291,28 @@ class Excerpt:
     """What of a recording counts."""
 
     #: Seconds since the first stamp of the file.
-    begin_s: float = 0.0
+    begin_s: float = -math.inf
     end_s: float = math.inf
     #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
     excluded_s: tuple[tuple[float, float], ...] = ()
 
-    def select(self, blocks: Iterable[Samples], name: str) -> Iterator[Samples]:
-        """Leave out what does not count of a recording; SettingsError where nothing is left."""
-        first_ns, lasts_s = None, 0.0
+    def select(
+        self, blocks: Iterable[Samples], name: str, first_ns: list[int]
+    ) -> Iterator[Samples]:
+        """
+        Leave out what does not count; SettingsError where nothing is left of a recording.
+
+        The first stamp of all, from which times count, is put into ``first_ns``.
+        """
+        lasts_s = 0.0
         came: set[str] = set()
         left: set[str] = set()
         for block in blocks:
             timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
-            if first_ns is None and timed.any():
-                first_ns = int(block.stamps_ns[timed][0])
-            since_s = np.where(timed, block.stamps_ns - (first_ns or 0), 0) / NANOSECONDS
-            kind = 'wrench' if set(block.channels) & set(AXES) else block.channels[0].split('_')[0]
+            first_ns += block.stamps_ns[timed][:1].tolist()
+            begin_ns = first_ns[0] if first_ns else 0
+            since_s = np.where(timed, block.stamps_ns - begin_ns, 0) / NANOSECONDS
+            kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
             counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
                 counts &= (since_s < begin_s) | (since_s > end_s)
@@ -328,13 +320,9 @@ class Excerpt:
             came |= {kind} if timed.any() else set()
             left |= {kind} if counts.any() else set()
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
-        if first_ns is None:
-            return
         if gone := {'wrench', 'temperature'} & (came - left):
-            begins = ''
-            if first_ns >= CLOCK_NS:  # stamps are of a clock
-                clock = str(np.datetime64(first_ns // NANOSECONDS, 's')).replace('T', ' ')
-                begins = f'begins at {clock} UTC and '
+            is_clock = first_ns[0] >= CLOCK_NS
+            begins = f'begins at {clock_time(first_ns[0])} and ' if is_clock else ''
             raise SettingsError(
                 f'Every {max(gone)} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
                 'by --from, --until and --exclude. Leave some in.'
@@ -402,7 +390,8 @@ def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
                 f'A stretch is A..B, such as 4790..4830 or 79min..81min; got {text!r}.'
             )
         stretches.append((_seconds(first), _seconds(last)))
-    excerpt = Excerpt(_seconds(begin or '0'), _seconds(end or 'inf'), tuple(stretches))
+    begin_s = _seconds(begin) if begin else -math.inf
+    excerpt = Excerpt(begin_s, _seconds(end or 'inf'), tuple(stretches))
     for begin_s, end_s in (*excerpt.excluded_s, (excerpt.begin_s, excerpt.end_s)):
         if not begin_s < end_s:
             raise SettingsError(

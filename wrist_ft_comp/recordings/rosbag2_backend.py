@@ -61,8 +61,6 @@ def _read(
     chosen: Path, compression: str, topics: dict[str, Connection], wanted: Sequence[Connection]
 ) -> Iterator[Message]:
     """Read the messages of some topics, from the beginning."""
-    if not wanted:
-        return
     reader = _reader(chosen, compression)
     try:
         names = [topic.topic for topic in wanted]

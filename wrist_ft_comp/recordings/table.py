@@ -1,14 +1,14 @@
 """
 Tables read by pandas: CSV and its relatives in blocks, workbooks, parquet.
 
-A block of rows that is as it should be is converted by pandas as a whole; any other one is gone
-through row by row, which tells what is wrong in which line. A last line without a line end may be
-cut off; where it is incomplete, it is left out.
+A block of rows that is as it should be is converted by pandas as a whole; any other one is cut by
+csv first, which knows the lines. A last line without a line end may be cut off; where it is
+incomplete, it is left out.
 """
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -25,7 +25,13 @@ import zlib
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import EXCEL, Placed, ROW, STAMP_DATE, STAMP_NANOSEC
+from wrist_ft_comp.recordings.read_options import (
+    Column,
+    Placed,
+    ROW,
+    STAMP_DATE,
+    STAMP_NANOSEC,
+)
 from wrist_ft_comp.recordings.table_form import (
     COMMENTS,
     cut_line,
@@ -54,9 +60,11 @@ _SHOWN_ROWS, _SHOWN_LATER = 3000, 100
 #: that were in order before it; fewer are samples that came late.
 _SURE_ROWS = 10
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
-#: What a cell cannot be converted with.
+#: What pandas reads as a cell without a value.
+_NO_VALUES = [*MISSING, *map(str.upper, MISSING), 'NaN', 'None', 'Null']
+#: What a cell that cannot be converted raises.
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
-#: What is no text, and the library that reads it by rows.
+#: What is no text, and the library that reads it.
 _LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
 _DAY_NS = 86_400 * NANOSECONDS
 
@@ -79,6 +87,8 @@ class Table:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
+        #: Lines above the first row, which are not read again.
+        self._above = 0
         #: Whether it is of a terminal that writes a time, an arrow, and what was sent.
         self._has_arrows = False
         lines: list[str] = []
@@ -101,67 +111,65 @@ class Table:
             lines = [line.replace(' -> ', ',') for line in lines]
         self.header = find_header(lines[:FIRST_LINES])
         self.names, self.units = self.header.names, self.header.units
+        self._above = self.header.lines_above
+
+    def _pieces(self, progress: Progress | None) -> Iterator[str]:
+        """Read the text, about BLOCK characters at a time."""
+        if self.path.suffix.lower() in _LIBRARIES:
+            yield from _by_library(self.path)
+            return
+        size = max(self.path.stat().st_size, 1)
+        with self.path.open('rb') as raw:
+            magic = raw.read(8)
+            raw.seek(0)
+            packed: Any = raw
+            for sign, module in _PACKED:
+                packed = module.open(raw) if magic.startswith(sign) else packed
+            start = packed.read(_START)
+            packed.seek(0)
+            file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
+            while piece := file.read(BLOCK):
+                yield piece
+                if progress:
+                    progress(min(raw.tell() / size, 1.0))
 
     def _texts(self, progress: Progress | None = None) -> Iterator[tuple[int, str]]:
         """
-        Read whole lines, about BLOCK characters at a time, and the number of the first of them.
+        Read whole lines below the header, and the number of the first of them.
 
         A last line without a line end comes alone.
         """
-        if self.path.suffix.lower() in _LIBRARIES:
-            number = 1
-            for text in _by_library(self.path):
-                yield number, text
-                number += text.count('\n')
-            return
+        number, rest = 1, ''
         try:
-            with self.path.open('rb') as raw:
-                magic = raw.read(8)
-                raw.seek(0)
-                packed: Any = raw
-                for sign, module in _PACKED:
-                    packed = module.open(raw) if magic.startswith(sign) else packed
-                start = packed.read(_START)
-                packed.seek(0)
-                file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
-                size, number, rest = max(self.path.stat().st_size, 1), 1, ''
-                while piece := file.read(BLOCK):
-                    rest += piece.replace(' -> ', ',') if self._has_arrows else piece
-                    end = rest.rfind('\n') + 1
-                    if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
-                        end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
-                    text, rest = rest[:end], rest[end:]
-                    if len(rest) > LONGEST_LINE:
-                        raise RecordingError(
-                            f'{self.name} has a line of more than {LONGEST_LINE} characters; '
-                            'expected a table, a row on each line.'
-                        )
-                    if text:
-                        yield number, text
-                        number += text.count('\n')
-                    if progress:
-                        progress(min(raw.tell() / size, 1.0))
-                if rest:
-                    yield number, rest
+            for piece in self._pieces(progress):
+                plain = piece.replace('\u2212', '-')  # a minus as it is printed
+                rest += plain.replace(' -> ', ',') if self._has_arrows else plain
+                end = rest.rfind('\n') + 1
+                if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
+                    end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
+                text, rest = rest[:end], rest[end:]
+                if len(rest) > LONGEST_LINE:
+                    raise RecordingError(
+                        f'{self.name} has a line of more than {LONGEST_LINE} characters; '
+                        'expected a table, a row on each line.'
+                    )
+                above = max(self._above + 1 - number, 0)
+                if below := text.split('\n', above)[-1]:
+                    yield number + above, below
+                number += text.count('\n')
         except OSError as error:
             raise RecordingError(
                 f'{self.path} cannot be read: {error.strerror or error}.'
             ) from error
         except (EOFError, lzma.LZMAError, zlib.error) as error:
             raise RecordingError(f'{self.path} cannot be unpacked: {error}.') from error
-
-    def _row_texts(self, progress: Progress | None = None) -> Iterator[tuple[int, str]]:
-        """Read as _texts does, without the lines above the first row."""
-        for number, text in self._texts(progress):
-            above = max(self.header.lines_above + 1 - number, 0)
-            rest = text.split('\n', above)[-1]
-            if rest and (text.endswith('\n') or not above):
-                yield number + above, rest
+        if rest and number > self._above:
+            yield number, rest
 
     def shown_rows(self) -> list[list[str]]:
         """Read some rows from all over the table, as texts, each as wide as the names."""
         rows: list[list[str]] = []
-        for _, text in self._row_texts():
+        for _, text in self._texts():
             lines = text.split('\n') if text.endswith('\n') else []
             count = _SHOWN_LATER if rows else _SHOWN_ROWS
             for line in lines[:: max(len(lines) // count, 1)]:
@@ -178,8 +186,8 @@ class Table:
         """
         reader, is_empty, n = _RowReader(self, placed), True, _SURE_ROWS
         stamps_ns: IntArray = np.empty(0, np.int64)
-        numbers = stamps_ns
-        for number, text in self._row_texts(progress):
+        lines = stamps_ns
+        for number, text in self._texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
                 # Zeros are what a power failure may leave; before Python 3.11, csv refuses them.
@@ -198,17 +206,16 @@ class Table:
                     f'({self.names[-1]} = {cell!r}) is incomplete.'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
-            numbers = np.concatenate([numbers[-2 * n :], rows.lines])
+            lines = np.concatenate([lines[-2 * n :], rows.lines])
             for k in (np.flatnonzero(np.diff(stamps_ns) < 0) + 1).tolist():
                 before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
                 in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
-                    path, line = shlex.quote(str(self.path)), int(numbers[k])
+                    path, line = shlex.quote(str(self.path)), int(lines[k])
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {line}: another recording '
                         f'begins there. Cut it by "head -n {line - 1} {path} > part_1.csv; '
-                        f'(head -n {self.header.lines_above} {path}; tail -n +{line} {path}) > '
-                        'part_2.csv".'
+                        f'(head -n {self._above} {path}; tail -n +{line} {path}) > part_2.csv".'
                     )
             is_empty = False
             yield rows
@@ -226,6 +233,7 @@ class _RowReader:
         self._values, self._stamp = placed.channels, placed.columns[STAMP]
         self._nanosec = placed.columns.get(STAMP_NANOSEC)
         self._date = placed.columns.get(STAMP_DATE)
+        self._stamps = [column for column in placed.stamps if column.place != ROW]
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
         #: How often a time of day passed midnight, and the last one, ns.
@@ -235,143 +243,138 @@ class _RowReader:
 
     def read(self, text: str, number: int) -> Rows:
         """Convert lines, of which the first has a number; RecordingError where one is bad."""
-        with suppress(*_BAD, KeyError):
-            count = text.count('\n')
-            if columns := self._columns_by_pandas(text, count):
-                return self._rows_of(columns, number + np.arange(count))
-
-        # Row by row: some are comments, repeat the header, are empty or bad.
-        sign, width = self._header.delimiter, self._header.width
-        lines = [
-            '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
-            for line in text.split('\n')
-        ]
-        numbers: list[int] = []
-        rows: list[list[str]] = []
-        reader = csv.reader(lines, delimiter=sign, skipinitialspace=True)
-        try:
-            for row in reader:
-                cells = [cell.strip() for cell in row]
-                if not any(cells) or tuple(cells) in self._header.rows_above:
-                    continue
-                numbers.append(number + reader.line_num - 1)
-                if not width <= len(cells) <= self._most and any(cells[width:] or ['x']):
-                    raise RecordingError(
-                        f'Line {numbers[-1]} of {self._name} has {len(cells)} cells; the others '
-                        f'have {width}. Repair or remove the line.'
-                    )
-                rows.append(cells + [''] * (self._most - len(cells)))
-        except csv.Error as error:
-            raise RecordingError(f'{self._name} is no table: {error}.') from error
-        columns = dict(enumerate(zip(*rows, strict=True))) if rows else {}
-        with suppress(*_BAD):
-            return self._rows_of(columns, np.array(numbers, np.int64))
-
-        # One of them is bad: which one?
-        stamps = [c for c in (self._date, self._nanosec, self._stamp) if c and c.place != ROW]
-        for line, row in zip(numbers, rows, strict=True):
-            for column in (*stamps, *self._values):
-                try:
-                    if column not in stamps:
-                        number_in(row[column.place], sign)
-                    elif column is self._nanosec:
-                        exact_ns([row[column.place]], 'ns')
-                    elif column is self._stamp:
-                        self._stamps_of({c.place: [row[c.place]] for c in stamps}, 1)
-                except _BAD as error:  # noqa: PERF203 -- it ends the loop
-                    wanted, remedy = 'a number', 'Repair or remove the line.'
-                    if column is self._stamp:
-                        wanted = f'a time ({self._form})'
-                        remedy = (
-                            'If every line has such a time, say what it is: --time iso, ms, or a '
-                            'form such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove '
-                            'the line.'
-                        )
-                    raise RecordingError(
-                        f'Line {line} of {self._name}, column {column.name}: expected {wanted}, '
-                        f'got {row[column.place][:60]!r}. {remedy}'
-                    ) from error
-        raise RecordingError(
-            f'{self._name} has times in {self._stamp.name} that are in no common form. Say what '
-            'they are, such as --time iso.'
-        )
-
-    def _rows_of(self, columns: Mapping[int, Any], lines: IntArray) -> Rows:
-        """Convert columns by their places: numbers, or the texts of cells."""
-        stamps_ns = self._stamps_of(columns, len(lines))
-        absent, sign = np.full(len(lines), nan), self._header.delimiter
-        values = {}
-        for column in self._values:
-            cells = columns.get(column.place, absent)
-            if not isinstance(cells, np.ndarray):
-                cells = np.array([number_in(cell, sign) for cell in cells], float)
-            values[column.channel] = column.to_channel(cells)
-        self._count += len(lines)
-        return Rows(stamps_ns, values, lines)
-
-    def _columns_by_pandas(self, text: str, count: int) -> dict[int, Any] | None:
-        """Read the columns that are used; None where a line is not as the others are."""
         import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
         sign, width = self._header.delimiter, self._header.width
+        with suppress(RecordingError, ValueError):
+            if (frame := self._by_pandas(text, number)) is not None:
+                return self._rows_of(frame)
+
+        # Line by line: some are comments, repeat the header, are empty or bad.
+        texts = [
+            '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
+            for line in text.split('\n')
+        ]
+        rows: dict[int, list[str]] = {}
+        reader = csv.reader(texts, delimiter=sign, skipinitialspace=True)
+        try:
+            for row in reader:
+                found = [cell.strip() for cell in row]
+                if not any(found) or tuple(found) in self._header.rows_above:
+                    continue
+                line, count = number + reader.line_num - 1, len(found)
+                if not width <= count <= self._most and any(found[width:] or ['x']):
+                    raise RecordingError(
+                        f'Line {line} of {self._name} has {count} cells; the others have {width}. '
+                        'Repair or remove the line.'
+                    )
+                rows[line] = found
+        except csv.Error as error:
+            raise RecordingError(f'{self._name} is no table: {error}.') from error
+        return self._rows_of(pandas.DataFrame.from_dict(rows, 'index', str).fillna(''))
+
+    def _by_pandas(self, text: str, number: int) -> Any:
+        """Read the columns that are used; None where a line is not as the others are."""
+        import pandas  # noqa: PLC0415 -- as above
+
+        sign, width, count = self._header.delimiter, self._header.width, text.count('\n')
         data = np.frombuffer(text.encode(errors='replace'), np.uint8)
         ends = np.flatnonzero((data == ord(sign)) | (data == ord('\n')))
         if not count or (len(text.split()) if sign == ' ' else len(ends)) != count * width:
             return None
-        # Numbers of few digits are read exactly in a faster way.
+        used = [c.place for c in (*self._values, *self._stamps) if c.place < width]
+        # Stamps stay texts, of which no digit is lost; numbers of few digits are read faster.
+        kinds: dict[int, type] = {column.place: str for column in self._stamps}
         longest = np.full(width, LONGEST_LINE)
         if sign != ' ':
             longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
-        kinds: dict[int, object] = {column.place: float for column in self._values}
-        is_short = 'e' not in text and 'E' not in text
-        is_short &= all(longest[k] <= DIGITS for k in kinds if k < width)
-        for column in (self._date, self._stamp):
-            if column and column.place != ROW:
-                kinds[column.place] = str
-        is_number = self._form in {*TIME_UNITS_NS, EXCEL} and self._date is None
-        if self._stamp.place != ROW and is_number:
-            if self._form == 'ns':
-                kinds[self._stamp.place] = np.int64
-            elif longest[self._stamp.place] <= DIGITS:
-                kinds[self._stamp.place] = float
-        if self._nanosec:
-            kinds[self._nanosec.place] = float
-        # What is no number must not become an integer.
-        with np.errstate(invalid='raise'):
-            frame = pandas.read_csv(
-                StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-                names=range(width), usecols=[k for k in kinds if k < width], dtype=kinds,
-                na_values=[*MISSING], index_col=False, skipinitialspace=True,
-                float_precision='high' if is_short else 'round_trip',
-                decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
-        return {k: frame[k].to_numpy() for k in frame} if len(frame) == count else None
+        is_number = [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS
+        if is_number and longest[self._stamp.place] <= DIGITS:
+            kinds[self._stamp.place] = float
+        values = [longest[place] for place in used if place not in kinds]
+        is_short = max(values, default=0) <= DIGITS and 'e' not in text and 'E' not in text
+        frame = pandas.read_csv(
+            StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
+            names=range(width), usecols=used, dtype=kinds, keep_default_na=False,
+            na_values={k: [''] if k in kinds else _NO_VALUES for k in used}, index_col=False,
+            skip_blank_lines=False, skipinitialspace=True,
+            float_precision='high' if is_short else 'round_trip',
+            decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
+        return frame.set_axis(range(number, number + count))
 
-    def _stamps_of(self, columns: Mapping[int, Any], count: int) -> IntArray:
+    def _rows_of(self, frame: Any) -> Rows:
+        """Convert columns by their places: numbers, or the texts of cells."""
+        sign, lines, values = self._header.delimiter, frame.index.to_numpy(), {}
+
+        def numbers(cells: Any) -> FloatArray:
+            return np.array([number_in(str(cell), sign) for cell in cells], float)
+
+        for column in self._values:
+            cells = np.asarray(frame.get(column.place, np.full(len(lines), nan)))
+            if cells.dtype.kind not in 'iuf':
+                cells = self._convert(numbers, cells.tolist(), column, lines)
+            values[column.channel] = column.to_channel(cells.astype(float))
+        stamps_ns = self._stamps_of(frame, lines)
+        self._count += len(lines)
+        return Rows(stamps_ns, values, lines)
+
+    def _convert(
+        self, convert: Callable[[Any], Any], cells: Sequence[Any], column: Column, lines: IntArray
+    ) -> Any:
+        """Convert the cells of a column; RecordingError that names the line where one is bad."""
+        try:
+            return convert(cells)
+        except _BAD as error:
+            if len(cells) > 1:
+                for k, cell in enumerate(cells):
+                    self._convert(convert, [cell], column, lines[k : k + 1])
+                raise RecordingError(
+                    f'{self._name} has times in {column.name} that are in no common form. Say '
+                    'what they are, such as --time iso.'
+                ) from error
+            wanted, remedy = 'a number', 'Repair or remove the line.'
+            if column is self._stamp:
+                wanted = f'a time ({self._form})'
+                remedy = (
+                    'If every line has such a time, say what it is: --time iso, ms, or a form '
+                    'such as --time "%d.%m.%Y %H:%M:%S". If not, repair or remove the line.'
+                )
+            raise RecordingError(
+                f'Line {lines[0]} of {self._name}, column {column.name}: expected {wanted}, got '
+                f'{str(cells[0])[:60]!r}. {remedy}'
+            ) from error
+
+    def _stamps_of(self, columns: Any, lines: IntArray) -> IntArray:
         """Convert the columns of stamps; the form is found where nobody said it."""
-        factor = self._stamp.factor
+        factor, count = self._stamp.factor, len(lines)
         if not count or self._stamp.place == ROW:
             unit_ns = TIME_UNITS_NS[self._form or 's']
             numbers = self._count + np.arange(count)
             return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
-        stamps = columns[self._stamp.place]
+        stamps = columns[self._stamp.place].fillna('').to_numpy()
+        stamps = stamps if stamps.dtype == float else stamps.tolist()
         if self._date:
             dates = columns[self._date.place]
             stamps = [f'{date} {time}' for date, time in zip(dates, stamps, strict=True)]
         month_first = self._header.delimiter == ','
         self._form = self._form or find_form(stamps, month_first=month_first) or 's'
-        stamps_ns = exact_ns(stamps, self._form)
+        form = self._form
+        stamps_ns = self._convert(lambda cells: exact_ns(cells, form), stamps, self._stamp, lines)
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
         if self._nanosec:
-            stamps_ns = stamps_ns + exact_ns(columns[self._nanosec.place], 'ns')
-        if self._form.startswith(('%H', '%I')):
+            cells = columns[self._nanosec.place].fillna('').tolist()
+            stamps_ns = stamps_ns + self._convert(
+                lambda cells: exact_ns(cells, 'ns'), cells, self._nanosec, lines
+            )
+        if form.startswith(('%H', '%I')):
             stamps_ns = stamps_ns % _DAY_NS
             has_passed = np.diff(stamps_ns, prepend=self._last_ns) < -_DAY_NS // 2
             self._last_ns = int(stamps_ns[-1])
             days = self._days + np.cumsum(has_passed)
             self._days = int(days[-1])
             stamps_ns = stamps_ns + days * _DAY_NS
-        return stamps_ns
+        return np.asarray(stamps_ns)
 
 
 def _encoding_of(start: bytes) -> str:
@@ -394,8 +397,7 @@ def _by_library(path: Path) -> Iterator[str]:
 
     library = _LIBRARIES[path.suffix.lower()]
     try:
-        is_book = library == 'openpyxl'
-        if is_book:
+        if is_book := library == 'openpyxl':
             sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
             frame = max(sheets.values(), key=len)
         else:

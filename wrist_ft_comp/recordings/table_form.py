@@ -11,7 +11,6 @@ import csv
 from dataclasses import dataclass, field
 from decimal import Decimal
 import errno
-from itertools import product
 from math import floor, isnan, log10, nan
 import os
 from pathlib import Path
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import EXCEL
+from wrist_ft_comp.recordings.read_options import DAYS_TO_1970, TIMEDELTA
 from wrist_ft_comp.recordings.units import plain_unit, TIME_UNITS_NS, UNIT_WORDS
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import writing
@@ -34,9 +33,11 @@ MISSING = frozenset({
     '', '-', '--', '---', 'nan', '-nan', 'na', 'n/a', '#n/a', 'null', 'none', '?', '<na>', 'nat',
 })  # fmt: skip
 NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?', re.IGNORECASE)
+#: 1,234.5 or 1.234,5.
+_THOUSANDS = re.compile(r'[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d*')
 _TIME = re.compile(
-    r'(?P<date>\d{1,4}(?P<sign>[-./])\w{1,3}(?P=sign)\d{1,4})?(?P<gap>, |[T /_-])?'
-    r'(?P<time>\d{1,2}:\d\d(:\d\d)?([.,:]\d+)?)?(?P<half> ?[AP]M)?'
+    r'(?P<date>\d{1,4}(?P<sign>[-./])\w{1,3}(?P=sign)\d{1,4}|\d{8}(?=T))?(?P<gap>, |[T /_-])?'
+    r'(?P<time>\d{1,2}(?P<dot>[:.])\d\d((?P=dot)\d\d)?([.,:]\d+)?|\d{6})?(?P<half> ?[AP]M)?'
     r'(?P<zone> ?(Z|UTC|[-+]\d\d:?\d\d))?',
     re.IGNORECASE,
 )
@@ -46,13 +47,6 @@ _STATISTICS = {'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', '
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
 _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
-#: Forms of dates, of which those that begin with the day count more, and ends of times of day.
-_DATES = (
-    '%d.%m.%Y', '%d/%m/%Y', '%d-%m-%Y', '%d.%m.%y', '%d/%m/%y', '%d-%m-%y', '%d-%b-%Y', '%d/%b/%Y',
-    '%d.%b.%Y', '%d-%b-%y', '%m/%d/%Y', '%m-%d-%Y', '%m/%d/%y', '%m-%d-%y', '%Y-%m-%d',
-    '%Y/%m/%d', '%Y.%m.%d', '%y-%m-%d', '%y/%m/%d', '%y.%m.%d',
-)  # fmt: skip
-_SECONDS = ':%S', ':%S.%f', ':%S:%f', ''
 #: Stamps that are looked at for their form.
 _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
@@ -62,8 +56,6 @@ _EPOCH_S, _EPOCH_RANGE = 1e9, 9.2
 _LIKELY_NS = 1_262_304_000 * NANOSECONDS, 2_208_988_800 * NANOSECONDS
 #: Digits of a number that a double holds exactly.
 DIGITS = 15
-#: The day on which 1970 begins in a spreadsheet.
-_EXCEL_1970 = 25_569
 
 
 @dataclass(frozen=True)
@@ -116,7 +108,7 @@ def find_header(lines: Sequence[str]) -> Header:
 
     # Above it are rows as wide: of units, of what was done to the samples, and one of names.
     above: list[list[str]] = []
-    for line in reversed(lines[:first]):
+    for line in reversed([line for line in lines[:first] if line.strip('-=+|_ \t')]):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
         while cells and not cells[-1]:
@@ -156,6 +148,8 @@ def number_in(cell: str, delimiter: str = ',') -> float:
     """Read a number; a missing one is NaN. ValueError where it is none."""
     if cell.lower() in MISSING:
         return nan
+    if _THOUSANDS.fullmatch(cell):
+        cell = cell.replace(',' if cell.rfind('.') > cell.rfind(',') else '.', '')
     if not NUMBER.fullmatch(cell):
         raise ValueError(cell)
     return float(cell if delimiter == ',' else cell.replace(',', '.'))
@@ -173,36 +167,38 @@ def _has_unit(row: Sequence[str]) -> bool:
     return any(plain_unit(cell) in UNIT_WORDS for cell in row)
 
 
-def exact_ns(stamps: Any, form: str) -> IntArray:
+def exact_ns(texts: Any, form: str) -> IntArray:
     """
-    Convert stamps of a form: texts, or numbers of up to DIGITS digits; exact to the nanosecond.
+    Convert stamps of a form exactly to nanoseconds: texts, or numbers of up to DIGITS digits.
 
     ValueError, ArithmeticError or TypeError where one is bad.
     """
-    if form == 'ns' and getattr(stamps, 'dtype', None) == np.int64:
-        return np.asarray(stamps)
-    if form == EXCEL:
-        return exact_ns(stamps, 'd') - _EXCEL_1970 * TIME_UNITS_NS['d']
+    if day := DAYS_TO_1970.get(form):
+        return exact_ns([str(Decimal(text.replace(',', '.')) - day) for text in texts], 'd')
+    together = '' if isinstance(texts, np.ndarray) else ''.join(texts)
+    if ',' in together:
+        texts = [text.replace(',', '.') for text in texts]
     if unit_ns := TIME_UNITS_NS.get(form):
-        if getattr(stamps, 'dtype', None) == np.float64:
-            if not np.isfinite(stamps).all():
-                raise ValueError('a stamp is missing')
-            largest = float(np.abs(stamps).max(initial=1e-9))
-            if largest * unit_ns > np.iinfo(np.int64).max:
-                raise ValueError('a stamp is beyond what nanoseconds of 64 bits can say')
-            # As whole multiples of a power of ten, all digits are kept.
-            digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
-            whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
-            if step_ns.is_integer():
-                return np.asarray(whole.astype(np.int64) * int(step_ns))
-            return np.asarray(np.rint(whole * step_ns).astype(np.int64))
-        if any('_' in stamp for stamp in stamps):
+        if '_' in together:
             raise ValueError('1_000 is no number of a table')
-        numbers = (Decimal(stamp.replace(',', '.')) * unit_ns for stamp in stamps)
-        return np.fromiter(map(round, numbers), np.int64, len(stamps))
+        if together and max(map(len, texts)) > DIGITS:
+            numbers = (Decimal(text) * unit_ns for text in texts)
+            return np.fromiter(map(round, numbers), np.int64, len(texts))
+        # A double holds all of so few digits: as whole multiples of a power of ten they are kept.
+        stamps = np.array(texts, float)
+        largest = float(np.abs(stamps).max(initial=1e-9))
+        if not largest * unit_ns <= np.iinfo(np.int64).max:
+            raise ValueError('a stamp is missing, or is beyond what 64 bits of nanoseconds hold')
+        digits = min(DIGITS - 1 - floor(log10(largest)), len(str(unit_ns)) - 1)
+        whole, step_ns = np.rint(stamps * 10.0**digits), unit_ns / 10**digits
+        if step_ns.is_integer():
+            return np.asarray(whole.astype(np.int64) * int(step_ns))
+        return np.asarray(np.rint(whole * step_ns).astype(np.int64))
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-    texts = [stamp.strip().replace(',', '.').removesuffix(' UTC') for stamp in stamps]
+    texts = [text.strip().removesuffix(' UTC') for text in texts]
+    if form == TIMEDELTA:
+        return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
     times = pandas.to_datetime(
         texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
     )
@@ -230,18 +226,33 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
         return ''
     if all(map(NUMBER.fullmatch, filled)):
         return epoch_unit(float(filled[0].replace(',', '.'))) or 's'
+    if re.match(r'-?\d+ days?\b', filled[0]):
+        return TIMEDELTA
     match = _TIME.fullmatch(filled[0])
     if not match or not (match['date'] or match['time']):
-        return ''
+        # Such as Thu Mar 05 07:00:00 2026.
+        from pandas.tseries.api import guess_datetime_format  # noqa: PLC0415 -- as above
+
+        form = guess_datetime_format(filled[0], not month_first) if ':' in filled[0] else None
+        return form or ''
     date, gap, half = match['date'] or '', match['gap'] or '', match['half'] or ''
-    hours = '%I' if half else '%H'
-    clocks = [f'{hours}:%M{rest}' for rest in _SECONDS] if match['time'] else ['']
-    behind = re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
-    behind += '%z' if match['zone'] and match['zone'] != ' UTC' else ''
-    month_first = month_first or bool(half)
-    days = sorted(_DATES, key=lambda day: day.startswith('%m') != month_first) if date else ['']
-    forms = [f'{day}{gap}{clock}{behind}' for day, clock in product(days, clocks)]
-    if date[4:5] == '-' and gap in {'', ' ', 'T'} and not half:
+    # A time of day as its signs are: 7:00 PM, 19:00:00, 19:00:00.250, 19:00:00:250.
+    signs = re.findall(r'[.,:]', match['time'] or '')
+    clock = zip(['', *signs], ['%I' if half else '%H', '%M', '%S', '%f'], strict=False)
+    end = ''.join(map(''.join, clock)) if signs else ''
+    end += re.sub('[AP]M', '%p', half, flags=re.IGNORECASE)
+    if match['zone'] not in {None, ' UTC'}:
+        end += re.sub(r'\S+', '%z', match['zone'])
+    # A date in every order of day, month and year.
+    parts = date.split(match['sign']) if match['sign'] else []
+    month = '%b' if any(map(str.isalpha, parts)) else '%m'
+    year = '%Y' if any(len(part) == 4 for part in parts) else '%y'
+    orders = [('%d', month, year), (month, '%d', year), (year, month, '%d')]
+    if (month_first or half) and match['sign'] != '.':
+        orders.insert(0, orders.pop(1))
+    days = [match['sign'].join(order) for order in orders] if parts else ['']
+    forms = [f'{day}{gap}{end}' for day in days]
+    if date.isdecimal() or (date[4:5] == '-' and gap in {'', ' ', 'T'} and not half):
         forms = ['iso']
     disorder: dict[str, int] = {}
     for form in forms:

@@ -42,9 +42,10 @@ UNIT_WORDS = {unit for units in _UNITS.values() for unit in units}
 #: Other names of units, in small letters, without the signs that plain_unit leaves out.
 _OTHER_UNITS = {
     **{unit.lower(): unit for unit in ('N', 'kN', 'Nm', 'kNm', 'Nmm', 'Ncm', 'C', 'K', 'F')},
-    'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf', 'kg': 'kgf',
-    'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm', 'lbin': 'lbfin',
-    'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft', 'ftlbf': 'lbfft',
+    'н': 'N', 'нм': 'Nm', 'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf',
+    'kg': 'kgf', 'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm',
+    'lbin': 'lbfin', 'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft',
+    'ftlbf': 'lbfft',
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
     'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
@@ -81,6 +82,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     """List what clearly is meant as a unit of a column: in its name, or beside it."""
     return [
         *_IN_BRACKETS.findall(name),
+        *re.findall(r'(?<![a-z])(?:counts?|adc|lsb)(?![a-z])', name.lower()),
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]

@@ -1,6 +1,7 @@
 """What recordings have seen, and what to do next: one list, the most useful first."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -9,8 +10,11 @@ import shlex
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
@@ -85,6 +89,9 @@ class Case:
     levels: Mapping[str, Level]
     #: What was found while reading and fitting, in sentences.
     warnings: Sequence[str]
+    #: Where the recordings lie, and the thermometers of them that were used, as options name them.
+    paths: Sequence[Path] = ()
+    thermometers: Sequence[str] = ()
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
@@ -111,16 +118,36 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
-    count = len(case.coverage.range_c)
-    if poor and not outside and (count == 1 or 'good' not in case.levels.values()):
-        who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
-        what = 'any axis' if len(poor) == len(case.levels) > 1 else _enumerate(poor)
-        steps.append(
-            f'{who} not explain {what} well: heat comes from where there is none. Use another one '
-            'that the recording holds (wrist_ft_comp show lists all), or put one at the side of '
-            'the motor, or of the room.'
-        )
+    some_are_good = 'good' in case.levels.values()
+    if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
+        steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
     return (*steps, *(_judged(case, outside) if case.model else _recorded(case)))
+
+
+def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
+    """Ask for another thermometer; name one that the bag holds and nobody used."""
+    count, axes = len(case.coverage.range_c), _enumerate(poor)
+    who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
+    what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
+    head = f'{who} not explain {what} well: heat comes from where there is none.'
+    used = {entry.strip('/') for entry in case.thermometers}
+    unused: list[str] = []
+    with suppress(WristFtCompError, OSError):  # the recording may be gone
+        for path in case.paths[:1] if is_searched else ():
+            with open_bag(path) as bag:
+                candidates, _ = survey_bag(bag)
+            unused = [
+                candidate.entry for candidate in candidates
+                if candidate.role == TEMPERATURE and candidate.moves
+                and candidate.entry.strip('/') not in used
+            ]  # fmt: skip
+    if not unused:
+        return f'{head} Put another one at the side of the motor, or of the room.'
+    options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
+    return (
+        f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
+        f'Calibrate with\n{" ".join(options)}'
+    )
 
 
 def _recorded(case: Case) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -184,6 +185,8 @@ def calibration_content(
         levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
     case = Case(
         recordings, coverage, reference, levels, calibration.warnings,
+        [Path(path) for path, _ in model_sources(stored)],
+        stored.sensor.get('temperature_topics', ()),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
@@ -198,9 +201,12 @@ def calibration_content(
 
 
 def evaluation_content(
-    stored: StoredModel, evaluated: Sequence[EvaluatedRecording], tare_s: float
+    stored: StoredModel,
+    evaluated: Sequence[EvaluatedRecording],
+    tare_s: float,
+    paths: Sequence[Path] = (),
 ) -> ReportContent:
-    """Fill a report's content from an evaluation."""
+    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
@@ -244,7 +250,7 @@ def evaluation_content(
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, model=stored.path,
+        warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
         beyond=beyond,
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
