@@ -219,7 +219,7 @@ class Robot:
         """Kill the node; perhaps its state is lost."""
         Node.destroy_node(self.node)  # type: ignore[no-untyped-call]
         self.node.store.release()
-        self.node = None
+        self.node, self.statuses = None, {}
         self.flush()
         if forget:
             (self._folder / 'state.json').unlink()

@@ -341,6 +341,7 @@ class Oracle:
         """Compare what came out with the truth, and with what the statuses say; give that."""
         robot, said = self._robot, ''
         if robot.node is None or not robot.statuses:
+            self._since.clear()
             return ''
         said = '; '.join(
             f'{name}: {status.message}'
