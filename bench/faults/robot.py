@@ -53,6 +53,8 @@ FAST_S, SHORT_S, LONG_S, SHORTEST_S = 90.0, 0.25, 2.0, 0.1
 #: Standard deviation of a reading, and what the sensor reads cold and empty, N and N m.
 NOISE = np.array([0.05] * 3 + [0.002] * 3)
 ZERO = np.array([13.0, -13.0, 32.0, 0.5, -0.3, 0.2])
+#: Standard deviation of a reading of specific force, m/s².
+IMU_NOISE = 0.01
 #: Where the force saturates, N.
 EXTREME_N = 100.0
 ORIGIN_NS = 1_700_000_000 * NANOSECONDS
@@ -110,7 +112,7 @@ class Robot:
     wrench = imu = ''
     #: What was read last, for drivers that freeze, and by how much TF was turned, rad.
     frozen_n: tuple[float, ...] = (0.0,) * 6
-    frozen_c, frozen_m_s2, tilted = 25.0, (0.0, 0.0, GRAVITY), 0.0
+    frozen_m_s2, tilted = (0.0, 0.0, GRAVITY), 0.0
     #: Unit of the driver, how often it was started, and its frame.
     unit, driver, publishers, frame = 1.0, 1, 1, OWN_FRAME
     #: Whether the disk is full, and the robot held still; whether it touches; turn by TF, rad.
@@ -131,6 +133,7 @@ class Robot:
         self._model, self._folder = learn(models, self.thermometers), folder / str(seed)
         self._celsius, self._drift = warm(LIFE_S + 7200, self.thermometers, self.rng)
         self.thermometer, self.lies = [''] * self.thermometers, list(range(self.thermometers))
+        self._frozen_c = self._celsius[0].tolist()
         self.ahead_s, self.stopped = dict.fromkeys(CLOCKS, 0.0), dict[str, int]()
         #: Turn of what the driver reads, and of what its frame_id announces; its bias, N and N m.
         self.turn, self.shown, self.bias = np.eye(6), np.eye(6), np.zeros(6)
@@ -216,7 +219,7 @@ class Robot:
         """Kill the node; perhaps its state is lost."""
         Node.destroy_node(self.node)  # type: ignore[no-untyped-call]
         self.node.store.release()
-        self.node = None
+        self.node, self.statuses = None, {}
         self.flush()
         if forget:
             (self._folder / 'state.json').unlink()
@@ -337,8 +340,8 @@ class Robot:
         if how == 'dead' or (how == 'sparse' and second % 30):
             return
         if how == 'frozen':
-            value = self.frozen_c
-        self.frozen_c = value
+            value = self._frozen_c[j]
+        self._frozen_c[j] = value
         changed = {
             'zero': 0.0, 'loose': value + 5.0, 'kelvin': value + 273.15, 'tenths': 10 * value,
             'fahrenheit': 1.8 * value + 32, 'nan': math.nan,
@@ -352,7 +355,7 @@ class Robot:
         if self.imu == 'frozen':
             x, y, z = self.frozen_m_s2
         else:
-            x, y, z = (np.array((x, y, z)) + self.rng.normal(0, 0.01, 3)).tolist()
+            x, y, z = (np.array((x, y, z)) + self.rng.normal(0, IMU_NOISE, 3)).tolist()
         self.frozen_m_s2 = x, y, z
         force = {
             'mirrored': (x, -y, z), 'turned': (-y, x, z), 'upside down': (x, -y, -z),
@@ -382,6 +385,11 @@ class Robot:
     def elapsed_s(self) -> float:
         """Seconds since the life began."""
         return round(self.steady_s - type(self).steady_s, 3)
+
+    def apart_k(self) -> float:
+        """Tell how far the first two thermometers are apart, K."""
+        one, other = self._celsius[int(self.elapsed_s), :2]
+        return float(abs(one - other))
 
     def between(self, least: float, most: float) -> float:
         """Draw a number."""
