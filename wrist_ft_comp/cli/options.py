@@ -3,12 +3,13 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import get_args, NoReturn, TypeVar
+from typing import Any, get_args, NoReturn, TypeVar
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
@@ -28,9 +29,23 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse an option of a command that is not known before one that is missing."""
+        words = args[: args.index('--')] if '--' in args else args
+        for name in (word.partition('=')[0] for word in words if self._subparsers is None):
+            is_option = name.startswith('--') and ' ' not in name
+            if is_option and not any(o.startswith(name) for o in self._option_string_actions):
+                self.error(f'unrecognized arguments: {name}')
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses."""
-        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
+        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
+        head, _, choices = message.rstrip('.').partition(' (choose from ')
+        wrong = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^\s']+)", head)
+        known = re.findall(r'[\w-]+', choices) or self._option_string_actions
+        near = get_close_matches(wrong[1], known, n=1) if wrong else []
+        sentence = f'{head}; did you mean {near[0]}?' if near else f'{message.rstrip(".")}.'
+        raise UsageError(f'{sentence} See {self.prog} --help.')
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
