@@ -138,7 +138,6 @@ def slow_model(make, tmp_path_factory):
     [
         (['temperature_c'], 1500, 2400, 'Thermometer 1 of day.csv is silent'),
         (['temperature_c'], 2400, 3600, 'Thermometer 1 of day.csv is silent'),
-        (['force_z', 'torque_x'], 1500, 2400, 'day.csv is missing'),
     ],
 )
 def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
