@@ -2,13 +2,15 @@
 
 from contextlib import nullcontext
 from pathlib import Path
+import shlex
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.report.advice import advise, Case, cover, WORKING_RANGE_C
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.report.advice import advise, Case, cover, run_command, WORKING_RANGE_C
 
 HOUR = 360  # cells of 10 s
 
@@ -109,18 +111,33 @@ def test_axes_and_loads_that_are_missing_are_named(seen):
 
 
 def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
-    coverage, model = seen(ramp(20, 35)), {'model': Path('my model.yaml')}
+    coverage, model = seen(ramp(20, 35)), {'model': Path('m.yaml'), 'run': 'ros2 run x'}
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
         assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
     said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
-    assert said.startswith('The model holds on these recordings. Run it:\nros2 run wrist_ft_comp')
-    assert "-p model_file:='my model.yaml'\n" in said
+    assert said.startswith('The model holds on these recordings. Run it:\nros2 run x\n')
     assert 'nothing at 15 to 20 and 35 to 50 °C' in said
     whole = advice(seen(ramp(15, 50)), learnt_c=[(15.0, 50.0)], **model)
     assert whole.count('\n') == 1, 'nothing else is asked for'
     weak = {'force_x': 'good', 'force_z': 'weak'}
     poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
     assert poor.startswith('One thermometer does not explain force_z well: heat comes from')
+
+
+@pytest.mark.parametrize(
+    ('topics', 'words'),
+    [
+        (Topics(), []),
+        (Topics('/ft/wrench'), ['-r', 'wrench_raw:=/ft/wrench']),
+        (Topics(temperatures=('/a', '/b:c')), ['-p', 'temperature_topics:=["/a", "/b:c"]']),
+        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/imu']),
+        (Topics(gravity_frame='map'), ['-p', 'gravity.source:=tf', '-p', 'gravity.frame:=map']),
+    ],
+)
+def test_the_command_that_runs_a_model_names_what_is_not_usual(topics, words):
+    head = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p']
+    command = shlex.split(run_command(topics, Path('my model.yaml')))
+    assert command == [*head, 'model_file:=my model.yaml', *words]
 
 
 def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):

@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--picture', type=Path, metavar='PICTURE.png', help='draw the compensated recording, too'
     )
     options.add_json(parser)
-    group = options.add_topics(parser)
+    group = options.add_topics(parser, options.OF_MODEL)
     group.add_argument(
         '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
         help='of compensated wrenches (default: %(default)s)')  # fmt: skip

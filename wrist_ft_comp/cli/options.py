@@ -17,6 +17,7 @@ from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 Number = TypeVar('Number', int, float)
@@ -24,6 +25,10 @@ RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV; two tables with one clock '
     'are force.csv+temperature.csv (docs/files.md)'
 )
+
+
+#: Of a command that has a model.
+OF_MODEL = 'Defaults are the topics that the model names; where it names none, those below.'
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,13 +82,15 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recordings', nargs='+', type=Path, metavar='REC', help=RECORDING_HELP)
 
 
-def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the names of topics in bags; returns their group."""
+def add_topics(
+    parser: argparse.ArgumentParser, first: str | None = None
+) -> argparse._ArgumentGroup:
+    """Add the names of topics in bags; ``first`` says what comes before defaults: their group."""
     defaults = Topics()
-    group = parser.add_argument_group('topics in bags')
+    group = parser.add_argument_group('topics in bags', first)
     group.add_argument(
-        '--wrench-topic', default=defaults.wrench, metavar='TOPIC',
-        help='a geometry_msgs/WrenchStamped (default: %(default)s)')  # fmt: skip
+        '--wrench-topic', metavar='TOPIC',
+        help=f'a geometry_msgs/WrenchStamped (default: {defaults.wrench})')  # fmt: skip
     group.add_argument(
         '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
@@ -127,12 +134,18 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
-    """Build the topics that were given; SettingsError when they can't be meant so."""
-    temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
+    """
+    Build the topics that were given; SettingsError when they can't be meant so.
+
+    Those of wrench and temperatures that were not are the ones that a command's model names.
+    """
+    usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
+    temperatures = tuple(arguments.temperature_topic or usual.temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     topics = Topics(
-        arguments.wrench_topic, temperatures, arguments.reference_topic, arguments.imu_topic,
-        arguments.gravity_frame, columns=arguments.columns, time=arguments.time,
+        arguments.wrench_topic or usual.wrench, temperatures, arguments.reference_topic,
+        arguments.imu_topic, arguments.gravity_frame,
+        columns=arguments.columns, time=arguments.time,
         begin=getattr(arguments, 'begin', ''), end=getattr(arguments, 'end', ''),
         exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-import json
 from pathlib import Path
 import shlex
 
@@ -23,6 +22,7 @@ from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import describe
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
@@ -307,8 +307,6 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
     force, words = summary.specific_force, list[str]()
-    run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
-    run += ['-p', 'model_file:=model.yaml']
     referred = any(c.role == describe.REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = force is not None and force.seen > 0 and not referred
@@ -318,19 +316,17 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
     if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
-        run += ['-r', f'wrench_raw:={topics.wrench}']
     if topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
-        run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if referred and topics.reference != usual.reference:
         words += ['--reference-topic', topics.reference]
-    if at_work and topics.imu:
+    if not at_work:
+        topics = replace(topics, imu='', gravity_frame='')
+    if topics.imu:
         words += ['--imu-topic', topics.imu]
-        run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
-    elif at_work and topics.gravity_frame:
+    elif topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
-        run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
     calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
     evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
@@ -338,7 +334,7 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
     calibrate += ['--report', 'model.html', *words]
     evaluate += ['--report', 'evaluation.html', *words]
-    return [shlex.join(command) for command in (calibrate, evaluate, run)]
+    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics)]
 
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:

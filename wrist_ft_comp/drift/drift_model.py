@@ -16,6 +16,7 @@ from wrist_ft_comp.channels import AXES, SENSOR_FACTS, SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 Document = dict[str, Any]
@@ -110,6 +111,13 @@ class StoredModel:
             if names and isinstance(names, list):
                 sensor[fact] = [str(name) for name in names]
         return sensor
+
+    @property
+    def topics(self) -> Topics:
+        """Topics that the model was learnt from; the usual ones where its file names none."""
+        usual, sensor = Topics(), self.sensor
+        wrench = sensor.get('wrench_topic', [usual.wrench])[0]
+        return Topics(wrench, tuple(sensor.get('temperature_topics', usual.temperatures)))
 
     @property
     def reference(self) -> str:

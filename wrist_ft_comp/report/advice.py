@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+import json
 from pathlib import Path
 import shlex
 
@@ -12,7 +13,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
-from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
@@ -33,6 +34,8 @@ _SHORTEST_S = 3600.0
 _ONE_WAY_SHARE = 0.2
 #: Temperatures that leave a range by less than this do not leave it, K.
 SAME_K = 0.5
+#: What an evaluation warns of where a recording is one of those that the model was learnt from.
+LEARNT_FROM = 'The model was learnt from'
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
 
@@ -97,8 +100,26 @@ class Case:
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
+    #: And the command that runs it; empty where it was learnt from what it is judged on.
+    run: str = ''
     #: Of an evaluation: axes whose errors are above the stated limit, with both.
     beyond: Sequence[str] = ()
+
+
+def run_command(topics: Topics, model: object = 'model.yaml') -> str:
+    """Write the command that runs a model on the topics of a bag."""
+    usual = Topics()
+    words = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
+    words += ['-p', f'model_file:={model}']
+    if topics.wrench.strip('/') != usual.wrench.strip('/'):
+        words += ['-r', f'wrench_raw:={topics.wrench}']
+    if topics.temperatures != usual.temperatures:
+        words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    if topics.imu:
+        words += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
+    elif topics.gravity_frame:
+        words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
+    return shlex.join(words)
 
 
 def advise(case: Case) -> tuple[str, ...]:
@@ -203,11 +224,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
             'missing, or it is another sensor. If it is nothing of that, calibrate again with '
             'these recordings among the others.'
         )
-    elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
-        yield (
-            'The model holds on these recordings. Run it:\nros2 run wrist_ft_comp compensator '
-            f'--ros-args -p model_file:={shlex.quote(str(case.model))}'
-        )
+    elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
+        yield f'The model holds on these recordings. Run it:\n{case.run}'
     unseen = [f'{start:.0f} to {end:.0f}' for start, end in case.coverage.unseen_c]
     if unseen and not outside:
         yield (

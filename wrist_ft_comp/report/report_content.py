@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage
+from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, LEARNT_FROM, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -248,10 +248,11 @@ def evaluation_content(
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
+    is_another_day = not any(warning.startswith(LEARNT_FROM) for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
-        beyond=beyond,
+        beyond=beyond, run=run_command(stored.topics, stored.path) if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
