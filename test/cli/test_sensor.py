@@ -106,7 +106,7 @@ def test_another_day_is_run_as_show_says_and_the_day_of_the_model_is_not(learnt,
     (shown,) = (
         line for line in done('show', another, *named()).splitlines() if 'ros2 run' in line
     )
-    assert shown.replace('model_file:=model.yaml', f'model_file:={learnt}') in said
+    assert shown.replace('model_file:=another.yaml', f'model_file:={learnt}') in said
     assert 'ros2 run' not in done('evaluate', learnt, day)
 
 

@@ -135,23 +135,23 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     """Every storage reads alike (test_temperature_fields.py): each driver is learnt from one."""
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
     calibrate, evaluate, node = commands(done('show', day))
-    named = ['-o', 'model.yaml', '--report', 'model.html']
+    named = ['-o', 'a day.yaml', '--report', 'a day.html']
     assert calibrate == ['wrist_ft_comp', 'calibrate', str(day), *named, *words]
-    judged = ['model.yaml', 'another_day', '--report', 'evaluation.html']
+    judged = ['a day.yaml', 'ANOTHER_DAY', '--report', 'evaluation.html']
     assert evaluate == ['wrist_ft_comp', 'evaluate', *judged, *words]
     assert node[:7] == ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p',
-                        'model_file:=model.yaml']  # fmt: skip
+                        'model_file:=a day.yaml']  # fmt: skip
     assert node[7:10] == ['-r', f'wrench_raw:={words[1]}', '-p']
     name, _, value = node[10].partition(':=')
     assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
     monkeypatch.chdir(tmp_path)
     other = getattr(drivers, kind)(seed=1)
-    messages.write(tmp_path / 'another_day', other, storage, compression)
+    messages.write(tmp_path / 'ANOTHER_DAY', other, storage, compression)
     done(*calibrate[1:], '--method', 'pls')
     assert 'good' in run(*evaluate[1:]).out
-    kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
+    kept = yaml.safe_load((tmp_path / 'a day.yaml').read_text())['provenance']
     assert kept['temperature_topics'] == [words[3], words[5]]
-    assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'model.yaml'))
+    assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'a day.yaml'))
 
 
 def test_show_rates_every_topic(done, drivers, messages, tmp_path):

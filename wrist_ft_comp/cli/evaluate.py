@@ -19,7 +19,7 @@ from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
-from wrist_ft_comp.report.advice import LEARNT_FROM, SAME_K
+from wrist_ft_comp.report.advice import SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
@@ -98,7 +98,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
             reference = 'recorded' if np.isfinite(recording.reference).any() else 'unloaded'
         warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
         if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
-            warnings += (f'{LEARNT_FROM} {path.name}: judge it on another day.',)
+            warnings += (f'The model was learnt from {path.name}: judge it on another day.',)
         warnings += recording.warnings
         compared, true = recording, reference
         if reference == 'payload':

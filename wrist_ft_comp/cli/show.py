@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+import re
 import shlex
 
 import numpy as np
@@ -327,14 +328,17 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         words += ['--imu-topic', topics.imu]
     elif topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
-    another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
-    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
+    # Two recordings in one folder have two models, and none is the map of their columns.
+    name = re.sub(r'(\.[a-z]\w*)+$', '', path.name.partition('+')[0], flags=re.IGNORECASE)
+    model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
+    another = f'ANOTHER_DAY{"" if is_bag else "".join(path.suffixes[-2:])}'
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
+    evaluate = ['wrist_ft_comp', 'evaluate', model, another]
     if not is_bag:
         return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
-    calibrate += ['--report', 'model.html', *words]
+    calibrate += ['--report', f'{Path(model).stem}.html', *words]
     evaluate += ['--report', 'evaluation.html', *words]
-    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics)]
+    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
 
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:

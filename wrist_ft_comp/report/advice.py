@@ -106,7 +106,7 @@ class Case:
     beyond: Sequence[str] = ()
 
 
-def run_command(topics: Topics, model: object = 'model.yaml') -> str:
+def run_command(topics: Topics, model: object) -> str:
     """Write the command that runs a model on the topics of a bag."""
     usual = Topics()
     words = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
