@@ -30,6 +30,11 @@ _TREND_S = 300.0
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
+#: A recording begins at rest where its temperature rises by less than this in the first _TREND_S,
+#: K/h. Cold starts of the simulated sensor rise by up to 1.1, as the room does; without the first
+#: half hour by 15 to 28 at the flange, 2 to 7 inside. At half of it a warming room would count as
+#: a warm-up; at twice, half of those inside would pass for rest.
+_STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
 #: Temperatures that leave a range by less than this do not leave it, K.
@@ -48,11 +53,13 @@ class Coverage:
     range_c: FloatArray
     #: Number of the thermometer that spans most, counted from 0; advice is about this one.
     leading: int
-    #: How far the leading thermometer went up, and down.
+    #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
     #: Parts of the working range that the leading thermometer has not seen, °C.
     unseen_c: Sequence[tuple[float, float]]
+    #: Recordings that do not begin at rest, and how steeply their temperature rises there, K/h.
+    steep: Sequence[tuple[str, float]] = ()
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -70,15 +77,19 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     inner = pairwise(seen_c.tolist())
     outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
     unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
-    # Rise and fall, between means of the leading thermometer.
-    moves = np.concatenate([
-        np.diff(bin_means(recording.temperature_c[at, leading], at,
-                          max(round(_TREND_S / recording.period_s), 1)))
-        for recording, at in pairs if len(at)
-    ])  # fmt: skip
-    return Coverage(
-        range_c, leading, float(np.abs(moves[moves > 0]).sum()),
-        float(np.abs(moves[moves < 0]).sum()), unseen)  # fmt: skip
+    # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
+    risen_k, fallen_k, steep = [0.0], [0.0], list[tuple[str, float]]()
+    for recording, at in pairs:
+        cells = max(round(_TREND_S / recording.period_s), 1)
+        column = recording.temperature_c[:, leading]
+        moves = np.diff(bin_means(column[at], at, cells)) if len(at) else np.zeros(0)
+        risen_k.append(float(moves[moves > 0].sum()))
+        fallen_k.append(-float(moves[moves < 0].sum()))
+        if len(recording) > 1:
+            hours, begin = recording.elapsed_s / 3600, slice(max(cells, 2))
+            k_per_h = float(np.polyfit(hours[begin], column[begin], 1)[0])
+            steep += [(recording.name, k_per_h)] * (k_per_h > _STEEP_K_PER_H)
+    return Coverage(range_c, leading, max(risen_k), max(fallen_k), unseen, steep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +150,13 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
+    if poor and case.coverage.steep:
+        name, k_per_h = case.coverage.steep[0]
+        steps.append(
+            f'The beginning of the warm-up is missing: the temperature of {name} rises by '
+            f'{k_per_h:.0f} K/h from the first minutes on, and a model has to begin at rest. '
+            'Switch the robot off for two hours, start recording first, and then switch it on.'
+        )
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
@@ -183,21 +201,21 @@ def _recorded(case: Case) -> Iterator[str]:
         )
     up, down = coverage.risen_k, coverage.fallen_k
     if min(up, down) < _ONE_WAY_SHARE * max(up, down):
-        ended, other, action = ('hot', 'cooled', 'cool down')
+        ended, other, ways = 'hot', 'cool down', 'cools down'
         if up < down:
-            ended, other, action = ('cold', 'warmed', 'warm up')
+            ended, other, ways = 'cold', 'warm up', 'warms up'
         yield (
-            f'The recording ended {ended}: the sensor went {max(up, down):.1f} K one way and '
-            f'{other} by {min(up, down):.1f} K only. Let it {action} while recording: a lag shows '
-            'where both ways differ.'
+            f'The recording ended {ended}: the sensor warmed by {up:.1f} K and cooled by '
+            f'{down:.1f} K. Let it {other} while recording. A lag can only be measured if the '
+            f'sensor also {ways}.'
         )
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     if unseen := [f'{start:.0f} to {end:.0f}' for start, end in coverage.unseen_c]:
         yield (
-            f'You have not seen {_enumerate(unseen)} °C{where}: there the correction is a guess. '
-            'If the robot gets there, record it there.'
+            f'The recordings have no temperatures of {_enumerate(unseen)} °C{where}: there the '
+            'correction is a guess. If the robot gets there, record it there.'
         )
     if missing := [axis for axis in AXES if axis not in case.levels]:
         yield f'No recording holds {_enumerate(missing)}; what is not recorded is passed through.'
