@@ -88,7 +88,7 @@ def test_each_warning_comes_once(run, make, model, tmp_path):
     assert len(lines) == 3
     assert len(set(lines)) == len(lines)
     assert all(line.startswith('warning: ') for line in lines)
-    assert 'where metal cannot have gone, first at stamp ' in lines[1]
+    assert 'changed faster than metal can, first at stamp ' in lines[1]
     assert 'the model was learnt from' in lines[2]
 
 

@@ -28,7 +28,7 @@ RECORDING_HELP = (
 
 
 #: Of a command that has a model.
-OF_MODEL = 'Defaults are the topics that the model names; where it names none, those below.'
+OF_MODEL = 'Wrench and temperatures: by default those that the model names, if it does.'
 
 
 class Parser(argparse.ArgumentParser):

@@ -167,7 +167,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s']
+    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'removed', 'time constants, s']
     rows = [
         [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
          drifts_removed(stored.model.axes.get(axis)),

@@ -27,7 +27,7 @@ from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 MOST_ADVICE = 3
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
-#: Letters that draw what is left over time, the lowest first, and how many means they show.
+#: Letters that draw what is left over time, nothing first, and how many means they show.
 _BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 16
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
@@ -57,10 +57,10 @@ class ErrorSeries:
         return noise_level([self.after[self.part == part] for part in np.unique(self.part)])
 
     def sparkline(self) -> str:
-        """Draw what is left over time in a few letters, from its lowest to its highest mean."""
+        """Draw what is left over time in a few letters: nothing, to as much as without (RMS)."""
         pieces = np.array_split(self.after, min(_SPARKS, len(self.after)))
-        means = np.array([piece.mean() for piece in pieces])
-        shares = (means - means.min()) / max(float(np.ptp(means)), 1e-300)
+        left = np.sqrt([np.mean(piece**2) for piece in pieces])
+        shares = np.minimum(left / max(np.sqrt(np.mean(self.before**2)), 1e-300), 1.0)
         return ''.join(_BLOCKS[round(share)] for share in (shares * (len(_BLOCKS) - 1)).tolist())
 
 
@@ -115,9 +115,14 @@ class ReportContent:
     at_work: str = ''
     #: Under which conditions the limits of another day hold; empty where none is stated.
     conditions: str = ''
+    #: What the figures before and left are.
+    figures: str = 'before, left: root mean square.'
 
-    #: Columns of the table that says whether it is good: RMS before and left.
-    titles = ('axis', 'unit', 'verdict', 'before', 'left', 'limit')
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Name the columns of the table that says whether it is good."""
+        peak = ('peak left',) if self.kind == 'evaluation' else ()
+        return ('axis', 'unit', 'verdict', 'before', 'left', *peak, 'limit')
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -125,9 +130,18 @@ class ReportContent:
         return [
             (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
              *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
-               for value in (axis.errors.rms_before, axis.errors.rms_after, axis.day_limit)))
+               for value in (
+                   axis.errors.rms_before, axis.errors.rms_after,
+                   *[axis.errors.max_after] * (self.kind == 'evaluation'), axis.day_limit)))
             for axis in self.axes
         ]  # fmt: skip
+
+    @property
+    def footer(self) -> str:
+        """Explain the figures of that table."""
+        unknown = any(np.isnan(axis.day_limit) for axis in self.axes)
+        unknown_limit = '–: not known, record another day.' if unknown else ''
+        return ' '.join(filter(None, [self.figures, self.conditions, unknown_limit]))
 
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
@@ -188,12 +202,19 @@ def calibration_content(
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
+    figures, first = ReportContent.figures, next(iter(held.values()))
+    if len(recordings) == 1 and first.tared:
+        minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
+        figures = (
+            f'before: drift within parts of {minutes:.0f} min; left: as of a whole day; both root '
+            'mean square.'
+        )
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         conditions=verdicts.conditions_of_another_day(calibration),
-        explanation=explain_folds(next(iter(held.values())), recordings, reference),
+        explanation=explain_folds(first, recordings, reference), figures=figures,
         axes=tuple(axes), advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
@@ -269,7 +290,7 @@ def drifts_removed(model: AxisModel | None) -> str:
     """Say which drifts an axis' model removes."""
     if model is None:
         return 'none'
-    return 'zero and gain' if model.outputs == 2 else 'zero'
+    return f'drift of {"zero and gain" if model.outputs == 2 else "the zero"}'
 
 
 def starts_h(recordings: Sequence[Recording]) -> FloatArray:
@@ -316,17 +337,21 @@ def _slowest_s(fit: AxisFit) -> float:
 def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
     """Say what was held out, and from where errors are counted."""
     count, zero = len(np.unique(held_out.fold)), 'after a tare in its first minute'
+    widened = ''
     blocks = f'Each of the {count} recordings'
     if len(recordings) == 1 and held_out.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
-        zero += ' and widened to a whole day, which drifts further than a block'
+        widened = (
+            ' What is left is widened to a whole day, which drifts further than a block; the '
+            'drift without compensation is that within blocks.'
+        )
     elif len(recordings) == 1:
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
         f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
-        f'compensation and without. Reference: {reference}.'
+        f'compensation and without.{widened} Reference: {reference}.'
     )
 
 
