@@ -90,11 +90,13 @@ def told(command):
 
 
 @pytest.mark.parametrize('name', FORMS)
-def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, done, tmp_path):
+def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, run, tmp_path):
     """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
-    shown = json.loads(done('show', path, '--json'))
+    outcome = run('show', path, '--json')
+    assert outcome.code == ('open' in form), 'nothing could be read'
+    shown = json.loads(outcome.out)
     topics = told(shown['commands'][0])
     if 'open' in form:
         assert '…' in shown['commands'][0]

@@ -205,6 +205,15 @@ def test_kelvins_and_temperatures_that_stand_still_are_named(done, messages, tmp
     assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
 
 
+def test_tenths_of_degrees_are_no_kelvins(done, messages, tmp_path):
+    wrench = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
+    for low, high, said in ((240, 346, '*0.1.'), (290, 310, ':K.'), (240, 700, None)):
+        heat = [messages.temperature(k + 1, value) for k, value in enumerate((low, high))]
+        warm = [('/heat', messages.temperature_type, T0, data) for data in heat]
+        out = done('show', messages.write(tmp_path / f'{high}', [wrench, *warm]))
+        assert (f'write /heat:temperature{said}' in out) == ('write /heat' in out) == bool(said)
+
+
 def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, tmp_path):
     def arms():
         for k in range(600):

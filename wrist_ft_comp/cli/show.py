@@ -22,6 +22,7 @@ from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, pa
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import describe
+from wrist_ft_comp.recordings.log_proposal import may_be_kelvins, may_be_tenths
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.days import (
@@ -78,7 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-    figure, refusal = None, f'{path} is no recording, and no folder of a node that learns.'
+    code, figure, refusal = (
+        0,
+        None,
+        f'{path} is no recording, and no folder of a node that learns.',
+    )
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
@@ -104,6 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
             options.check_recordings([path], topics)
             described, recording = describe.describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
+            code = int(recording is None and not described.candidates)  # nothing could be read
             learnt_from = list[str]()
             if recording and not refusal:
                 silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
@@ -125,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise RecordingError(f'There is nothing to draw. {refusal}')
         PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
-    return 0
+    return code
 
 
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
@@ -167,7 +173,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'removed', 'time constants, s']
+    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift of', 'time constants, s']
     rows = [
         [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
          drifts_removed(stored.model.axes.get(axis)),
@@ -238,9 +244,12 @@ def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str |
         ])  # fmt: skip
     yield ''
     for candidate in candidates:
-        if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
-            field = '' if ':' in candidate.entry else ':temperature'
-            yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
+        reads, entry = candidate.reads, candidate.entry
+        field = entry if ':' in entry else f'{entry}:temperature'
+        if reads and may_be_kelvins(*reads):
+            yield f'If {entry} is in kelvin, write {field}:K.'
+        elif reads and may_be_tenths(*reads):
+            yield f'If {entry} is in tenths of °C, write {field}*0.1.'
 
 
 def _refusal(summary: describe.RecordingSummary, recording: Recording | None) -> str:

@@ -111,6 +111,10 @@ _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
 #: Between which readings a day may begin in a unit, and hardly in °C.
 _COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
+#: Readings of a wrist in kelvins: above -20 °C and below 180 °C, and how far apart they may be.
+_KELVINS, _MOST_SPAN_K = (253.15, 450.0), 80.0
+#: Readings of a thermometer that counts tenths of °C: 10 to 60 °C.
+_TENTHS = (100.0, 600.0)
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -140,6 +144,7 @@ class Proposal:
             + (f':{time}' if ours == STAMP and len(times) > 1 and time in TIME_UNITS_NS else '')
             for columns, time in found
             for ours, theirs in columns.items()
+            if theirs != OPEN or 'raw wrench' in lacking
         ]
         for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
             has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
@@ -169,6 +174,16 @@ class Proposal:
                 'force.csv+temperature.csv.'
             )
         return sentence
+
+
+def may_be_kelvins(low: float, high: float) -> bool:
+    """Tell whether a thermometer of a wrist may read from low to high, in kelvins."""
+    return _KELVINS[0] < low <= high < _KELVINS[1] and high - low < _MOST_SPAN_K
+
+
+def may_be_tenths(low: float, high: float) -> bool:
+    """Tell whether readings are tenths of °C: no kelvins, and a wrist's if they are."""
+    return _TENTHS[0] <= low and high <= _TENTHS[1] and not may_be_kelvins(low, high)
 
 
 def warn_of_unused(placed: Placed) -> list[str]:
@@ -252,7 +267,7 @@ class _Looks:
         return merit * float(np.mean(steps > 0))
 
     def temperature_unit(self) -> str | None:
-        """Find the unit in which it reads like a thermometer; None where it is none."""
+        """Find unit, or factor, by which it reads like a thermometer; None where it is none."""
         unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
@@ -263,9 +278,12 @@ class _Looks:
             return None
         if not len(self.numbers):
             return unit
-        first = self.numbers[0]
+        first, ends = self.numbers[0], (self.numbers.min(), self.numbers.max())
         likely = (u for u, (low, high) in _COLD_STARTS.items() if low < first < high)
-        unit = unit or next(likely, '')
+        guess = '' if unit else next(likely, '')
+        if guess != 'F' and not unit and may_be_tenths(*ends):
+            return '*0.1'
+        unit = unit or ('' if guess == 'K' and not may_be_kelvins(*ends) else guess)
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
 
@@ -314,6 +332,7 @@ def propose(
         unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
         if channel.startswith('temperature'):
             unit = looks.temperature_unit() or ''
+            factor, unit = (unit, '') if unit.startswith('*') else ('', unit)
         if channel in AXES and header:
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
@@ -325,6 +344,10 @@ def propose(
         proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
         if len(proposed) == _MOST_ENTRIES:
             break
+    # Six numbers without a name are a wrench in an order that a person knows.
+    unnamed = [looks for looks in free if looks.may_be('force_z')]
+    if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
+        proposed |= dict.fromkeys(AXES, OPEN)
     return proposed, time
 
 

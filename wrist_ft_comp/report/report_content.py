@@ -287,10 +287,10 @@ def evaluation_content(
 
 
 def drifts_removed(model: AxisModel | None) -> str:
-    """Say which drifts an axis' model removes."""
+    """Say of what an axis' model removes the drift."""
     if model is None:
-        return 'none'
-    return f'drift of {"zero and gain" if model.outputs == 2 else "the zero"}'
+        return 'nothing'
+    return 'zero and gain' if model.outputs == 2 else 'the zero'
 
 
 def starts_h(recordings: Sequence[Recording]) -> FloatArray:
