@@ -79,11 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-    code, figure, refusal = (
-        0,
-        None,
-        f'{path} is no recording, and no folder of a node that learns.',
-    )
+    figure, code = None, 0
+    refusal = f'{path} is no recording, and no folder of a node that learns.'
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
