@@ -7,7 +7,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
-MOST = {'wrist_ft_comp': 24_200, 'test': 19_650, 'bench': 5_200}
+MOST = {'wrist_ft_comp': 22_960, 'test': 19_350, 'bench': 5_200}
 
 
 @pytest.mark.parametrize('folder', MOST)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+import re
 
 import numpy as np
 import pytest
@@ -130,3 +131,31 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
     expected = never.compensation.zero[2]
     assert again.compensation.zero[2] == pytest.approx(expected, rel=0.03)
     assert -1.0 * (warming(800) - 20.0) < 1.3 * expected, 'the steady state would be far off'
+
+
+def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(make_model):
+    """Whatever temperatures did meanwhile, as fast as before: the drift is as near as is said."""
+    model = replace(make_model({'force_z': (0.4, 0.0, 600.0)}), deviation={'force_z': 0.02})
+    rng, stated = np.random.default_rng(0), set()
+    before_c = 20.0 + np.interp(np.arange(1200), [0, 600, 1200], [0, 6, 0])
+    for gap_s in (70, *[2000] * 8):
+        rates = 0.01 * rng.choice([-1, 1], gap_s // 100 + 1)
+        path_c = 20.0 + np.cumsum(np.repeat(rates, 100)[:gap_s])
+        all_c = np.concatenate((before_c, path_c, np.full(3000, path_c[-1])))
+        knows, compensator = (Compensator(1, model=model) for _ in range(2))
+        for second, celsius in enumerate(all_c):
+            knows.add_temperature(0, second * SECOND, celsius)
+            if not 1200 <= second < 1200 + gap_s:
+                compensator.add_temperature(0, second * SECOND, celsius)
+            if second == 1200 + gap_s + 5:
+                doubts = compensator.gap_doubts()
+                off_n = float(re.search(r'(\S+) N off', doubts[0])[1]) if doubts else 0.06
+                stated.add(off_n > 0.06)
+                apart = knows.compensation.zero - compensator.compensation.zero
+                assert abs(apart[2]) <= 1.05 * off_n  # which is rounded
+                compensator.set_tare(np.zeros(6), second * SECOND)
+                assert ['uncertain; call ~/tare' in d for d in compensator.zero_doubts] == [
+                    True
+                ] * len(doubts)
+        assert compensator.gap_doubts() == []
+    assert stated == {True, False}

@@ -78,7 +78,8 @@ def test_a_jump_is_told_until_it_comes_back_or_a_tare():
 def test_a_tare_soon_after_a_jump_is_doubted_until_the_model_has_forgotten(
     make_model, readings_c, why
 ):
-    compensator = Compensator(1, model=make_model({'force_z': (0.4, 0.0, 100.0)}))
+    model = replace(make_model({'force_z': (0.4, 0.0, 100.0)}), deviation={'force_z': 9.0})
+    compensator = Compensator(1, model=model)
     end = len(readings_c)
     for second, celsius in enumerate(readings_c + readings_c[-1:] * 600):
         compensator.add_temperature(0, second * SECOND, celsius)

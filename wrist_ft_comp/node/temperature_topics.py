@@ -255,6 +255,7 @@ class TemperatureInput(Part):
             )
         yield from self._tracker.thermometer_doubts
         yield from self.compensator.seldom_doubts()
+        yield from self.compensator.gap_doubts()
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {arrival(0)}'

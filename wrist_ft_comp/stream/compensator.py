@@ -28,6 +28,8 @@ MAX_SENSITIVITY = 0.5
 MAX_SENSITIVITY_RATE = 0.01
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0
+#: Drift that may be off by fewer standard deviations of the model than this is not doubted.
+_CERTAIN = 3.0
 
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
@@ -260,7 +262,11 @@ class Compensator:
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
         self._forget_doubts()
-        has_drift = self.compensating and self.tracker.awaited is None
+        # A drift that is held, as no temperature comes, is none to tare with.
+        grid, held_ns = self.tracker.grid, stamp_ns - self.tracker.end_ns
+        usual_ns = 2 * grid.period_ns * max(map(grid.spacing, range(self.thermometers)))
+        is_held = held_ns > max(_LATE_TEMPERATURE_S * NANOSECONDS, usual_ns)
+        has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
         for j, spikes in enumerate(self.tracker.spikes, start=1):
             if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
@@ -268,8 +274,30 @@ class Compensator:
                     f'the tare was taken while the model remembers that thermometer {j} jumped; '
                     f'tare again in {wait_s / 60:.0f} min'
                 )
+        if self.gap_doubts():
+            self.doubt_zero(
+                'the tare was taken while the thermal state was uncertain; call ~/tare when the '
+                'status temperature is OK'
+            )
         self._refresh_correction()
         return self.tare
+
+    def gap_doubts(self) -> list[str]:
+        """Say how far the drift may be off, because temperatures were missing."""
+        gap, model = self.tracker.gap, self.model
+        if gap is None or model is None:
+            return []
+        left = gap.left(self.tracker.end_ns, self._memory_s)
+        excess = left - [_CERTAIN * model.deviation.get(axis, 0.0) for axis in AXES]
+        worst = int(np.argmax(excess / axis_limits(1.0)))
+        if excess[worst] <= 0:
+            return []
+        sentence = (
+            f'no temperature could be used for {gap.seconds / 60:.0f} min, so that the thermal '
+            f'state is uncertain: the drift of {AXES[worst]} may be {left[worst]:.2g} '
+            f'{axis_unit(AXES[worst])} off, and less and less from now on'
+        )
+        return [sentence]
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""

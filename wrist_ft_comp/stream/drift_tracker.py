@@ -1,5 +1,7 @@
 """From temperatures to drift: here the model is stepped, once per thermal cell."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from wrist_ft_comp.drift import drift_model
@@ -10,9 +12,12 @@ from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
+    LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
+    SPAN_S,
     ThermalMemory,
+    TIME_CONSTANTS,
     why_forgotten,
 )
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter, ThermometerState
@@ -25,6 +30,21 @@ _NOT_YET = 'no temperatures yet'
 #: Origin of the drift of a restarted stream before its first temperature.
 _HELD = 'the drift saved before the restart is held until a temperature comes'
 _STARTS_ANEW = 'so the drift starts at the steady state of the present temperatures'
+
+
+class Gap(NamedTuple):
+    """A time in which no thermometer reported."""
+
+    seconds: float
+    #: When it ended, ns.
+    end_ns: int
+    #: How far the zero drift may be off at its end, N and N m, (6,).
+    unknown: FloatArray
+
+    def left(self, now_ns: int, memory_s: float) -> FloatArray:
+        """How far it may still be off, as a model of such a memory forgets, N and N m, (6,)."""
+        age_s = (now_ns - self.end_ns) / NANOSECONDS
+        return np.asarray(self.unknown * np.exp(-TIME_CONSTANTS * age_s / memory_s))
 
 
 class DriftTracker:
@@ -43,6 +63,8 @@ class DriftTracker:
         self.origin = _NOT_YET
         #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
+        #: The newest gap under this model.
+        self.gap: Gap | None = None
         self.clocks = SourceClocks(thermometers, patience_s)
         #: Of each thermometer.
         self.spikes = [SpikeFilter() for _ in range(thermometers)]
@@ -121,12 +143,15 @@ class DriftTracker:
                 self._next += cells
                 self.end_ns += cells * period_ns
                 cell = self._next
+                if self.gap is not None:
+                    self.gap = self.gap._replace(end_ns=self.gap.end_ns + cells * period_ns)
         self.grid.move_to(cell)
 
     def _take(self, cell: ThermalCell) -> None:
         """Take a cell, and those of the gap before it."""
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
+        gap_s, history_c = gap * period_s, self.history_c
         if gap or self.awaited:
             self._cross(gap)
         gap = 0 if self._next is None else max(gap, 0)
@@ -145,10 +170,39 @@ class DriftTracker:
         most = max(round(MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
+            drift_state, before_c = self.state, self.temperature_c
             self._run(self.model, line_c)
+            if gap_s > LEAST_GAP_S and drift_state is not None and before_c is not None:
+                self.gap = self._unknown(
+                    self.model, drift_state, history_c, before_c, believed_c, gap_s
+                )
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
+
+    def _unknown(  # noqa: PLR0913, PLR0917 -- what a gap is between
+        self, model: DriftModel, state: DriftState, history_c: FloatArray,
+        before_c: FloatArray, after_c: FloatArray, gap_s: float,
+    ) -> Gap:  # fmt: skip
+        """
+        Bound how far the drift is off after a gap, by the state before it.
+
+        Temperatures may have gone up and come back, or down, as fast as they have ever moved.
+        """
+        period_s = self.grid.period_ns / NANOSECONDS
+        span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
+        moves_k = np.abs(history_c[span:] - history_c[: len(history_c) - span]).max(axis=0)
+        rate_k_s = np.maximum(moves_k / (span * period_s), np.abs(after_c - before_c) / gap_s)
+        forgotten_s = max(gap_s - longest_gap_s(model), 0.0)
+        at_s = np.arange(forgotten_s, gap_s + period_s, period_s)[:, np.newaxis]
+        since_k, until_k = rate_k_s * at_s, rate_k_s * (gap_s - at_s)
+        highest_c = np.minimum(before_c + since_k, after_c + until_k)
+        lowest_c = np.maximum(before_c - since_k, after_c - until_k)
+        off = [
+            drift_model.run(model, state, path_c, last_only=True)[1].zero[0] - self.drift.zero
+            for path_c in (highest_c, lowest_c)
+        ]
+        return Gap(gap_s, self.end_ns + round(gap_s * NANOSECONDS), np.abs(off).max(axis=0))
 
     def _cross(self, gap: int) -> None:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
@@ -183,7 +237,7 @@ class DriftTracker:
         if model is not None and model.period_ns != self.grid.period_ns:
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
-        self.model, self.state, self.awaited = model, None, None
+        self.model, self.state, self.awaited, self.gap = model, None, None, None
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))

@@ -65,20 +65,20 @@ class Driver:
 
 
 def endless(tmp_path):
-    """Make a pipe without a writer, which takes the place of a long fit."""
-    recording = tmp_path / 'data/endless.csv'
-    recording.parent.mkdir()
-    os.mkfifo(recording)
-    return recording
+    """Make a bag whose metadata is a pipe without a writer, which stands for a long fit."""
+    metadata = tmp_path / 'data/endless/metadata.yaml'
+    metadata.parent.mkdir(parents=True)
+    os.mkfifo(metadata)
+    return metadata
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
 def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, number):
-    recording = endless(tmp_path)
-    process = start('fits', '-p', f'calibration.recordings:=[{recording}]')
+    metadata = endless(tmp_path)
+    process = start('fits', '-p', f'calibration.recordings:=[{metadata.parent}]')
     answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
     # Opening the other end waits until the calibration process has opened this one.
-    with recording.open('wb'):
+    with metadata.open('wb'):
         code, errors = process.end(number)
     if number == signal.SIGTERM:
         assert code == 0, errors
@@ -89,7 +89,7 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, numb
 
     def nobody_reads():
         with suppress(OSError):
-            os.close(os.open(recording, os.O_WRONLY | os.O_NONBLOCK))
+            os.close(os.open(metadata, os.O_WRONLY | os.O_NONBLOCK))
             return False
         return True
 
