@@ -134,8 +134,8 @@ def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
     read_c = digitised_temperatures(sensor, nodes_c, rng)[:, thermometer]
     for begin in (0, 240):  # cells of 10 s
         part = read_c[begin:]
-        steep = cover([make_recording(part, unloaded(len(part)))]).steep
-        assert bool(steep) == bool(begin), steep
+        k_per_h = cover([make_recording(part, unloaded(len(part)))]).begins_k_per_h
+        assert (k_per_h > 2.0) == bool(begin), k_per_h
 
 
 def test_axes_and_loads_that_are_missing_are_named(seen):
@@ -188,8 +188,8 @@ def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen,
     monkeypatch.setattr('wrist_ft_comp.report.advice.open_bag', nullcontext)
     monkeypatch.setattr('wrist_ft_comp.report.advice.survey_bag', survey)
     case = Case(
-        [SimpleNamespace(duration_s=600.0)], replace(seen(ramp(20, 35)), steep=()), 'unloaded',
-        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
+        [SimpleNamespace(duration_s=600.0)], replace(seen(ramp(20, 35)), begins_k_per_h=0.0),
+        'unloaded', dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
         [Path('day.mcap')], ['/inside'])  # fmt: skip
     first, second, third, *_ = advise(case)
     assert first.startswith('The load moved, although it was declared unloaded.')

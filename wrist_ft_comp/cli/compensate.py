@@ -6,8 +6,6 @@ from dataclasses import replace
 import gc
 from pathlib import Path
 
-import numpy as np
-
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import range_warnings
@@ -15,20 +13,12 @@ from wrist_ft_comp.cli.output import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
-from wrist_ft_comp.recordings.compensated_copy import (
-    check_copy,
-    EXTERNAL_TOPIC,
-    rewrite_recording,
-)
+from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.offline import (
-    correct_many,
-    initial_tare,
-    track_drift,
-)
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
 #: Weight is subtracted on cells of this length, s.
 _FINE_S = 0.02
@@ -72,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--picture', type=Path, metavar='PICTURE.png', help='draw the compensated recording, too'
     )
     options.add_json(parser)
-    group = options.add_topics(parser, options.OF_MODEL)
+    group = options.add_topics(parser)
     group.add_argument(
         '--output-topic', type=options.topic, default='/wrench', metavar='TOPIC',
         help='of compensated wrenches (default: %(default)s)')  # fmt: skip
@@ -114,8 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
 
-        middles_ns = recording.period_ns * (recording.first_cell + np.arange(len(recording)) + 0.5)
-        clean = correct_many(track, middles_ns.astype(np.int64), recording.wrench, tare)
+        middles_ns = track.stamps_ns[:-1] - recording.period_ns // 2
+        clean = correct_many(track, middles_ns, recording.wrench, tare)
         shown = replace(recording, name=arguments.output.name, wrench=clean)
         PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(shown)))
     warnings = (

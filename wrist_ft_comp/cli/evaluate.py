@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--tare', type=options.number(0.0, above=True), default=60.0, metavar='SECONDS',
         help='tare on the first SECONDS, above 0; at least on the first thermal cell (default: '
         '60)')  # fmt: skip
-    options.add_topics(parser, options.OF_MODEL)
+    options.add_topics(parser)
     options.add_part(parser)
     options.add_output_forms(parser)
 

@@ -27,19 +27,14 @@ RECORDING_HELP = (
 )
 
 
-#: Of a command that has a model.
-OF_MODEL = 'Wrench and temperatures: by default those that the model names, if it does.'
-
-
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse an option of a command that is not known before one that is missing."""
-        words = args[: args.index('--')] if '--' in args else args
-        for name in (word.partition('=')[0] for word in words if self._subparsers is None):
-            is_option = name.startswith('--') and ' ' not in name
-            if is_option and not any(o.startswith(name) for o in self._option_string_actions):
+        for name in re.findall(r'(?m)^--[\w-]+', '\n'.join(args)):
+            known = [o for o in self._option_string_actions if o.startswith(name)]
+            if not known and self._subparsers is None:
                 self.error(f'unrecognized arguments: {name}')
         return super().parse_known_args(args, namespace)
 
@@ -82,21 +77,20 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('recordings', nargs='+', type=Path, metavar='REC', help=RECORDING_HELP)
 
 
-def add_topics(
-    parser: argparse.ArgumentParser, first: str | None = None
-) -> argparse._ArgumentGroup:
-    """Add the names of topics in bags; ``first`` says what comes before defaults: their group."""
+def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the names of topics in bags; returns their group."""
     defaults = Topics()
-    group = parser.add_argument_group('topics in bags', first)
+    group = parser.add_argument_group('topics in bags')
     group.add_argument(
         '--wrench-topic', metavar='TOPIC',
-        help=f'a geometry_msgs/WrenchStamped (default: {defaults.wrench})')  # fmt: skip
+        help=f"a geometry_msgs/WrenchStamped (default: the model's, else {defaults.wrench})",
+    )  # fmt: skip
     group.add_argument(
         '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
-        f'(default: {", ".join(defaults.temperatures)})')  # fmt: skip
+        f"(default: the model's, else {defaults.temperatures[0]})")  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
         help='(default: %(default)s)')  # fmt: skip
@@ -134,11 +128,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
-    """
-    Build the topics that were given; SettingsError when they can't be meant so.
-
-    Those of wrench and temperatures that were not are the ones that a command's model names.
-    """
+    """Build the topics that were given, or the model's; SettingsError if not meant so."""
     usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
     temperatures = tuple(arguments.temperature_topic or usual.temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))

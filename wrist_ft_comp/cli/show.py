@@ -22,7 +22,7 @@ from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, pa
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import describe
-from wrist_ft_comp.recordings.log_proposal import may_be_kelvins, may_be_tenths
+from wrist_ft_comp.recordings.log_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.days import (
@@ -64,11 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture',
-        type=Path,
-        metavar='PICTURE.png',
+        '--picture', type=Path, metavar='PICTURE.png',
         help="draw a recording, or a node's days: what drifted, what was left, what happened",
-    )
+    )  # fmt: skip
     options.add_topics(parser)
     options.add_json(parser)
 
@@ -133,11 +131,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of a node, as plain values and in words."""
-    diary, memory, warnings = (
-        diaries.survey(folder),
-        diaries.Memory(),
-        [diaries.diary_problem(folder)],
-    )
+    diary, memory = diaries.survey(folder), diaries.Memory()
+    warnings = [diaries.diary_problem(folder)]
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
@@ -241,12 +236,10 @@ def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str |
         ])  # fmt: skip
     yield ''
     for candidate in candidates:
-        reads, entry = candidate.reads, candidate.entry
-        field = entry if ':' in entry else f'{entry}:temperature'
-        if reads and may_be_kelvins(*reads):
-            yield f'If {entry} is in kelvin, write {field}:K.'
-        elif reads and may_be_tenths(*reads):
-            yield f'If {entry} is in tenths of °C, write {field}*0.1.'
+        if candidate.reads and (suffix := suffix_of(*candidate.reads)):
+            field = '' if ':' in candidate.entry else ':temperature'
+            unit = 'kelvin' if suffix == ':K' else 'tenths of °C'
+            yield f'If {candidate.entry} is in {unit}, write {candidate.entry}{field}{suffix}.'
 
 
 def _refusal(summary: describe.RecordingSummary, recording: Recording | None) -> str:
@@ -354,15 +347,12 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     for day in days:
         drift = drift_left(day)
         drifts = (*drift, 100 * drift.share)
-        rows.append(
-            [
-                day.name.removesuffix('.csv'),
-                date_of(day),
-                f'{day.hours:.1f}' if day.first_ns else '-',
-                ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-                *('-' if np.isnan(value) else rounded(value) for value in drifts),
-            ]
-        )
+        rows.append([
+            day.name.removesuffix('.csv'), date_of(day),
+            f'{day.hours:.1f}' if day.first_ns else '-',
+            ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
+            *('-' if np.isnan(value) else rounded(value) for value in drifts),
+        ])  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
     newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
     lines = [

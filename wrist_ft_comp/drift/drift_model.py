@@ -115,9 +115,8 @@ class StoredModel:
     @property
     def topics(self) -> Topics:
         """Topics that the model was learnt from; the usual ones where its file names none."""
-        usual, sensor = Topics(), self.sensor
-        wrench = sensor.get('wrench_topic', [usual.wrench])[0]
-        return Topics(wrench, tuple(sensor.get('temperature_topics', usual.temperatures)))
+        wrench = self.sensor.get('wrench_topic', [Topics.wrench])[0]
+        return Topics(wrench, tuple(self.sensor.get('temperature_topics', Topics.temperatures)))
 
     @property
     def reference(self) -> str:

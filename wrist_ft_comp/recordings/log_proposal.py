@@ -73,17 +73,8 @@ _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
-    't',
-    'tmp',
-    'tc',
-    'pt',
-    'rtd',
-    'ntc',
-    'thermistor',
-    '温度',
-    '온도',
-    'температура',
-}
+    't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
+}  # fmt: skip
 #: Words of the true wrench, of what was made of the raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
 _TREATED = {
@@ -109,12 +100,10 @@ _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
-#: Between which readings a day may begin in a unit, and hardly in °C.
-_COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
-#: Readings of a wrist in kelvins: above -20 °C and below 180 °C, and how far apart they may be.
-_KELVINS, _MOST_SPAN_K = (253.15, 450.0), 80.0
-#: Readings of a thermometer that counts tenths of °C: 10 to 60 °C.
-_TENTHS = (100.0, 600.0)
+#: Between which readings a day may begin in °F, and hardly in °C.
+_COLD_START_F = 55.0, 120.0
+#: Readings of a wrist in kelvins, the most that they are apart, and those in tenths of °C.
+_KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -176,14 +165,11 @@ class Proposal:
         return sentence
 
 
-def may_be_kelvins(low: float, high: float) -> bool:
-    """Tell whether a thermometer of a wrist may read from low to high, in kelvins."""
-    return _KELVINS[0] < low <= high < _KELVINS[1] and high - low < _MOST_SPAN_K
-
-
-def may_be_tenths(low: float, high: float) -> bool:
-    """Tell whether readings are tenths of °C: no kelvins, and a wrist's if they are."""
-    return _TENTHS[0] <= low and high <= _TENTHS[1] and not may_be_kelvins(low, high)
+def suffix_of(low: float, high: float) -> str:
+    """Tell what makes readings from low to high a wrist's temperatures: :K, *0.1 or nothing."""
+    if _KELVINS[0] < low <= high < min(low + _MOST_SPAN_K, _KELVINS[1]):
+        return ':K'
+    return '*0.1' if _TENTHS[0] <= low <= high <= _TENTHS[1] else ''
 
 
 def warn_of_unused(placed: Placed) -> list[str]:
@@ -278,12 +264,12 @@ class _Looks:
             return None
         if not len(self.numbers):
             return unit
-        first, ends = self.numbers[0], (self.numbers.min(), self.numbers.max())
-        likely = (u for u, (low, high) in _COLD_STARTS.items() if low < first < high)
-        guess = '' if unit else next(likely, '')
-        if guess != 'F' and not unit and may_be_tenths(*ends):
-            return '*0.1'
-        unit = unit or ('' if guess == 'K' and not may_be_kelvins(*ends) else guess)
+        if not unit and _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]:
+            unit = 'F'
+        elif not unit:
+            unit = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist()).strip(':')
+            if unit == '*0.1':
+                return unit
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
 

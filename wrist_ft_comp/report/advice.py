@@ -30,17 +30,14 @@ _TREND_S = 300.0
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
-#: A recording begins at rest where its temperature rises by less than this in the first _TREND_S,
-#: K/h. Cold starts of the simulated sensor rise by up to 1.1, as the room does; without the first
-#: half hour by 15 to 28 at the flange, 2 to 7 inside. At half of it a warming room would count as
-#: a warm-up; at twice, half of those inside would pass for rest.
+#: A recording begins at rest where its temperature rises by less in the first _TREND_S, K/h. Cold
+#: starts of the simulated sensor rise by up to 1.1, without their first half hour by 15 to 28 at
+#: the flange, 2 to 7 inside. Half of it is a warming room; twice misses half of those inside.
 _STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
 #: Temperatures that leave a range by less than this do not leave it, K.
 SAME_K = 0.5
-#: What an evaluation warns of where a recording is one of those that the model was learnt from.
-LEARNT_FROM = 'The model was learnt from'
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
 
@@ -58,8 +55,8 @@ class Coverage:
     fallen_k: float
     #: Parts of the working range that the leading thermometer has not seen, °C.
     unseen_c: Sequence[tuple[float, float]]
-    #: Recordings that do not begin at rest, and how steeply their temperature rises there, K/h.
-    steep: Sequence[tuple[str, float]] = ()
+    #: How steeply it rises where a recording begins, at most, K/h.
+    begins_k_per_h: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -78,18 +75,13 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
     unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
     # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
-    risen_k, fallen_k, steep = [0.0], [0.0], list[tuple[str, float]]()
-    for recording, at in pairs:
-        cells = max(round(_TREND_S / recording.period_s), 1)
-        column = recording.temperature_c[:, leading]
-        moves = np.diff(bin_means(column[at], at, cells)) if len(at) else np.zeros(0)
-        risen_k.append(float(moves[moves > 0].sum()))
-        fallen_k.append(-float(moves[moves < 0].sum()))
-        if len(recording) > 1:
-            hours, begin = recording.elapsed_s / 3600, slice(max(cells, 2))
-            k_per_h = float(np.polyfit(hours[begin], column[begin], 1)[0])
-            steep += [(recording.name, k_per_h)] * (k_per_h > _STEEP_K_PER_H)
-    return Coverage(range_c, leading, max(risen_k), max(fallen_k), unseen, steep)
+    cells = max(round(_TREND_S / recordings[0].period_s), 1)
+    means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
+    moves = [np.diff(of_one) for of_one in means]
+    risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
+    begins = [(one.elapsed_s / 3600, one.temperature_c[:, leading]) for one in recordings]
+    slopes = [np.polyfit(t[: cells + 1], c[: cells + 1], 1)[0] for t, c in begins if len(t) > 1]
+    return Coverage(range_c, leading, risen_k, fallen_k, unseen, max(slopes, default=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,12 +111,11 @@ class Case:
 
 def run_command(topics: Topics, model: object) -> str:
     """Write the command that runs a model on the topics of a bag."""
-    usual = Topics()
     words = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
     words += ['-p', f'model_file:={model}']
-    if topics.wrench.strip('/') != usual.wrench.strip('/'):
+    if topics.wrench.strip('/') != Topics.wrench.strip('/'):
         words += ['-r', f'wrench_raw:={topics.wrench}']
-    if topics.temperatures != usual.temperatures:
+    if topics.temperatures != Topics.temperatures:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
         words += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
@@ -150,12 +141,11 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
-    if poor and case.coverage.steep:
-        name, k_per_h = case.coverage.steep[0]
+    if poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
         steps.append(
-            f'The beginning of the warm-up is missing: the temperature of {name} rises by '
-            f'{k_per_h:.0f} K/h from the first minutes on, and a model has to begin at rest. '
-            'Switch the robot off for two hours, start recording first, and then switch it on.'
+            'The beginning of the warm-up is missing: the temperature rises by '
+            f'{k_per_h:.0f} K/h from the first minutes on. Switch the robot off for two hours, '
+            'start recording first, then switch it on.'
         )
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):

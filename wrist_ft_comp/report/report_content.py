@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, LEARNT_FROM, run_command
+from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -118,11 +118,8 @@ class ReportContent:
     #: What the figures before and left are.
     figures: str = 'before, left: root mean square.'
 
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """Name the columns of the table that says whether it is good."""
-        peak = ('peak left',) if self.kind == 'evaluation' else ()
-        return ('axis', 'unit', 'verdict', 'before', 'left', *peak, 'limit')
+    #: Columns of the table that says whether it is good.
+    titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -130,18 +127,16 @@ class ReportContent:
         return [
             (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
              *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
-               for value in (
-                   axis.errors.rms_before, axis.errors.rms_after,
-                   *[axis.errors.max_after] * (self.kind == 'evaluation'), axis.day_limit)))
+               for value in (axis.errors.rms_before, axis.errors.rms_after, axis.errors.max_after,
+                             axis.day_limit)))
             for axis in self.axes
         ]  # fmt: skip
 
     @property
     def footer(self) -> str:
         """Explain the figures of that table."""
-        unknown = any(np.isnan(axis.day_limit) for axis in self.axes)
-        unknown_limit = '–: not known, record another day.' if unknown else ''
-        return ' '.join(filter(None, [self.figures, self.conditions, unknown_limit]))
+        unknown = {'–: not known, record another day.' for row in self.rows if row[-1] == '–'}
+        return ' '.join(filter(None, [self.figures, self.conditions, *unknown]))
 
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
@@ -188,15 +183,12 @@ def calibration_content(
             slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        axes.append(
-            AxisView(
-                axis, fit.unit, verdicts.judge(evidence), errors, series, entry, fit.day_limit
-            )
-        )
+        verdict = verdicts.judge(evidence)
+        axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
-        level = axes[-1].verdict.level
-        levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
+        is_weak = verdict.level == 'uncalibrated' and drifts
+        levels[axis] = 'weak' if is_weak else verdict.level
     case = Case(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
@@ -205,10 +197,7 @@ def calibration_content(
     figures, first = ReportContent.figures, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
-        figures = (
-            f'before: drift within parts of {minutes:.0f} min; left: as of a whole day; both root '
-            'mean square.'
-        )
+        figures = f'before: RMS drift within parts of {minutes:.0f} min; left: as of a whole day.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -259,17 +248,14 @@ def evaluation_content(
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
             block_name='recording', blocks=blocks)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        axes.append(
-            AxisView(
-                axis, evidence.unit, verdicts.judge(evidence), errors, series, entry, limit, parts
-            )
-        )
+        verdict = verdicts.judge(evidence)
+        axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
-    is_another_day = not any(warning.startswith(LEARNT_FROM) for warning in warnings)
+    is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
@@ -336,22 +322,19 @@ def _slowest_s(fit: AxisFit) -> float:
 
 def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
     """Say what was held out, and from where errors are counted."""
-    count, zero = len(np.unique(held_out.fold)), 'after a tare in its first minute'
-    widened = ''
+    count, widened = len(np.unique(held_out.fold)), ''
+    zero = 'after a tare in its first minute'
     blocks = f'Each of the {count} recordings'
     if len(recordings) == 1 and held_out.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
-        widened = (
-            ' What is left is widened to a whole day, which drifts further than a block; the '
-            'drift without compensation is that within blocks.'
-        )
+        widened = '; what is left is widened to a whole day, which drifts further than a block'
     elif len(recordings) == 1:
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
         f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
-        f'compensation and without.{widened} Reference: {reference}.'
+        f'compensation and without{widened}. Reference: {reference}.'
     )
 
 
