@@ -7,7 +7,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
-MOST = {'wrist_ft_comp': 22_960, 'test': 19_350, 'bench': 5_200}
+MOST = {
+    'wrist_ft_comp': 22_960,
+    'test': 19_350,
+    # Thirty more: `worlds.py --before` had compared this version with itself.
+    'bench': 5_230,
+}
 
 
 @pytest.mark.parametrize('folder', MOST)

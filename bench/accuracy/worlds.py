@@ -52,8 +52,6 @@ METHODS = (NOTHING, *PEERS, AUTO, TRUTH)
 PRINTED = ('median', 'mean', '95 %')
 #: Names the tree of the version that is judged as ``auto before`` to other processes.
 BEFORE_TREE = 'WORLDS_BEFORE_TREE'
-#: Answers, as ``by_auto`` does, what its standard input holds.
-ANSWER = 'import worlds; worlds.answer_world()'
 #: What ``auto`` is compared with.
 PEER = 'ridge bank'
 #: Sensors that are real, where their data lie beside the project.
@@ -151,21 +149,18 @@ def by_auto(world: World) -> Answer:
 
 def by_other_tree(world: World) -> Answer:
     """Calibrate with ``auto`` of another version, in a process of its own."""
+    days = [
+        (d.name, d.period_ns, d.first_cell, d.temperature_c, d.measured, d.wrench, d.reference)
+        for d in (*world.learn, world.judge)
+    ]
     done = subprocess.run(
-        [sys.executable, '-c', ANSWER],
-        env={**os.environ, 'PYTHONPATH': f'{os.environ[BEFORE_TREE]}:{Path(__file__).parent}'},
-        input=pickle.dumps(world),
+        [sys.executable, str(Path(__file__).with_name('other_tree.py'))],
+        env={**os.environ, 'PYTHONPATH': os.environ[BEFORE_TREE]},
+        input=pickle.dumps((days, world.reference)),
         stdout=subprocess.PIPE,
         check=True,
     )
-    answer: Answer = pickle.loads(done.stdout)  # noqa: S301 -- from our own process
-    return answer
-
-
-def answer_world() -> None:
-    """Answer the world of standard input, by the package that is there."""
-    world = pickle.load(sys.stdin.buffer)  # noqa: S301 -- from our own process
-    pickle.dump(by_auto(world), sys.stdout.buffer)
+    return Answer(*pickle.loads(done.stdout))  # noqa: S301 -- from our own process
 
 
 def by_peer(peer: Peer, world: World) -> Answer:

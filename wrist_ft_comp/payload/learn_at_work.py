@@ -13,13 +13,18 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.mass_and_center import MISFIT, RigidBodies
+from wrist_ft_comp.payload.mass_and_center import RigidBodies
 from wrist_ft_comp.payload.payload_states import unexplained_contrast
 from wrist_ft_comp.payload.separation import separate, separate_again, Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
+
+#: Above this share of changes between poses that do not turn with the specific force, no payload
+#: is identified, and above three times this share nothing is learnt at all. Poses in a cone of 30°
+#: reach 0.59 on drawn days that are well.
+_MOST_UNEXPLAINED = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +84,14 @@ def doubts(separation: Separation, bodies: RigidBodies) -> list[str]:
     """
     objections = bodies.doubts()
     share = unexplained_contrast(separation.cells, separation.fit)
-    if bodies.contrast[0] < CONTRAST or share <= MISFIT:
+    if bodies.contrast[0] < CONTRAST or share <= _MOST_UNEXPLAINED:
         return objections
     what = (
         f'{share:.0%} of what changes between poses does not turn with the specific force; at '
-        f'most {MISFIT:.0%} are allowed. The specific force is of another frame, or of '
+        f'most {_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame, or of '
         'another clock than the wrench, or a cable pulls.'
     )
-    if share > 0.5:  # most of it
+    if share > 3 * _MOST_UNEXPLAINED:
         raise CalibrationRefusedError(
             f'{what} Neither payload nor drift can be learnt. Record the specific force of a '
             'frame fixed to the sensor, by its clock.'
