@@ -104,7 +104,7 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
         assert ('Record on a second day' in said) == (len(recordings) == 1)
         fit = json.loads(done(*argv, '--json'))['axes']['force_z']
         limit = rounded(fit['day_limit'])
-        assert re.search(rf'force_z N good [\d.]+ [\d.]+ {limit} ', said)
+        assert re.search(rf'force_z N good [\d.]+ [\d.]+ [\d.]+ {limit} ', said)
         assert f'<td>{limit}</td>' in page.read_text()
         assert said.count('force_z') == 1, 'each axis is told once'
         assert load_model(path).model.day_limits['force_z'] == pytest.approx(fit['day_limit'])

@@ -6,6 +6,7 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.report import pictures
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
@@ -87,7 +88,7 @@ def test_each_warning_comes_once(run, make, model, tmp_path):
     assert len(lines) == 3
     assert len(set(lines)) == len(lines)
     assert all(line.startswith('warning: ') for line in lines)
-    assert 'where metal cannot have gone, first at stamp ' in lines[1]
+    assert 'changed faster than metal can, first at stamp ' in lines[1]
     assert 'the model was learnt from' in lines[2]
 
 
@@ -100,3 +101,21 @@ def test_json_says_where_it_went_and_what_was_tared(run, drift_csv, model, tmp_p
     assert target.exists()
     assert printed['tare']['force_z'] != 0
     assert printed['warnings'] == []
+
+
+def test_a_picture_shows_what_was_written_and_replaces_pictures_only(  # noqa: PLR0913, PLR0917
+    run, done, drift_csv, model, tmp_path, monkeypatch
+):
+    drawn = []
+    monkeypatch.setattr(pictures, 'png', lambda figure: drawn.append(figure) or b'\x89PNG')
+    picture, words = tmp_path / 'p.png', ['compensate', model, drift_csv]
+    done(*words, '-o', tmp_path / 'a.csv', '--tare', 5, '--picture', picture)
+    assert picture.read_bytes() == b'\x89PNG'
+    (line,) = drawn[0].axes[1].lines
+    written = np.array(table(tmp_path / 'a.csv')['force_z'], dtype=float)
+    assert np.std(line.get_ydata() - written) < 0.3 * np.std(written)
+    assert drawn[0].get_suptitle() == 'a.csv'
+    (tmp_path / 'other.png').write_bytes(b'of somebody else')
+    foreign = '-o', tmp_path / 'b.csv', '--picture', tmp_path / 'other.png'
+    assert 'is no picture of this package' in run(*words, *foreign).sentence
+    assert not (tmp_path / 'b.csv').exists()

@@ -41,7 +41,7 @@ def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR
     command, run, model, drift_csv, bags, tmp_path
 ):
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
-    assert 'is a model file' in run(command, drift_csv, model, *more).sentence
+    assert f'{drift_csv} is not a model file' in run(command, drift_csv, model, *more).sentence
     (tmp_path / 'empty').touch()
     files = bags['mcap'], bags['mcap'] / 'mcap.mcap', bags['sqlite3'] / 'sqlite3.db3'
     for recording in (drift_csv, tmp_path / 'empty', *files):

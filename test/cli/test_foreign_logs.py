@@ -7,6 +7,7 @@ import shlex
 import numpy as np
 import pytest
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import read_recording
@@ -170,8 +171,15 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
 
 
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, h: times of day,
-#: f: a force, T: a temperature, c: a constant), and what is proposed of it.
+#: f: a force, T: a temperature, K: in kelvins, D: in tenths of °C, W: in no unit, c: a constant),
+#: and what is proposed of it.
 PROPOSALS = {
+    't,k,temp': ('tfK', 'stamp=t,temperature_c=temp:K,force_z=…', 's'),
+    't,Fz,temp': ('tfD', 'stamp=t,force_z=Fz,temperature_c=temp*0.1', 's'),
+    't,fz,temp': ('tfW', 'stamp=t,force_z=fz,temperature_c=…', 's'),
+    't,ch1,ch2,ch3,ch4,ch5,ch6,temp': (
+        'tffffffT', ','.join(['stamp=t', 'temperature_c=temp', *(f'{axis}=…' for axis in AXES)]),
+        's'),
     'a,b,c': ('tfT', 'stamp=…,force_z=…,temperature_c=…', ''),
     'time,timestamp,fz,temp': ('iefT', 'stamp=timestamp,force_z=fz,temperature_c=temp', 's'),
     'no,Clock,Seconds [s],T [C],Load': (
@@ -191,17 +199,19 @@ PROPOSALS = {
 
 
 @pytest.mark.parametrize('header', PROPOSALS)
-def test_columns_are_what_their_names_and_values_say(header, tmp_path, done, run):
+def test_columns_are_what_their_names_and_values_say(header, tmp_path, run):
     """What cannot be told stays open, and the command that is printed cannot be run so."""
     kinds, columns, time = PROPOSALS[header]
     t, wrench, celsius = (values[::60] for values in day(1))
     made = {
         't': t, 'e': t + 1.7e9, 'i': [str(k) for k in range(60)], 'T': celsius, 'f': wrench[:, 2],
         'h': [f'{BEGIN + timedelta(seconds=s):%H:%M:%S}' for s in t],
-        'c': ['21.5'] * 60,
+        'c': ['21.5'] * 60, 'K': celsius + 273.15, 'D': 10 * celsius,
+        'W': 240 + 50 * (celsius - 20),
     }  # fmt: skip
     path = write(tmp_path / 'log.csv', header, [made[kind] for kind in kinds])
-    assert proposed(done('show', path)) == (columns, time)
+    shown = run('show', path)
+    assert (shown.code, proposed(shown.out)) == ('…' in columns, (columns, time))
     words = ['calibrate', path, '-o', tmp_path / 'model.yaml']
     assert f"such as --columns '{columns}'" in run(*words).sentence
     if '…' in columns:

@@ -90,11 +90,13 @@ def told(command):
 
 
 @pytest.mark.parametrize('name', FORMS)
-def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, done, tmp_path):
+def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, run, tmp_path):
     """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
-    shown = json.loads(done('show', path, '--json'))
+    outcome = run('show', path, '--json')
+    assert outcome.code == ('open' in form), 'nothing could be read'
+    shown = json.loads(outcome.out)
     topics = told(shown['commands'][0])
     if 'open' in form:
         assert '…' in shown['commands'][0]
@@ -130,7 +132,7 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
     other = write(FORMS[name], tmp_path / 'another', seed=1)
     calibrate, evaluate = json.loads(done('show', path, '--json'))['commands']
     done(*shlex.split(calibrate)[1:])
-    words = [other if 'another_day' in word else word for word in shlex.split(evaluate)[1:]]
+    words = [other if 'ANOTHER_DAY' in word else word for word in shlex.split(evaluate)[1:]]
     axes = json.loads(done(*words, '--json'))['axes']
     assert axes['force_z']['rms_after'] < 0.2 * axes['force_z']['rms_before']
 
@@ -157,7 +159,7 @@ def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
         recording.temperature_c[::10, 0], channels['temperature_c'], atol=0.01
     )
     words = shlex.split(command)[1:]
-    words[words.index('model.yaml')] = str(tmp_path / 'model.yaml')
+    words[words.index('force.yaml')] = str(tmp_path / 'model.yaml')
     done(*words, '--method', 'pls')
     options = words[words.index('--columns') :]
     done('compensate', tmp_path / 'model.yaml', joined, '-o', tmp_path / 'copy.csv', *options)

@@ -90,6 +90,26 @@ def test_swapped_thermometers_are_refused(apply_model, bag, tmp_path):
     assert not (tmp_path / 'out').exists()
 
 
+def test_the_model_s_topics_are_the_defaults_and_options_override(apply_model, bag):
+    other = bag('renamed', 1, wrench='/left/wrench')
+    assert 'holds no topic /ft/wrench' in apply_model(other).sentence
+    assert apply_model(other, '--wrench-topic', '/left/wrench').code == 0
+
+
+def test_the_topics_of_the_model_need_no_option(apply_model, bag):
+    assert apply_model(bag('next', 1)).code == 0
+
+
+def test_another_day_is_run_as_show_says_and_the_day_of_the_model_is_not(learnt, day, bag, done):
+    another = bag('another', 1)
+    said = done('evaluate', learnt, another)
+    (shown,) = (
+        line for line in done('show', another, *named()).splitlines() if 'ros2 run' in line
+    )
+    assert shown.replace('model_file:=another.yaml', f'model_file:={learnt}') in said
+    assert 'ros2 run' not in done('evaluate', learnt, day)
+
+
 def test_another_frame_is_a_warning(apply_model, bag):
     outcome = apply_model(bag('other', 1, frame='right_ft'), *named(), '--json')
     (warning,) = (sentence for sentence in warnings(outcome) if 'another sensor' in sentence)

@@ -53,7 +53,7 @@ def test_a_csv_says_its_channels_and_what_to_do_with_it(done, drift_csv, make, t
     assert out.startswith('drift.csv: table, 399.0 s')
     assert re.search(r'temperature_c +°C, 20\.\d to 3\d\.\d', out)
     assert re.search(r' 400 +1 +raw wrench', out)  # samples, per second
-    assert f'wrist_ft_comp calibrate {drift_csv} -o model.yaml' in out
+    assert f'wrist_ft_comp calibrate {drift_csv} -o drift.yaml' in out
     shown = json.loads(done('show', drift_csv, '--json'))
     torque = {'name': 'torque_x', 'role': 'raw wrench', 'kind': 'N m', 'samples': 400}
     assert {**torque, 'reads': None} in shown['channels']

@@ -135,23 +135,23 @@ def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PL
     """Every storage reads alike (test_temperature_fields.py): each driver is learnt from one."""
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
     calibrate, evaluate, node = commands(done('show', day))
-    named = ['-o', 'model.yaml', '--report', 'model.html']
+    named = ['-o', 'a day.yaml', '--report', 'a day.html']
     assert calibrate == ['wrist_ft_comp', 'calibrate', str(day), *named, *words]
-    judged = ['model.yaml', 'another_day', '--report', 'evaluation.html']
+    judged = ['a day.yaml', 'ANOTHER_DAY', '--report', 'evaluation.html']
     assert evaluate == ['wrist_ft_comp', 'evaluate', *judged, *words]
     assert node[:7] == ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p',
-                        'model_file:=model.yaml']  # fmt: skip
+                        'model_file:=a day.yaml']  # fmt: skip
     assert node[7:10] == ['-r', f'wrench_raw:={words[1]}', '-p']
     name, _, value = node[10].partition(':=')
     assert (name, yaml.safe_load(value)) == ('temperature_topics', [words[3], words[5]])
     monkeypatch.chdir(tmp_path)
     other = getattr(drivers, kind)(seed=1)
-    messages.write(tmp_path / 'another_day', other, storage, compression)
+    messages.write(tmp_path / 'ANOTHER_DAY', other, storage, compression)
     done(*calibrate[1:], '--method', 'pls')
     assert 'good' in run(*evaluate[1:]).out
-    kept = yaml.safe_load((tmp_path / 'model.yaml').read_text())['provenance']
+    kept = yaml.safe_load((tmp_path / 'a day.yaml').read_text())['provenance']
     assert kept['temperature_topics'] == [words[3], words[5]]
-    assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'model.yaml'))
+    assert re.search(rf'thermometer 2: .* °C, {re.escape(words[5])}', done('show', 'a day.yaml'))
 
 
 def test_show_rates_every_topic(done, drivers, messages, tmp_path):
@@ -203,6 +203,15 @@ def test_kelvins_and_temperatures_that_stand_still_are_named(done, messages, tmp
     assert 'No temperature moves' not in out
     cold = '/heat', messages.temperature_type, T0, messages.temperature(1, 20.0)
     assert 'No temperature moves' in done('show', messages.write(tmp_path / 'b', [wrench, cold]))
+
+
+def test_tenths_of_degrees_are_no_kelvins(done, messages, tmp_path):
+    wrench = '/ft', messages.wrench_type, T0, messages.wrench(1, range(6))
+    for low, high, said in ((240, 346, '*0.1.'), (290, 310, ':K.'), (240, 700, None)):
+        heat = [messages.temperature(k + 1, value) for k, value in enumerate((low, high))]
+        warm = [('/heat', messages.temperature_type, T0, data) for data in heat]
+        out = done('show', messages.write(tmp_path / f'{high}', [wrench, *warm]))
+        assert (f'write /heat:temperature{said}' in out) == ('write /heat' in out) == bool(said)
 
 
 def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, tmp_path):

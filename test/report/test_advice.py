@@ -1,14 +1,25 @@
 """What was seen, what was not, and what a person should record next."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
+import shlex
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.report.advice import advise, Case, cover, WORKING_RANGE_C
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.report.advice import advise, Case, cover, run_command, WORKING_RANGE_C
+from wrist_ft_comp.simulation.ft_sensor import (
+    build_sensor,
+    digitised_temperatures,
+    FtSensorSettings,
+    start,
+    trajectory,
+)
+from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings
 
 HOUR = 360  # cells of 10 s
 
@@ -68,12 +79,14 @@ def test_the_thermometer_that_spans_most_leads(seen):
 
 def test_unseen_temperatures_are_named_in_one_sentence(seen):
     text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 45)))
-    assert text.count('You have not seen 20 to 25, 30 to 35 and 45 to 50 °C: ') == 1
+    assert text.count('have no temperatures of 20 to 25, 30 to 35 and 45 to 50 °C: ') == 1
 
 
 NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
 PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
 BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
+#: A wrist that stands for ten minutes and warms up then, with noise.
+WARM_UP = 20 + 12 * (1 - np.exp(-np.maximum(np.arange(HOUR) - 60, 0) / 200)) + NOISE / 10
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
     (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
@@ -81,12 +94,16 @@ ASKED = [
     (ramp(35, 20), {}, 'Let it warm up', ''),
     (BOTH_WAYS, {}, '', 'Let it'),
     (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
+    (WARM_UP[HOUR // 2 :], {'levels': {'force_x': 'weak'}}, 'beginning of the warm-up is', ''),
+    (WARM_UP[HOUR // 2 :], {'levels': {'force_x': 'good'}}, '', 'beginning of the warm-up'),
+    (WARM_UP, {'levels': {'force_x': 'weak'}}, '', 'beginning of the warm-up'),
     (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
-    (ramp(20, 35), {}, 'ended hot: the sensor went 13.8 K', 'ended cold'),
+    (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and cooled by 0.0 K.', 'cold'),
     (ramp(35, 20), {}, 'ended cold', ''),
+    (ramp(20, 35), {}, 'A lag can only be measured if the sensor also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
@@ -101,6 +118,26 @@ def test_what_is_missing_is_asked_for(seen, temperature_c, known, asked, not_ask
     assert not not_asked or not_asked not in text
 
 
+def test_warming_and_cooling_are_those_of_one_recording(seen):
+    assert seen(ramp(20, 35), ramp(20, 30)).risen_k == pytest.approx(13.8, abs=0.1)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+@pytest.mark.parametrize('thermometer', [0, 1])
+def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
+    make_recording, seed, thermometer
+):
+    sensor, rng = build_sensor(FtSensorSettings(), seed), np.random.default_rng(seed)
+    duty = RunSettings(duty_start_s=(0.0, 600.0), duty_level=(0.0, 0.9))
+    driven = drive(draw_run(duty, rng), np.arange(5400.0))
+    nodes_c = trajectory(sensor, start(sensor, driven[0, 1]), driven)[:-1:10]
+    read_c = digitised_temperatures(sensor, nodes_c, rng)[:, thermometer]
+    for begin in (0, 240):  # cells of 10 s
+        part = read_c[begin:]
+        k_per_h = cover([make_recording(part, unloaded(len(part)))]).begins_k_per_h
+        assert (k_per_h > 2.0) == bool(begin), k_per_h
+
+
 def test_axes_and_loads_that_are_missing_are_named(seen):
     coverage = seen(ramp(20, 35))
     assert 'No recording holds force_y, force_z' in advice(coverage, {'force_x': 'good'})
@@ -109,18 +146,33 @@ def test_axes_and_loads_that_are_missing_are_named(seen):
 
 
 def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
-    coverage, model = seen(ramp(20, 35)), {'model': Path('my model.yaml')}
+    coverage, model = seen(ramp(20, 35)), {'model': Path('m.yaml'), 'run': 'ros2 run x'}
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
         assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
     said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
-    assert said.startswith('The model holds on these recordings. Run it:\nros2 run wrist_ft_comp')
-    assert "-p model_file:='my model.yaml'\n" in said
+    assert said.startswith('The model holds on these recordings. Run it:\nros2 run x\n')
     assert 'nothing at 15 to 20 and 35 to 50 °C' in said
     whole = advice(seen(ramp(15, 50)), learnt_c=[(15.0, 50.0)], **model)
     assert whole.count('\n') == 1, 'nothing else is asked for'
     weak = {'force_x': 'good', 'force_z': 'weak'}
     poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
-    assert poor.startswith('One thermometer does not explain force_z well: heat comes from')
+    assert '\nOne thermometer does not explain force_z well: heat comes from' in poor
+
+
+@pytest.mark.parametrize(
+    ('topics', 'words'),
+    [
+        (Topics(), []),
+        (Topics('/ft/wrench'), ['-r', 'wrench_raw:=/ft/wrench']),
+        (Topics(temperatures=('/a', '/b:c')), ['-p', 'temperature_topics:=["/a", "/b:c"]']),
+        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/imu']),
+        (Topics(gravity_frame='map'), ['-p', 'gravity.source:=tf', '-p', 'gravity.frame:=map']),
+    ],
+)
+def test_the_command_that_runs_a_model_names_what_is_not_usual(topics, words):
+    head = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p']
+    command = shlex.split(run_command(topics, Path('my model.yaml')))
+    assert command == [*head, 'model_file:=my model.yaml', *words]
 
 
 def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):
@@ -136,8 +188,8 @@ def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen,
     monkeypatch.setattr('wrist_ft_comp.report.advice.open_bag', nullcontext)
     monkeypatch.setattr('wrist_ft_comp.report.advice.survey_bag', survey)
     case = Case(
-        [SimpleNamespace(duration_s=600.0)], seen(ramp(20, 35)), 'unloaded',
-        dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
+        [SimpleNamespace(duration_s=600.0)], replace(seen(ramp(20, 35)), begins_k_per_h=0.0),
+        'unloaded', dict.fromkeys(AXES, 'weak'), ['day swings around its levels of 120 s'],
         [Path('day.mcap')], ['/inside'])  # fmt: skip
     first, second, third, *_ = advise(case)
     assert first.startswith('The load moved, although it was declared unloaded.')

@@ -140,6 +140,25 @@ def test_a_calibration_says_what_was_held_out(text):
     assert 'Each of the 8 plateaus was held out' in text('plateaus')
 
 
+def test_a_footer_says_what_the_figures_are(text, view):
+    alone = 'before: RMS drift within parts of 22 min; left: as of a whole day.'
+    assert alone in Outline(text('weak')).whole
+    assert '; what is left is widened to a whole day' in text('weak')
+    for kind in ('good', 'plateaus', 'evaluation', 'work'):
+        assert view(kind).footer.startswith('before, left: root mean square.')
+        assert 'widened' not in text(kind)
+    for kind in KINDS:
+        dashes = any(row[-1] == '–' for row in view(kind).rows)
+        assert view(kind).footer.endswith('–: not known, record another day.') == dashes
+
+
+def test_the_largest_error_that_is_left_stands_beside_the_limit(view):
+    judged = view('evaluation')
+    assert judged.titles[-2:] == ('peak left', 'limit')
+    peaks = [rounded(axis.errors.max_after) for axis in judged.axes]
+    assert [row[-2] for row in judged.rows] == peaks
+
+
 def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
     names = [day.name for day in view('evaluation').recordings]
     for axis in view('evaluation').axes:

@@ -58,6 +58,19 @@ def test_both_lines_differ_without_colour_and_axes_have_units(thermometers):
     assert first.get_linestyle() != second.get_linestyle()
 
 
+@pytest.mark.parametrize(
+    ('left', 'drawn'),
+    [(0.0, '▁' * 16), (0.01, '▁' * 16), (-0.5, '▅' * 16), (1.0, '█' * 16), (9.0, '█' * 16)],
+)
+def test_what_is_left_over_time_is_drawn_on_the_scale_of_what_was_there(left, drawn):
+    day = series()
+    before = np.full(300, 2.0)
+    assert replace(day, before=before, after=left * before).sparkline() == drawn
+    assert replace(day, before=0 * before, after=0 * before).sparkline() == '▁' * 16
+    rising = replace(day, before=before, after=before * np.linspace(0, 1, 300)).sparkline()
+    assert list(rising) == sorted(rising)
+
+
 @pytest.mark.parametrize('points', [1, 2, 3])
 def test_a_handful_of_points_is_drawn(points):
     for draw in (pictures.errors_over_time, pictures.errors_over_temperature):

@@ -2,6 +2,7 @@
 
 import argparse
 from contextlib import ExitStack
+from dataclasses import replace
 import gc
 from pathlib import Path
 
@@ -12,19 +13,12 @@ from wrist_ft_comp.cli.output import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction
-from wrist_ft_comp.recordings.compensated_copy import (
-    check_copy,
-    EXTERNAL_TOPIC,
-    rewrite_recording,
-)
+from wrist_ft_comp.recordings.compensated_copy import check_copy, EXTERNAL_TOPIC, rewrite_recording
 from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.offline import (
-    correct_many,
-    initial_tare,
-    track_drift,
-)
+from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
 #: Weight is subtracted on cells of this length, s.
 _FINE_S = 0.02
@@ -64,6 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='add what the environment does to the tool: the payload that was mounted is found in '
         'the recording by its specific force, and its weight is taken off, too (columns '
         f'external_force_x …, or the topic {EXTERNAL_TOPIC})')  # fmt: skip
+    parser.add_argument(
+        '--picture', type=Path, metavar='PICTURE.png', help='draw the compensated recording, too'
+    )
     options.add_json(parser)
     group = options.add_topics(parser)
     group.add_argument(
@@ -77,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     options.check_recordings([arguments.recording], topics)
     added = [arguments.output_topic, *[EXTERNAL_TOPIC] * (arguments.reference == 'payload')]
     check_copy(arguments.recording, arguments.output, added, [arguments.model])
+    if arguments.picture:
+        PICTURE.check_target(arguments.picture, [arguments.model, arguments.recording])
     stored = load_model(arguments.model)
     model = stored.model
     period_s = model.period_ns / NANOSECONDS
@@ -102,6 +101,13 @@ def run(arguments: argparse.Namespace) -> int:
             lambda stamps_ns, raw: correct_many(track, stamps_ns, raw, tare), topics=topics,
             output_topic=arguments.output_topic, external=external,
             progress=lambda done: progress((1 + 2 * done) / 3))  # fmt: skip
+    if arguments.picture:
+        from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
+
+        middles_ns = track.stamps_ns[:-1] - recording.period_ns // 2
+        clean = correct_many(track, middles_ns, recording.wrench, tare)
+        shown = replace(recording, name=arguments.output.name, wrench=clean)
+        PICTURE.write(arguments.picture, pictures.png(pictures.recording_figure(shown)))
     warnings = (
         *([] if arguments.tare else [_UNTARED]),
         *sensor_warnings,

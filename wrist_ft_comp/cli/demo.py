@@ -12,13 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluate_recordings
-from wrist_ft_comp.cli.output import (
-    content_words,
-    filled,
-    print_words,
-    progress_bar,
-    waiting,
-)
+from wrist_ft_comp.cli.output import content_words, filled, print_words, progress_bar, waiting
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import Progress

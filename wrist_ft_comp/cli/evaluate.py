@@ -88,7 +88,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
     for number, path in enumerate(paths):
         recording = read_recording(
-            path, period_s=period_s, topics=topics or Topics(),
+            path, period_s=period_s, topics=topics or stored.topics,
             progress=part_of(progress, number, len(paths)))  # fmt: skip
         # What the model was learnt with, where the recording holds it, too.
         reference: Reference = wanted or 'unloaded'

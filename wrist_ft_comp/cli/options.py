@@ -3,12 +3,13 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from importlib.util import find_spec
 import math
 from pathlib import Path
 import re
 import shlex
-from typing import get_args, NoReturn, TypeVar
+from typing import Any, get_args, NoReturn, TypeVar
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
@@ -16,6 +17,7 @@ from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.stored.model_file import KIND as MODEL
+from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
 Number = TypeVar('Number', int, float)
@@ -28,9 +30,22 @@ RECORDING_HELP = (
 class Parser(argparse.ArgumentParser):
     """Refuses by a UsageError of one line, where argparse would print many and end the process."""
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse an option of a command that is not known before one that is missing."""
+        for name in re.findall(r'(?m)^--[\w-]+', '\n'.join(args)):
+            known = [o for o in self._option_string_actions if o.startswith(name)]
+            if not known and self._subparsers is None:
+                self.error(f'unrecognized arguments: {name}')
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
-        """Leave the sentence to whoever parses."""
-        raise UsageError(f'{message.rstrip(".")}. See {self.prog} --help.')
+        """Leave the sentence to whoever parses; a mistyped word gets its nearest neighbour."""
+        head, _, choices = message.rstrip('.').partition(' (choose from ')
+        wrong = re.search(r"(?:invalid choice: '|unrecognized arguments: )([^\s']+)", head)
+        known = re.findall(r'[\w-]+', choices) or self._option_string_actions
+        near = get_close_matches(wrong[1], known, n=1) if wrong else []
+        sentence = f'{head}; did you mean {near[0]}?' if near else f'{message.rstrip(".")}.'
+        raise UsageError(f'{sentence} See {self.prog} --help.')
 
 
 def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
@@ -67,14 +82,15 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     defaults = Topics()
     group = parser.add_argument_group('topics in bags')
     group.add_argument(
-        '--wrench-topic', default=defaults.wrench, metavar='TOPIC',
-        help='a geometry_msgs/WrenchStamped (default: %(default)s)')  # fmt: skip
+        '--wrench-topic', metavar='TOPIC',
+        help=f"a geometry_msgs/WrenchStamped (default: the model's, else {defaults.wrench})",
+    )  # fmt: skip
     group.add_argument(
         '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
         "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
-        f'(default: {", ".join(defaults.temperatures)})')  # fmt: skip
+        f"(default: the model's, else {defaults.temperatures[0]})")  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
         help='(default: %(default)s)')  # fmt: skip
@@ -112,12 +128,14 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 
 def topics_from(arguments: argparse.Namespace) -> Topics:
-    """Build the topics that were given; SettingsError when they can't be meant so."""
-    temperatures = tuple(arguments.temperature_topic or Topics().temperatures)
+    """Build the topics that were given, or the model's; SettingsError if not meant so."""
+    usual = load_model(arguments.model).topics if 'model' in arguments else Topics()
+    temperatures = tuple(arguments.temperature_topic or usual.temperatures)
     parse_sources(temperatures, lambda topic: topic.strip('/'))
     topics = Topics(
-        arguments.wrench_topic, temperatures, arguments.reference_topic, arguments.imu_topic,
-        arguments.gravity_frame, columns=arguments.columns, time=arguments.time,
+        arguments.wrench_topic or usual.wrench, temperatures, arguments.reference_topic,
+        arguments.imu_topic, arguments.gravity_frame,
+        columns=arguments.columns, time=arguments.time,
         begin=getattr(arguments, 'begin', ''), end=getattr(arguments, 'end', ''),
         exclude=tuple(getattr(arguments, 'exclude', ())))  # fmt: skip
     parse_options(topics)

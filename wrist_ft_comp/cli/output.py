@@ -15,9 +15,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.progress import (
-    Progress as Bar,
-)
+from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -88,11 +86,8 @@ def content_words(
     sparks = [axis.series.sparkline() for axis in content.axes]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
     words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
-    words.append(
-        filled(
-            f'before, left: root mean square; over time: lowest to highest. {content.conditions}'
-        )
-    )
+    over_time = 'over time: ▁ nothing is left, █ as much as before.'
+    words.append(filled(f'{content.footer} {over_time}'))
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]

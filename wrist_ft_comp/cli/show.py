@@ -3,8 +3,8 @@
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-import json
 from pathlib import Path
+import re
 import shlex
 
 import numpy as np
@@ -22,7 +22,9 @@ from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, pa
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import describe
+from wrist_ft_comp.recordings.log_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.days import (
     date_of,
     drift_left,
@@ -62,11 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture',
-        type=Path,
-        metavar='PICTURE.png',
+        '--picture', type=Path, metavar='PICTURE.png',
         help="draw a recording, or a node's days: what drifted, what was left, what happened",
-    )
+    )  # fmt: skip
     options.add_topics(parser)
     options.add_json(parser)
 
@@ -77,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
-    figure, refusal = None, f'{path} is no recording, and no folder of a node that learns.'
+    figure, code = None, 0
+    refusal = f'{path} is no recording, and no folder of a node that learns.'
     lines: list[str | Table]
     if REPORT.is_own(path):
         document: dict[str, object] = {'name': path.name, 'kind': 'report'}
@@ -103,6 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
             options.check_recordings([path], topics)
             described, recording = describe.describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
+            code = int(recording is None and not described.candidates)  # nothing could be read
             learnt_from = list[str]()
             if recording and not refusal:
                 silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
@@ -124,16 +126,13 @@ def run(arguments: argparse.Namespace) -> int:
             raise RecordingError(f'There is nothing to draw. {refusal}')
         PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
-    return 0
+    return code
 
 
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of a node, as plain values and in words."""
-    diary, memory, warnings = (
-        diaries.survey(folder),
-        diaries.Memory(),
-        [diaries.diary_problem(folder)],
-    )
+    diary, memory = diaries.survey(folder), diaries.Memory()
+    warnings = [diaries.diary_problem(folder)]
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
@@ -166,7 +165,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift', 'time constants, s']
+    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift of', 'time constants, s']
     rows = [
         [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
          drifts_removed(stored.model.axes.get(axis)),
@@ -237,9 +236,10 @@ def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str |
         ])  # fmt: skip
     yield ''
     for candidate in candidates:
-        if candidate.reads and 200 < candidate.reads[0] <= candidate.reads[1] < 450:
+        if candidate.reads and (suffix := suffix_of(*candidate.reads)):
             field = '' if ':' in candidate.entry else ':temperature'
-            yield f'If {candidate.entry} is in kelvin, write {candidate.entry}{field}:K.'
+            unit = 'kelvin' if suffix == ':K' else 'tenths of °C'
+            yield f'If {candidate.entry} is in {unit}, write {candidate.entry}{field}{suffix}.'
 
 
 def _refusal(summary: describe.RecordingSummary, recording: Recording | None) -> str:
@@ -307,8 +307,6 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
     force, words = summary.specific_force, list[str]()
-    run = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
-    run += ['-p', 'model_file:=model.yaml']
     referred = any(c.role == describe.REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = force is not None and force.seen > 0 and not referred
@@ -318,27 +316,28 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
         words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
     if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
-        run += ['-r', f'wrench_raw:={topics.wrench}']
     if topics.temperatures != usual.temperatures:
         for entry in topics.temperatures:
             words += ['--temperature-topic', entry]
-        run += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if referred and topics.reference != usual.reference:
         words += ['--reference-topic', topics.reference]
-    if at_work and topics.imu:
+    if not at_work:
+        topics = replace(topics, imu='', gravity_frame='')
+    if topics.imu:
         words += ['--imu-topic', topics.imu]
-        run += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
-    elif at_work and topics.gravity_frame:
+    elif topics.gravity_frame:
         words += ['--gravity-frame', topics.gravity_frame]
-        run += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
-    another = 'another_day' if is_bag else f'another_day{"".join(path.suffixes[-2:])}'
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', 'model.yaml']
-    evaluate = ['wrist_ft_comp', 'evaluate', 'model.yaml', another]
+    # Two recordings in one folder have two models, and none is the map of their columns.
+    name = re.sub(r'(\.[a-z]\w*)+$', '', path.name.partition('+')[0], flags=re.IGNORECASE)
+    model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
+    another = f'ANOTHER_DAY{"" if is_bag else "".join(path.suffixes[-2:])}'
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
+    evaluate = ['wrist_ft_comp', 'evaluate', model, another]
     if not is_bag:
         return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
-    calibrate += ['--report', 'model.html', *words]
+    calibrate += ['--report', f'{Path(model).stem}.html', *words]
     evaluate += ['--report', 'evaluation.html', *words]
-    return [shlex.join(command) for command in (calibrate, evaluate, run)]
+    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
 
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
@@ -348,15 +347,12 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     for day in days:
         drift = drift_left(day)
         drifts = (*drift, 100 * drift.share)
-        rows.append(
-            [
-                day.name.removesuffix('.csv'),
-                date_of(day),
-                f'{day.hours:.1f}' if day.first_ns else '-',
-                ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
-                *('-' if np.isnan(value) else rounded(value) for value in drifts),
-            ]
-        )
+        rows.append([
+            day.name.removesuffix('.csv'), date_of(day),
+            f'{day.hours:.1f}' if day.first_ns else '-',
+            ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
+            *('-' if np.isnan(value) else rounded(value) for value in drifts),
+        ])  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
     newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
     lines = [

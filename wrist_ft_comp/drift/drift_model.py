@@ -16,6 +16,7 @@ from wrist_ft_comp.channels import AXES, SENSOR_FACTS, SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError, SettingsError
+from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
 Document = dict[str, Any]
@@ -110,6 +111,12 @@ class StoredModel:
             if names and isinstance(names, list):
                 sensor[fact] = [str(name) for name in names]
         return sensor
+
+    @property
+    def topics(self) -> Topics:
+        """Topics that the model was learnt from; the usual ones where its file names none."""
+        wrench = self.sensor.get('wrench_topic', [Topics.wrench])[0]
+        return Topics(wrench, tuple(self.sensor.get('temperature_topics', Topics.temperatures)))
 
     @property
     def reference(self) -> str:

@@ -280,8 +280,9 @@ class TemperatureInput(Part):
         for j, spikes in enumerate(self._tracker.spikes):
             if spikes.leaves_out or f'spike {j}' in lately:
                 yield (
-                    f'thermometer {j + 1} read {spikes.strange_c:.1f} °C, where metal cannot have '
-                    f'gone from {spikes.believed_c:.1f} °C; that is left out; is it loose?'
+                    f'thermometer {j + 1} changed faster than metal can, from '
+                    f'{spikes.believed_c:.1f} to {spikes.strange_c:.1f} °C; that is left out; is '
+                    'it loose?'
                 )
         if 'leapt' in lately:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'

@@ -10,12 +10,7 @@ import re
 
 import numpy as np
 
-from wrist_ft_comp.channels import (
-    AXES,
-    axis_unit,
-    is_plausible,
-    temperature_channel,
-)
+from wrist_ft_comp.channels import AXES, axis_unit, is_plausible, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recording import Recording, Topics

@@ -73,17 +73,8 @@ _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
-    't',
-    'tmp',
-    'tc',
-    'pt',
-    'rtd',
-    'ntc',
-    'thermistor',
-    '温度',
-    '온도',
-    'температура',
-}
+    't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
+}  # fmt: skip
 #: Words of the true wrench, of what was made of the raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
 _TREATED = {
@@ -109,8 +100,10 @@ _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
-#: Between which readings a day may begin in a unit, and hardly in °C.
-_COLD_STARTS = {'F': (55.0, 120.0), 'K': (230.0, 330.0)}
+#: Between which readings a day may begin in °F, and hardly in °C.
+_COLD_START_F = 55.0, 120.0
+#: Readings of a wrist in kelvins, the most that they are apart, and those in tenths of °C.
+_KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -140,6 +133,7 @@ class Proposal:
             + (f':{time}' if ours == STAMP and len(times) > 1 and time in TIME_UNITS_NS else '')
             for columns, time in found
             for ours, theirs in columns.items()
+            if theirs != OPEN or 'raw wrench' in lacking
         ]
         for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
             has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
@@ -169,6 +163,13 @@ class Proposal:
                 'force.csv+temperature.csv.'
             )
         return sentence
+
+
+def suffix_of(low: float, high: float) -> str:
+    """Tell what makes readings from low to high a wrist's temperatures: :K, *0.1 or nothing."""
+    if _KELVINS[0] < low <= high < min(low + _MOST_SPAN_K, _KELVINS[1]):
+        return ':K'
+    return '*0.1' if _TENTHS[0] <= low <= high <= _TENTHS[1] else ''
 
 
 def warn_of_unused(placed: Placed) -> list[str]:
@@ -252,7 +253,7 @@ class _Looks:
         return merit * float(np.mean(steps > 0))
 
     def temperature_unit(self) -> str | None:
-        """Find the unit in which it reads like a thermometer; None where it is none."""
+        """Find unit, or factor, by which it reads like a thermometer; None where it is none."""
         unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
@@ -263,9 +264,12 @@ class _Looks:
             return None
         if not len(self.numbers):
             return unit
-        first = self.numbers[0]
-        likely = (u for u, (low, high) in _COLD_STARTS.items() if low < first < high)
-        unit = unit or next(likely, '')
+        if not unit and _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]:
+            unit = 'F'
+        elif not unit:
+            unit = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist()).strip(':')
+            if unit == '*0.1':
+                return unit
         plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
         return unit if sum(plausible) > 0.9 * len(self.numbers) else None
 
@@ -314,6 +318,7 @@ def propose(
         unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
         if channel.startswith('temperature'):
             unit = looks.temperature_unit() or ''
+            factor, unit = (unit, '') if unit.startswith('*') else ('', unit)
         if channel in AXES and header:
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
@@ -325,6 +330,10 @@ def propose(
         proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
         if len(proposed) == _MOST_ENTRIES:
             break
+    # Six numbers without a name are a wrench in an order that a person knows.
+    unnamed = [looks for looks in free if looks.may_be('force_z')]
+    if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
+        proposed |= dict.fromkeys(AXES, OPEN)
     return proposed, time
 
 

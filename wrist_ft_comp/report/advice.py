@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+import json
 from pathlib import Path
 import shlex
 
@@ -12,7 +13,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
-from wrist_ft_comp.recording import Recording, Reference
+from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
@@ -29,6 +30,10 @@ _TREND_S = 300.0
 _TIME_CONSTANTS = 4.0
 #: A recording should last for at least this time, s.
 _SHORTEST_S = 3600.0
+#: A recording begins at rest where its temperature rises by less in the first _TREND_S, K/h. Cold
+#: starts of the simulated sensor rise by up to 1.1, without their first half hour by 15 to 28 at
+#: the flange, 2 to 7 inside. Half of it is a warming room; twice misses half of those inside.
+_STEEP_K_PER_H = 2.0
 #: Warming is missing where it is less than this share of cooling, and the other way round.
 _ONE_WAY_SHARE = 0.2
 #: Temperatures that leave a range by less than this do not leave it, K.
@@ -45,11 +50,13 @@ class Coverage:
     range_c: FloatArray
     #: Number of the thermometer that spans most, counted from 0; advice is about this one.
     leading: int
-    #: How far the leading thermometer went up, and down.
+    #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
     #: Parts of the working range that the leading thermometer has not seen, °C.
     unseen_c: Sequence[tuple[float, float]]
+    #: How steeply it rises where a recording begins, at most, K/h.
+    begins_k_per_h: float
 
 
 def cover(recordings: Sequence[Recording]) -> Coverage:
@@ -67,15 +74,14 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     inner = pairwise(seen_c.tolist())
     outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
     unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
-    # Rise and fall, between means of the leading thermometer.
-    moves = np.concatenate([
-        np.diff(bin_means(recording.temperature_c[at, leading], at,
-                          max(round(_TREND_S / recording.period_s), 1)))
-        for recording, at in pairs if len(at)
-    ])  # fmt: skip
-    return Coverage(
-        range_c, leading, float(np.abs(moves[moves > 0]).sum()),
-        float(np.abs(moves[moves < 0]).sum()), unseen)  # fmt: skip
+    # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
+    cells = max(round(_TREND_S / recordings[0].period_s), 1)
+    means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
+    moves = [np.diff(of_one) for of_one in means]
+    risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
+    begins = [(one.elapsed_s / 3600, one.temperature_c[:, leading]) for one in recordings]
+    slopes = [np.polyfit(t[: cells + 1], c[: cells + 1], 1)[0] for t, c in begins if len(t) > 1]
+    return Coverage(range_c, leading, risen_k, fallen_k, unseen, max(slopes, default=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +103,25 @@ class Case:
     #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
     learnt_c: Sequence[tuple[float, float]] = ()
     model: Path | None = None
+    #: And the command that runs it; empty where it was learnt from what it is judged on.
+    run: str = ''
     #: Of an evaluation: axes whose errors are above the stated limit, with both.
     beyond: Sequence[str] = ()
+
+
+def run_command(topics: Topics, model: object) -> str:
+    """Write the command that runs a model on the topics of a bag."""
+    words = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
+    words += ['-p', f'model_file:={model}']
+    if topics.wrench.strip('/') != Topics.wrench.strip('/'):
+        words += ['-r', f'wrench_raw:={topics.wrench}']
+    if topics.temperatures != Topics.temperatures:
+        words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
+    if topics.imu:
+        words += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
+    elif topics.gravity_frame:
+        words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
+    return shlex.join(words)
 
 
 def advise(case: Case) -> tuple[str, ...]:
@@ -118,6 +141,12 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
+    if poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
+        steps.append(
+            'The beginning of the warm-up is missing: the temperature rises by '
+            f'{k_per_h:.0f} K/h from the first minutes on. Switch the robot off for two hours, '
+            'start recording first, then switch it on.'
+        )
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
@@ -162,21 +191,21 @@ def _recorded(case: Case) -> Iterator[str]:
         )
     up, down = coverage.risen_k, coverage.fallen_k
     if min(up, down) < _ONE_WAY_SHARE * max(up, down):
-        ended, other, action = ('hot', 'cooled', 'cool down')
+        ended, other, ways = 'hot', 'cool down', 'cools down'
         if up < down:
-            ended, other, action = ('cold', 'warmed', 'warm up')
+            ended, other, ways = 'cold', 'warm up', 'warms up'
         yield (
-            f'The recording ended {ended}: the sensor went {max(up, down):.1f} K one way and '
-            f'{other} by {min(up, down):.1f} K only. Let it {action} while recording: a lag shows '
-            'where both ways differ.'
+            f'The recording ended {ended}: the sensor warmed by {up:.1f} K and cooled by '
+            f'{down:.1f} K. Let it {other} while recording. A lag can only be measured if the '
+            f'sensor also {ways}.'
         )
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
     if unseen := [f'{start:.0f} to {end:.0f}' for start, end in coverage.unseen_c]:
         yield (
-            f'You have not seen {_enumerate(unseen)} °C{where}: there the correction is a guess. '
-            'If the robot gets there, record it there.'
+            f'The recordings have no temperatures of {_enumerate(unseen)} °C{where}: there the '
+            'correction is a guess. If the robot gets there, record it there.'
         )
     if missing := [axis for axis in AXES if axis not in case.levels]:
         yield f'No recording holds {_enumerate(missing)}; what is not recorded is passed through.'
@@ -203,11 +232,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
             'missing, or it is another sensor. If it is nothing of that, calibrate again with '
             'these recordings among the others.'
         )
-    elif set(case.levels.values()) <= {'good', 'uncalibrated'} and 'good' in case.levels.values():
-        yield (
-            'The model holds on these recordings. Run it:\nros2 run wrist_ft_comp compensator '
-            f'--ros-args -p model_file:={shlex.quote(str(case.model))}'
-        )
+    elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
+        yield f'The model holds on these recordings. Run it:\n{case.run}'
     unseen = [f'{start:.0f} to {end:.0f}' for start, end in case.coverage.unseen_c]
     if unseen and not outside:
         yield (

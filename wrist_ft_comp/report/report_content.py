@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage
+from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -27,7 +27,7 @@ from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 MOST_ADVICE = 3
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
-#: Letters that draw what is left over time, the lowest first, and how many means they show.
+#: Letters that draw what is left over time, nothing first, and how many means they show.
 _BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 16
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
@@ -57,10 +57,10 @@ class ErrorSeries:
         return noise_level([self.after[self.part == part] for part in np.unique(self.part)])
 
     def sparkline(self) -> str:
-        """Draw what is left over time in a few letters, from its lowest to its highest mean."""
+        """Draw what is left over time in a few letters: nothing, to as much as without (RMS)."""
         pieces = np.array_split(self.after, min(_SPARKS, len(self.after)))
-        means = np.array([piece.mean() for piece in pieces])
-        shares = (means - means.min()) / max(float(np.ptp(means)), 1e-300)
+        left = np.sqrt([np.mean(piece**2) for piece in pieces])
+        shares = np.minimum(left / max(np.sqrt(np.mean(self.before**2)), 1e-300), 1.0)
         return ''.join(_BLOCKS[round(share)] for share in (shares * (len(_BLOCKS) - 1)).tolist())
 
 
@@ -115,9 +115,11 @@ class ReportContent:
     at_work: str = ''
     #: Under which conditions the limits of another day hold; empty where none is stated.
     conditions: str = ''
+    #: What the figures before and left are.
+    figures: str = 'before, left: root mean square.'
 
-    #: Columns of the table that says whether it is good: RMS before and left.
-    titles = ('axis', 'unit', 'verdict', 'before', 'left', 'limit')
+    #: Columns of the table that says whether it is good.
+    titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
@@ -125,9 +127,16 @@ class ReportContent:
         return [
             (axis.axis, axis.unit, verdicts.LEVEL_NAMES[axis.verdict.level],
              *('–' if np.isnan(value) else rounded(value) if value > _RESOLVED else '0'
-               for value in (axis.errors.rms_before, axis.errors.rms_after, axis.day_limit)))
+               for value in (axis.errors.rms_before, axis.errors.rms_after, axis.errors.max_after,
+                             axis.day_limit)))
             for axis in self.axes
         ]  # fmt: skip
+
+    @property
+    def footer(self) -> str:
+        """Explain the figures of that table."""
+        unknown = {'–: not known, record another day.' for row in self.rows if row[-1] == '–'}
+        return ' '.join(filter(None, [self.figures, self.conditions, *unknown]))
 
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
@@ -174,26 +183,27 @@ def calibration_content(
             slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        axes.append(
-            AxisView(
-                axis, fit.unit, verdicts.judge(evidence), errors, series, entry, fit.day_limit
-            )
-        )
+        verdict = verdicts.judge(evidence)
+        axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
-        level = axes[-1].verdict.level
-        levels[axis] = 'weak' if level == 'uncalibrated' and drifts else level
+        is_weak = verdict.level == 'uncalibrated' and drifts
+        levels[axis] = 'weak' if is_weak else verdict.level
     case = Case(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
+    figures, first = ReportContent.figures, next(iter(held.values()))
+    if len(recordings) == 1 and first.tared:
+        minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
+        figures = f'before: RMS drift within parts of {minutes:.0f} min; left: as of a whole day.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         conditions=verdicts.conditions_of_another_day(calibration),
-        explanation=explain_folds(next(iter(held.values())), recordings, reference),
+        explanation=explain_folds(first, recordings, reference), figures=figures,
         axes=tuple(axes), advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
@@ -238,20 +248,18 @@ def evaluation_content(
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
             block_name='recording', blocks=blocks)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
-        axes.append(
-            AxisView(
-                axis, evidence.unit, verdicts.judge(evidence), errors, series, entry, limit, parts
-            )
-        )
+        verdict = verdicts.judge(evidence)
+        axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
             beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
+    is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
-        beyond=beyond,
+        beyond=beyond, run=run_command(stored.topics, stored.path) if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
@@ -265,10 +273,10 @@ def evaluation_content(
 
 
 def drifts_removed(model: AxisModel | None) -> str:
-    """Say which drifts an axis' model removes."""
+    """Say of what an axis' model removes the drift."""
     if model is None:
-        return 'none'
-    return 'zero and gain' if model.outputs == 2 else 'zero'
+        return 'nothing'
+    return 'zero and gain' if model.outputs == 2 else 'the zero'
 
 
 def starts_h(recordings: Sequence[Recording]) -> FloatArray:
@@ -314,18 +322,19 @@ def _slowest_s(fit: AxisFit) -> float:
 
 def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
     """Say what was held out, and from where errors are counted."""
-    count, zero = len(np.unique(held_out.fold)), 'after a tare in its first minute'
+    count, widened = len(np.unique(held_out.fold)), ''
+    zero = 'after a tare in its first minute'
     blocks = f'Each of the {count} recordings'
     if len(recordings) == 1 and held_out.tared:
         minutes = recordings[0].duration_s / count / 60
         blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
-        zero += ' and widened to a whole day, which drifts further than a block'
+        widened = '; what is left is widened to a whole day, which drifts further than a block'
     elif len(recordings) == 1:
         blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
     return (
         f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
         f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
-        f'compensation and without. Reference: {reference}.'
+        f'compensation and without{widened}. Reference: {reference}.'
     )
 
 

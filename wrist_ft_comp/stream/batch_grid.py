@@ -94,7 +94,7 @@ class _Group:
     #: First and last stamp of the samples that can be used, ns.
     first_ns: int = NO_TIME
     last_ns: int = NO_TIME
-    #: Of a thermometer: readings that metal cannot have gone to.
+    #: Of a thermometer: readings that changed faster than metal can.
     spikes: SpikeFilter = field(default_factory=SpikeFilter)
     #: Of every block: cells, ascending, sums, shape (n, C), and counts.
     sums: list[tuple[IntArray, FloatArray, IntArray]] = field(default_factory=list)
@@ -166,8 +166,8 @@ class _Group:
         if self.spikes.first:
             stamp_ns, reading_c = self.spikes.first
             yield (
-                f'{title}: {self.spikes.dropped} of {self.samples} samples are where metal cannot '
-                f'have gone, first at stamp {stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} '
+                f'{title}: {self.spikes.dropped} of {self.samples} samples changed faster than '
+                f'metal can, first at stamp {stamp_ns / NANOSECONDS:.0f} s with {reading_c:.1f} '
                 '°C; left out.'
             )
         used, span_ns = self.samples - dropped, self.last_ns - self.first_ns

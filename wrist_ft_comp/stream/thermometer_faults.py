@@ -1,5 +1,5 @@
 """
-Thermometers that are not believed: readings where metal cannot have gone, dead and frozen ones.
+Thermometers that are not believed: those that change faster than metal can, or are dead or frozen.
 
 A bad contact, a bus error, or the first conversions of a digital thermometer give readings far
 from those before. They are left out until metal could have got there: 0 °C instead of 25 °C for
@@ -73,7 +73,7 @@ class _Run:
 
 
 class SpikeFilter:
-    """Leaves out the readings of a thermometer that metal cannot have gone to."""
+    """Leaves out the readings of a thermometer that changed faster than metal can."""
 
     def __init__(self) -> None:
         #: How many were left out, and the first of them.

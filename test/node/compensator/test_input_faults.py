@@ -177,7 +177,11 @@ TEMPERATURES = {
     'kelvin': ([(20, 298.15), *GOOD], 'In kelvins it would be 25.0 °C: then name it ', 5.0),
     'hours ahead': ([(20 + HOURS, 44.0), *GOOD], '', 5.0),
     'hours back': ([(20 - HOURS, 44.0), *GOOD], '', 5.0),
-    'spike': ([(20, 85.0), *GOOD], 'where metal cannot have gone from 30.0 °C; that is left', 5.0),
+    'spike': (
+        [(20, 85.0), *GOOD],
+        'faster than metal can, from 30.0 to 85.0 °C; that',
+        5.0,
+    ),
     'stamp again': ([(0, 44.0)], 'dropped, because their stamps do not increase', 5.0),
     'fahrenheit': (
         [(second, 86.0) for second in (*range(20, 50), *range(50, 3000, 20))],
