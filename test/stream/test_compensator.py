@@ -10,14 +10,8 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.compensator import (
-    axis_limits,
-    Compensator,
-    Limits,
-    MAX_SENSITIVITY,
-    MAX_SENSITIVITY_RATE,
-    StreamSettings,
-)
+from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.limits import axis_limits, Limits, MAX_SENSITIVITY, MAX_SENSITIVITY_RATE
 from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 SECOND = 1_000_000_000
