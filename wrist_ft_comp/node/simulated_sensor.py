@@ -137,36 +137,45 @@ class SimulatedSensor(Node):
         #: How many subscribers each topic had, and since when.
         self._subscribers, self._subscribed_s = list[int](), 0.0
 
-        wrench = partial(WrenchStamped, header=Header(frame_id=_FRAME))
-        six = _xyz('wrench.force', 'wrench.torque')
-        self._raw = _Topic(self, 'wrench_raw', wrench(), *six)
-        self._reference = _Topic(self, 'wrench_reference', wrench(), *six)
-        variance = self._sensor.settings.thermometer_noise_k**2
-        self._thermometers = [
-            _Topic(
-                self, name, Temperature(header=Header(frame_id=_FRAME), variance=variance),
-                'temperature',
-            )
-            for name in ('temperature', 'temperature_2')
-        ]  # fmt: skip
-        #: Of a robot at work: its program, what draws the noise of its IMU, and its topics.
+        self._open_topics()
+        #: Of a robot at work: its program.
         self._work: Work | None = None
         if chosen['tool_mass'] > 0:
-            self._accelerometer = draw_accelerometer(np.random.default_rng([seeds[0], 1]))
-            tools = np.random.default_rng([seeds[0], 4])
-            program = np.random.default_rng([*seeds, 2])
-            self._work = draw_work(WorkSettings(chosen['tool_mass']), program, tools)
-            self._imu_rng = np.random.default_rng([*seeds, 3])
-            imu = Imu(header=Header(frame_id=_IMU_FRAME))
-            imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
-            self._imu = _Topic(self, 'imu', imu, *_xyz('linear_acceleration', 'angular_velocity'))
-            self._contact = _Topic(self, 'wrench_external_reference', wrench(), *six)
+            self._begin_work(chosen['tool_mass'], seeds)
         logger = cast('Any', self).get_logger()
         warn_of_unknown(self, logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrench_rate, self._temperature_rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _open_topics(self) -> None:
+        """Open the topics of a sensor, with or without a robot."""
+        header, six = Header(frame_id=_FRAME), _xyz('wrench.force', 'wrench.torque')
+        self._raw, self._reference = (
+            _Topic(self, name, WrenchStamped(header=header), *six)
+            for name in ('wrench_raw', 'wrench_reference')
+        )
+        heat = partial(Temperature, variance=self._sensor.settings.thermometer_noise_k**2)
+        self._thermometers = [
+            _Topic(self, name, heat(header=header), 'temperature')
+            for name in ('temperature', 'temperature_2')
+        ]
+
+    def _begin_work(self, tool_kg: float, seeds: Sequence[int]) -> None:
+        """Draw a robot's program, the noise of its IMU, and what else it publishes."""
+        tools, program, self._imu_rng, imu_rng = (
+            np.random.default_rng(seed)
+            for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
+        )
+        self._accelerometer = draw_accelerometer(imu_rng)
+        self._work = draw_work(WorkSettings(tool_kg), program, tools)
+        imu = Imu(header=Header(frame_id=_IMU_FRAME))
+        imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
+        self._imu = _Topic(self, 'imu', imu, *_xyz('linear_acceleration', 'angular_velocity'))
+        wrench = WrenchStamped(header=Header(frame_id=_FRAME))
+        fields = _xyz('wrench.force', 'wrench.torque')
+        self._contact = _Topic(self, 'wrench_external_reference', wrench, *fields)
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""
