@@ -7,7 +7,7 @@ Without compensation is dashed, or a cross; with it is solid, or a dot: colour i
 from collections.abc import Sequence
 from html import escape
 from io import BytesIO, StringIO
-from itertools import cycle
+from itertools import chain, cycle
 import json
 import re
 import textwrap
@@ -169,10 +169,13 @@ def _frame(panel: Axes, grid: Literal['both', 'y'] = 'both') -> None:
 
 
 def _legend(figure: Figure, columns: int = 2) -> None:
-    """Put the legend above the picture, where it hides nothing."""
-    figure.legend(
-        loc='outside upper right', ncols=columns, frameon=False, handlelength=2.4, markerscale=1.5
-    )
+    """Put the legend of all panels above the first one, where it hides nothing."""
+    drawn = [zip(*panel.get_legend_handles_labels(), strict=True) for panel in figure.axes]
+    handles, labels = zip(*chain.from_iterable(drawn), strict=True)
+    figure.axes[0].legend(
+        handles, labels, loc='lower right', bbox_to_anchor=(1, 1), ncols=columns, frameon=False,
+        handlelength=2.4, markerscale=1.5,
+    )  # fmt: skip
 
 
 def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: Any) -> None:
