@@ -159,3 +159,15 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 ] * len(doubts)
         assert compensator.gap_doubts() == []
     assert stated == {True, False}
+
+
+def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
+    model = make_model({'force_z': (0.4, 0.0, 600.0)})
+    first, second = (Compensator(1, model=model) for _ in range(2))
+    for k in range(2):
+        first.add_temperature(0, START + k * SECOND, 20.0)
+    second.resume(first.memory(), 300.0)
+    for k in range(302, 306):
+        second.add_temperature(0, START + k * SECOND, 25.0)
+    assert np.isfinite(second.compensation.zero).all()
+    assert not any('nan' in doubt for doubt in second.gap_doubts())

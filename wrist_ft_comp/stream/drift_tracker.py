@@ -42,7 +42,7 @@ class Gap(NamedTuple):
     unknown: FloatArray
 
     def left(self, now_ns: int, memory_s: float) -> FloatArray:
-        """How far it may still be off, as a model of such a memory forgets, N and N m, (6,)."""
+        """How far the drift may still be off when a model forgets in ``memory_s``, N and N m, (6,)."""
         age_s = (now_ns - self.end_ns) / NANOSECONDS
         return np.asarray(self.unknown * np.exp(-TIME_CONSTANTS * age_s / memory_s))
 
@@ -63,7 +63,7 @@ class DriftTracker:
         self.origin = _NOT_YET
         #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
-        #: The newest gap under this model.
+        #: The newest gap.
         self.gap: Gap | None = None
         self.clocks = SourceClocks(thermometers, patience_s)
         #: Of each thermometer.
@@ -190,9 +190,11 @@ class DriftTracker:
         Temperatures may have gone up and come back, or down, as fast as they have ever moved.
         """
         period_s = self.grid.period_ns / NANOSECONDS
-        span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
-        moves_k = np.abs(history_c[span:] - history_c[: len(history_c) - span]).max(axis=0)
-        rate_k_s = np.maximum(moves_k / (span * period_s), np.abs(after_c - before_c) / gap_s)
+        rate_k_s = np.abs(after_c - before_c) / gap_s
+        if len(history_c) > 1:  # a node may be killed after its first cell
+            span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
+            moves_k = np.abs(history_c[span:] - history_c[:-span]).max(axis=0)
+            rate_k_s = np.maximum(moves_k / (span * period_s), rate_k_s)
         forgotten_s = max(gap_s - longest_gap_s(model), 0.0)
         at_s = np.arange(forgotten_s, gap_s + period_s, period_s)[:, np.newaxis]
         since_k, until_k = rate_k_s * at_s, rate_k_s * (gap_s - at_s)
@@ -237,7 +239,7 @@ class DriftTracker:
         if model is not None and model.period_ns != self.grid.period_ns:
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
-        self.model, self.state, self.awaited, self.gap = model, None, None, None
+        self.model, self.state, self.awaited = model, None, None
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
