@@ -42,7 +42,7 @@ class Gap(NamedTuple):
     unknown: FloatArray
 
     def left(self, now_ns: int, memory_s: float) -> FloatArray:
-        """How far the drift may still be off when a model forgets in ``memory_s``, N and N m, (6,)."""
+        """How far it may still be off where a model remembers so long, N and N m, (6,)."""
         age_s = (now_ns - self.end_ns) / NANOSECONDS
         return np.asarray(self.unknown * np.exp(-TIME_CONSTANTS * age_s / memory_s))
 
