@@ -21,14 +21,14 @@ from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import Kind, to_plain
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=2, keeps=True,
+    name='diary', says='wrist_ft_comp diary', version=2,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then nothing is learnt.')  # fmt: skip
 MEMORY = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
-    keeps=True, max_bytes=1_000_000, error=StateFileError,
+    max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart may forget an offered model.')  # fmt: skip
