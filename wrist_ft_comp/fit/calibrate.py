@@ -30,17 +30,13 @@ from wrist_ft_comp.fit.named_methods import (
 )
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.ridge_average import identify_auto
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.segments import MOVING, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, require_recordings
 from wrist_ft_comp.series import IntArray, Progress
-
-#: Readings that are off by more, RMS, are not those of a still sensor, N, and N m at a lever of
-#: 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-_MOVING = {'N': 1.0, 'N m': 0.1}
 
 
 def calibrate(
@@ -109,7 +105,7 @@ def calibrate(
         unexplained = [
             f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
             for axis, fit in fits.items()
-            if fit.rms_after > max(fit.rms_before / 2, _MOVING[fit.unit])
+            if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
         ]
         if unexplained:
             warnings.append(
