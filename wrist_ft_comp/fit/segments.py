@@ -111,9 +111,9 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         sentences.insert(
             0,
             f'{recording.name} swings around its levels of {BESIDE_S:.0f} s, RMS: '
-            f'{", ".join(swings)}, although the load was declared {reference}. Did the robot move, '
-            'or does something vibrate? Record again standing still, or with the specific force '
-            '(--reference payload).',
+            f'{", ".join(swings)}, although the load was declared {reference}. Did the robot '
+            'move, or does something vibrate? Record again standing still, or with the specific '
+            'force (--reference payload).',
         )
     return replace(recording, wrench=wrench), sentences
 
