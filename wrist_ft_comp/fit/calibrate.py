@@ -7,6 +7,7 @@ This is the story; what each step decides is in the file that it is named after.
 from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -86,9 +87,8 @@ def calibrate(
     # Learn every axis; at work twice: with a model, drift is separated from payloads better.
     work = None
     if reference == 'payload':
-        work = learn_at_work(recordings)
-        _, model, _ = _learn(work.separation.drift, axes, folds, settings, lambda _: None)
-        work = learn_at_work(recordings, (work, model))
+        learn = partial(_learn, axes=axes, folds=folds, settings=settings, progress=lambda _: None)
+        work = learn_at_work(recordings, lambda drift: learn(drift)[1])
     learnt_from = work.separation.drift if work else recordings
     fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
