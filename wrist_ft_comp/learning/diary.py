@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -45,14 +46,13 @@ NONE = 'none'
 #: Key of what a new model leaves: a fit to the other days that it was learnt from.
 CHALLENGER = 'challenger'
 
-#: Kinds of incidents on days from which nothing is learnt.
-UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
-#: Another tool: the drift of that day is learnt all the same.
-TOOL = 'tool'
-#: Kinds of incidents that change the sensor: its zero, its gain or mounting.
-ZERO, SENSOR = 'zero', 'sensor'
-#: Days of these kinds stop learning.
-PAUSING = (ZERO, SENSOR)
+#: What happened on a day: nothing; what only that day cannot be learnt from; another tool, whose
+#: drift is learnt all the same; or what changed the sensor, its zero, or its gain or mounting.
+IncidentKind = Literal['', 'unreadable', 'contacts', 'thermometer', 'tool', 'zero', 'sensor']
+#: Days of these kinds are learnt from, ...
+LEARNT_FROM: tuple[IncidentKind, ...] = ('', 'tool')
+#: ... and days of these kinds stop learning.
+PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
 #: Good days that have to come before learning goes on after an incident, before the noise of days
 #: is usual, and before a model is judged that a person chose.
 DAYS_TO_AGREE = 3
@@ -83,7 +83,7 @@ class DayEntry:
     #: What happened to the sensor, with size and time; empty when nothing did.
     incident: str = ''
     #: Kind of that incident.
-    kind: str = ''
+    kind: IncidentKind = ''
     #: Whether a model was learnt.
     challenged: bool = False
     #: File of the better model that was found after this day; empty where none was.

@@ -8,19 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import (
-    CONTACTS,
-    DayEntry,
-    Diary,
-    FORCES,
-    NONE,
-    SENSOR,
-    THERMOMETER,
-    TOOL,
-    TORQUES,
-    UNREADABLE,
-    ZERO,
-)
+from wrist_ft_comp.learning.diary import DayEntry, Diary, FORCES, NONE, TORQUES
 from wrist_ft_comp.learning.working_day import DAY_NS
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
@@ -40,11 +28,11 @@ _PAUSE_DAYS = 7.0
 _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
 NAMES = {
-    ZERO: 'zero jumped',
-    SENSOR: 'gain or mounting changed',
-    TOOL: 'another tool',
-    CONTACTS: 'pushed all day',
-    UNREADABLE: 'day not readable',
+    'zero': 'zero jumped',
+    'sensor': 'gain or mounting changed',
+    'tool': 'another tool',
+    'contacts': 'pushed all day',
+    'unreadable': 'day not readable',
 }
 NO_PAYLOAD = 'no payload found'
 NO_DAYS = 'no days'
@@ -156,14 +144,14 @@ def events(diary: Diary) -> list[Event]:
         # The names of the day's incidents: of thermometers, each that was out.
         thermometers = re.findall(r'hermometer (\d+)', day.incident)
         names = []
-        if day.kind == THERMOMETER and thermometers:
+        if day.kind == 'thermometer' and thermometers:
             names = [f'thermometer {number} out' for number in dict.fromkeys(thermometers)]
         elif day.kind or day.incident:
             names = [NAMES.get(day.kind, day.kind or 'incident')]
         elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
             names = [NO_PAYLOAD]
         for name in names:
-            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
+            begun = None if day.kind == 'zero' else found.pop((name, n - 1), None)
             found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
     happened = list(found.values())
     for n, (day, after) in enumerate(pairwise(diary.days)):
