@@ -165,7 +165,8 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
         (Topics(), []),
         (Topics('/ft/wrench'), ['-r', 'wrench_raw:=/ft/wrench']),
         (Topics(temperatures=('/a', '/b:c')), ['-p', 'temperature_topics:=["/a", "/b:c"]']),
-        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/imu']),
+        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu']),
+        (Topics(imu='/ft/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/ft/imu']),
         (Topics(gravity_frame='map'), ['-p', 'gravity.source:=tf', '-p', 'gravity.frame:=map']),
     ],
 )

@@ -19,6 +19,8 @@ from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
+#: Where the node hears an IMU, unless it is remapped.
+IMU_TOPIC = 'imu'
 #: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
 WORKING_RANGE_C = (15.0, 50.0)
 #: Temperatures that were not seen over at least this much are named, K: a model that knows both
@@ -118,7 +120,9 @@ def run_command(topics: Topics, model: object) -> str:
     if topics.temperatures != Topics.temperatures:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
-        words += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
+        words += ['-p', 'gravity.source:=imu']
+        if topics.imu.strip('/') != IMU_TOPIC:
+            words += ['-r', f'imu:={topics.imu}']
     elif topics.gravity_frame:
         words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     return shlex.join(words)

@@ -17,7 +17,7 @@ from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import elapsed_s, Recording, Reference
+from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import verdict as verdicts
 from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
@@ -215,8 +215,14 @@ def evaluation_content(
     evaluated: Sequence[EvaluatedRecording],
     tare_s: float,
     paths: Sequence[Path] = (),
+    topics: Topics | None = None,
 ) -> ReportContent:
-    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
+    """
+    Fill a report's content from an evaluation.
+
+    ``paths`` are where its recordings lie, ``topics`` those that a node has to hear for this model
+    (by default the model's own).
+    """
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
@@ -259,7 +265,8 @@ def evaluation_content(
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
-        beyond=beyond, run=run_command(stored.topics, stored.path) if is_another_day else '',
+        beyond=beyond, run=run_command(topics or stored.topics, stored.path) if is_another_day
+        else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
