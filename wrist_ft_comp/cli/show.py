@@ -366,7 +366,7 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
     head = [
         f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
-        *map(filled, summary(diary)),
+        filled(summary(diary)),
     ]
     return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
 
