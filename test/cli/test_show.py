@@ -22,7 +22,7 @@ from wrist_ft_comp.learning.diary import (
 )
 from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES, NO_PAYLOAD
+from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES
 from wrist_ft_comp.report.pictures import days_figure
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -187,7 +187,7 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     jumped = {'kind': 'zero', 'incident': 'The zero jumped.'}
     days = (
         day(1), day(2), day(3, 'a', **silent), day(4, 'a', **silent), day(5, 'a', **silent),
-        day(6, 'b', **jumped), day(7, 'b', **jumped), replace(day(8, 'b'), payloads=()),
+        day(6, 'b', **jumped), day(7, 'b', **jumped), day(8, 'b'),
         day(9, 'b', at=30), day(10, 'a', at=31, kind='of_a_later_version', incident='It creeps.'),
         day(11, 'a', at=32), day(12, 'a', at=33),
     )  # fmt: skip
@@ -212,7 +212,6 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
         ('person chose model', '00005', '00005'),
         ('zero jumped', '00006', '00006'),
         ('zero jumped', '00007', '00007'),
-        ('no payload found', '00008', '00008'),
         ('back to old model', '00009', '00009'),
         ('of_a_later_version', '00010', '00010'),
         ('better model offered', '00011', '00011'),
@@ -276,5 +275,5 @@ def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, 
 
 def test_every_name_of_what_happens_is_explained():
     page = (Path(__file__).parents[2] / 'docs/learning.md').read_text('utf-8')
-    for name in (*NAMES.values(), *MODEL_CHANGES, NO_PAYLOAD):
+    for name in (*NAMES.values(), *MODEL_CHANGES):
         assert f'| `{name}` |' in page

@@ -87,9 +87,8 @@ class Case:
     thermometers: Sequence[str] = ()
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
-    #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
+    #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
-    model: Path | None = None
     #: And the command that runs it; empty where it was learnt from what it is judged on.
     run: str = ''
     #: Of an evaluation: axes whose errors are above the stated limit, with both.
@@ -139,7 +138,7 @@ def advise(case: Case) -> tuple[str, ...]:
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
-    return (*steps, *(_judged(case, outside) if case.model else _recorded(case)))
+    return (*steps, *(_judged(case, outside) if case.learnt_c else _recorded(case)))
 
 
 def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:

@@ -40,7 +40,6 @@ NAMES = {
     CONTACTS: 'pushed all day',
     UNREADABLE: 'day not readable',
 }
-NO_PAYLOAD = 'no payload found'
 #: Names of changes of the model, which happen after a day.
 LEARNT, OFFERED, CHOSEN, BACK = MODEL_CHANGES = (
     'new model learnt',
@@ -118,11 +117,8 @@ def figures(diary: Diary) -> dict[str, object]:
 def events(diary: Diary) -> list[Event]:
     """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
     happened: list[Event] = []
-    weighed = any(day.payloads for day in diary.days)
     for n, day in enumerate(diary.days):
         name = NAMES.get(day.kind, day.kind)
-        if not name and weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
-            name = NO_PAYLOAD
         before = happened[-1] if happened else None
         if before and day.kind != ZERO and (before.name, before.last) == (name, n - 1):
             # Days in a row with the same incident are one event, unless the zero jumped.

@@ -260,7 +260,7 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
+        warnings, paths, stored.sensor.get('temperature_topics', ()),
         beyond=beyond, run=run_command(topics or stored.topics, stored.path) if is_another_day
         else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
