@@ -36,9 +36,8 @@ MEMORY = Kind(
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
-#: Forces and torques, in the axis order.
+#: Forces, in the axis order.
 FORCES = slice(AXES.index('torque_x'))
-TORQUES = slice(FORCES.stop, None)
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.
@@ -108,9 +107,9 @@ class DayEntry:
         drift = np.maximum(self.left.get(NONE, unknown), 1e-12)
         return np.asarray(np.array(self.left.get(model, unknown)) / drift)
 
-    def rms_left(self, model: str, axes: slice = FORCES) -> float:
-        """Compute the RMS that a model left of a force's drift, N, or of a torque's, or NaN."""
-        values = np.array(self.left.get(model, ())[axes])
+    def rms_left(self, model: str) -> float:
+        """Compute the RMS that a model left of a force's drift, N, or NaN."""
+        values = np.array(self.left.get(model, ())[FORCES])
         present = values[np.abs(values) < LARGEST]
         return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
 

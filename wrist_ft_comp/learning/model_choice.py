@@ -218,8 +218,8 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     new = sum(day.name > chosen for day in good)
     if chosen and new < DAYS_TO_AGREE:
         return False, (
-            f'A person chose the live model; it is kept for {DAYS_TO_AGREE} more good days ({new} '
-            'so far).'
+            'A person chose the live model; it is kept until '
+            f'{DAYS_TO_AGREE} good days have passed ({new} so far).'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
     grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
@@ -233,7 +233,9 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     for day in good[last + 1 :]:
         if shares.get(day.name, 0.0) > bad_share:
             return True, f'the live model did badly on {day.name}'
+    more = int(np.ceil(awaited)) - grown
     return False, (
-        f'No new model was learnt: a new one is tried after {np.ceil(awaited):.0f} more good days '
-        f'({grown} so far), or after a day with a bad result.'
+        f'No new model was learnt. The next one is learnt after {more} more good '
+        f'{"day" if more == 1 else "days"}, or after a day on which the live model leaves more '
+        f'than {_BAD_RATIO:g} times its usual share of the drift.'
     )
