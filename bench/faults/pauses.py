@@ -46,8 +46,8 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
     node.live.history = [HistoryEntry(model_path, stored.sha256, why='Better.')] * MAX_HISTORY
 
     def record() -> None:
-        node.recording.begin()
-        node.recording.end()
+        node.recorder.begin()
+        node.recorder.end()
 
     return {
         'state: take it and hand it over': (node.state_keeper.save, 200),

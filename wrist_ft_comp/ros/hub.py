@@ -62,8 +62,8 @@ class Part:
     topics: ClassVar[Sequence[tuple[str, str]]] = ()
     #: Whether troubles in its statuses are logged; False where it logs them itself.
     logged: ClassVar[bool] = False
-    #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
-    hub: Any
+    #: The node, from ``start`` on.
+    hub: 'Hub'
     #: Why the hub does not call it any more; empty while all is well.
     stopped = ''
 
