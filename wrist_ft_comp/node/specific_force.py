@@ -16,7 +16,8 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
-from wrist_ft_comp.wire.tf_tree import GravityByTf, Layouts
+from wrist_ft_comp.wire.message_layout import Layouts
+from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
@@ -117,7 +118,7 @@ class SpecificForceInput(Part):
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
             for topic, qos in (('/tf', FAST_SENSOR), ('/tf_static', LATCHED)):
-                take = partial(self.on_tf, Layouts(), static=qos is LATCHED)
+                take = partial(self.on_tf, tf_layouts(), static=qos is LATCHED)
                 kind = load_type(topic, TF)
                 self.hub.subscribe(kind, topic, self.hub.guarded(self, take), qos)
 
@@ -161,7 +162,7 @@ class SpecificForceInput(Part):
         else:
             self.unreadable += 1
 
-    def on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
+    def on_tf(self, layouts: Layouts[Layout], data: bytes, *, static: bool) -> None:
         """Take one tf2_msgs/TFMessage; ``layouts`` are those of its topic."""
         self._tree.lower = self.frames().wrench_frame
         try:
@@ -170,7 +171,7 @@ class SpecificForceInput(Part):
             self.unreadable += 1
             return
         needed = self._tree.needed(layout.frames, static=static)
-        for transforms in layout.decode([data], needed):
+        for transforms in layout.decode(np.frombuffer(data, np.uint8)[np.newaxis], needed):
             self._tree.add(transforms, static=static)
         self._tf_messages += 1
         if self._tf_messages % _TIDY_MESSAGES == 0:
