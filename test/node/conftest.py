@@ -18,13 +18,14 @@ import warnings
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
 from wrist_ft_comp.ros.rclpy_internals import Stop
-from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.ros.topics import NEWEST
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
@@ -224,7 +225,7 @@ class Bench:
     def start(self, factory, *args, **kwargs):
         """Make a node and spin it until the test ends; ``executor`` is default or events."""
         if kwargs.pop('executor', 'default') == 'events':
-            executor = make_executor(self.context)
+            executor = EventsExecutor(context=self.context)
         else:
             executor = SingleThreadedExecutor(context=self.context)
         node = factory(*args, context=self.context, **_node_arguments(kwargs))

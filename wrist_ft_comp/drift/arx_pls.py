@@ -9,7 +9,6 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 
 import numpy as np
 
@@ -137,7 +136,11 @@ def _filter(
     u[:lags] += state
     feedback = np.trim_zeros(denominator[1:], 'b').tolist()
     if len(feedback) == 1:  # as that of nearly all
-        u = np.array(list(accumulate(u.tolist(), lambda last, now: now - feedback[0] * last)))
+        # After each pass an output holds the inputs of twice as many cells.
+        reach = 1
+        while reach < len(u):
+            u[reach:] += (-feedback[0]) ** reach * u[:-reach]
+            reach *= 2
     elif feedback:
         outputs = [0.0] * len(feedback)
         for now in u.tolist():

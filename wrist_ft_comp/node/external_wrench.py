@@ -18,7 +18,7 @@ from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollecto
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
 from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
@@ -45,40 +45,6 @@ _NORM_DEVIATION = 0.03
 _LEAP_RAD_S = 30.0
 
 
-class PayloadFiles:
-    """
-    The files of learnt payloads: in the node's own folder, and beside the live model.
-
-    ``source`` is the parameter gravity.source.
-    """
-
-    def __init__(self, models: Path, live: LiveModel, source: str) -> None:
-        self.own_path, self._live, self.source = models / PAYLOADS, live, source
-
-    def payloads(self) -> Learnt:
-        """Read all payloads, oldest first; of two with the same name, the node's own one."""
-        stored, own = self._live.stored, load_payloads(self.own_path)
-        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**beside, **own}
-
-    def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
-        """
-        Find the frames that were learnt with this source and this sensor, oldest first.
-
-        Those are the frames learnt with the live model, or by this node under the same frame_ids.
-        An empty frame_id is not compared.
-        """
-        stored, own = self._live.stored, load_payloads(self.own_path)
-        stem = None if stored is None else stored.path.stem
-        return {
-            name: frame
-            for name, (_, frame) in self.payloads().items()
-            if frame.source == self.source
-            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
-            and not changed_frames(frame, here)
-        }
-
-
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     """Say which frame_ids differ from those of a learnt frame, where both are known."""
     then = FrameIds(frame.force_frame, frame.wrench_frame)
@@ -91,7 +57,7 @@ class ExternalWrench(Part):
     """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
     compensator: Compensator
-    files: PayloadFiles
+    live: LiveModel
     specific_force: SpecificForceInput
     counts: Counts
     #: Wrenches that were not published because specific force was too old.
@@ -100,7 +66,6 @@ class ExternalWrench(Part):
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
     check: WeightCheck = field(default_factory=WeightCheck)
     #: The payload before the present one.
@@ -135,6 +100,34 @@ class ExternalWrench(Part):
         self.output, self.publish = output, output.publish
         self._hold(self._choose(self.hub.chosen()))
 
+    @property
+    def own_path(self) -> Path:
+        """The file of the payloads that this node has learnt; others lie beside the live model."""
+        return self.live.store.directory / 'models' / PAYLOADS
+
+    def payloads(self) -> Learnt:
+        """Read all payloads, oldest first; of two with the same name, the node's own one."""
+        stored, own = self.live.stored, load_payloads(self.own_path)
+        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
+        return {**beside, **own}
+
+    def frames(self) -> dict[str, ForceFrame]:
+        """
+        Find the frames that were learnt with this source and this sensor, oldest first.
+
+        Those are the frames learnt with the live model, or by this node under the same frame_ids.
+        An empty frame_id is not compared.
+        """
+        stored, own = self.live.stored, load_payloads(self.own_path)
+        stem, here = '' if stored is None else stored.path.stem, self.specific_force.frames()
+        return {
+            name: frame
+            for name, (_, frame) in self.payloads().items()
+            if frame.source == self.specific_force.source
+            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
+            and not changed_frames(frame, here)
+        }
+
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
         self._unnamed |= collector is not None and self.payload is None
@@ -163,7 +156,7 @@ class ExternalWrench(Part):
 
     def on_specific_force(self, _stamp_ns: int, _force: Force, speed: float | None) -> None:
         """Find a frame of the wrench that was moved on the robot; only TF shows it."""
-        if self.files.source == 'tf' and speed is not None and speed > _LEAP_RAD_S:
+        if self.specific_force.source == 'tf' and speed is not None and speed > _LEAP_RAD_S:
             self.compensator.doubt_zero(
                 f'by TF the frame of the wrench turned at {speed:.0f} rad/s: it was moved on the '
                 'robot, perhaps by another TCP. Drift, payload and tare are those of the frame '
@@ -237,9 +230,9 @@ class ExternalWrench(Part):
                 )
             # With TF no rotation is needed. That of an IMU is the newest learnt one.
             frames = self.specific_force.frames()
-            if self.files.source == 'tf':
+            if self.specific_force.source == 'tf':
                 return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
-            if found := list(self.files.frames(frames).items()):
+            if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
             if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
                 said = f'because both frame_ids are {frames.wrench_frame}'
@@ -252,14 +245,14 @@ class ExternalWrench(Part):
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
                 'differ. Call ~/identify_payload first; that takes a minute of motion.'
             )
-        learnt = self.files.payloads()
+        learnt = self.payloads()
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        source, frame = self.files.source, learnt[name][1]
+        source, frame = self.specific_force.source, learnt[name][1]
         # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
         learnt_by = frame.source
         if not learnt_by:
@@ -314,7 +307,7 @@ class ExternalWrench(Part):
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
         frame = ForceFrame() if payload is None else payload.frame
         if len(self._felt) == _REPORTS:
-            if len(set(self._felt)) == 1 and self.files.source == 'imu':
+            if len(set(self._felt)) == 1 and self.specific_force.source == 'imu':
                 yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
             off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
             if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:

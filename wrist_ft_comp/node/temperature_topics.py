@@ -155,7 +155,6 @@ class TemperatureInput(Part):
     specific_force: SpecificForceInput
     live: LiveModel
     state_keeper: StateKeeper
-    hub: Hub = field(init=False)
     #: Usable temperatures of all thermometers, and those that no sensor reads.
     usable: int = 0
     unusable: int = 0

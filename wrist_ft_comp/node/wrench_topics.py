@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import unpublished, wrench_message, wrong_type
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.batch_grid import why_unusable
@@ -66,7 +66,6 @@ class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
     title, logged = 'input', True
-    hub: Hub
 
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator
@@ -221,7 +220,6 @@ class DriftTopic(Part):
         ('~/drift', 'zero drift being subtracted, once per thermal cell'),
         ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
     )
-    hub: Hub
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts, self._growth = compensator, counts, Growth()

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
-from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
+from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
@@ -52,7 +52,7 @@ class Held:
         self.force = SpecificForceInput(self.chosen)
         self.part = ExternalWrench(
             compensator=Compensator(1),
-            files=PayloadFiles(folder, SimpleNamespace(stored=live), source),
+            live=SimpleNamespace(stored=live, store=SimpleNamespace(directory=folder)),
             specific_force=self.force,
             counts=self.counts,
         )
@@ -93,7 +93,7 @@ def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the 
     """Make the part with two payloads that were learnt, or with what stands in the file."""
 
     def make(*entries, **chosen):
-        path = tmp_path / 'payloads.json'
+        path = tmp_path / 'models/payloads.json'
         for name, frame in entries or [('day', FRAME)]:
             add_payloads(path, name, [TOOL, PART], frame)
         return Held(fake_hub, tmp_path, **chosen)
@@ -248,7 +248,7 @@ def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
     part.hub.set(part.part, **BY_HAND)
     compensator = part.part.compensator
     compensator.restore_tare(CONSTANT, CONSTANT)
-    add_payloads(tmp_path / 'payloads.json', 'node', [TOOL], MOUNTED)
+    add_payloads(tmp_path / 'models/payloads.json', 'node', [TOOL], MOUNTED)
     part.hub.set(part.part, **BY_HAND)
     assert not compensator.external_tare.any()
     assert compensator.tare.any()

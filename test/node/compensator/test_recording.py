@@ -59,7 +59,7 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
     feed(node, 5)
     assert len(read_recording(path)) == 4
     node.bench.close()
-    assert node.node.recording.current is None
+    assert node.node.recorder.current is None
     assert len(read_recording(path)) == 4
 
 
