@@ -6,17 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import (
-    CONTACTS,
-    DayEntry,
-    Diary,
-    NONE,
-    SENSOR,
-    THERMOMETER,
-    TOOL,
-    UNREADABLE,
-    ZERO,
-)
+from wrist_ft_comp.learning.diary import DayEntry, Diary, NONE
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import Output
@@ -33,12 +23,12 @@ PICTURE = Output(
 _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
 NAMES = {
-    ZERO: 'zero jumped',
-    THERMOMETER: 'thermometer out',
-    SENSOR: 'gain or mounting changed',
-    TOOL: 'another tool',
-    CONTACTS: 'pushed all day',
-    UNREADABLE: 'day not readable',
+    'zero': 'zero jumped',
+    'thermometer': 'thermometer out',
+    'sensor': 'gain or mounting changed',
+    'tool': 'another tool',
+    'contacts': 'pushed all day',
+    'unreadable': 'day not readable',
 }
 #: Names of changes of the model, which happen after a day.
 LEARNT, OFFERED, CHOSEN, BACK = MODEL_CHANGES = (
@@ -120,7 +110,7 @@ def events(diary: Diary) -> list[Event]:
     for n, day in enumerate(diary.days):
         name = NAMES.get(day.kind, day.kind)
         before = happened[-1] if happened else None
-        if before and day.kind != ZERO and (before.name, before.last) == (name, n - 1):
+        if before and day.kind != 'zero' and (before.name, before.last) == (name, n - 1):
             # Days in a row with the same incident are one event, unless the zero jumped.
             happened[-1] = before._replace(last=n)
         elif name:
