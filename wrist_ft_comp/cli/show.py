@@ -261,8 +261,8 @@ def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterat
             said = 'It was read with the map of --columns.'
             if summary.guessed:
                 said = (
-                    'Its columns have names of another program; the map is a guess, above all the '
-                    'units. Put another one behind a column, such as :kN, :Nmm, :F or *9.81.'
+                    'Its columns have names of another program, so what they are is a guess. Look '
+                    'at the units. Write another one behind a column: :kN, :Nmm, :F, *9.81.'
                 )
             yield (
                 f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no '

@@ -191,7 +191,7 @@ class Recorder(Part):
         if request.data:
             return self.begin()
         if (recording := self.current) is None:
-            raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
+            raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
         self._close(problems.append)
         while not problems:

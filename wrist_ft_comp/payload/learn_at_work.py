@@ -109,9 +109,9 @@ def learn_at_work(
     share = unexplained_contrast(separation.cells, separation.fit)
     if bodies.contrast[0] >= CONTRAST and share > _MOST_UNEXPLAINED:
         what = (
-            f'{share:.0%} of what changes between poses does not turn with the specific force; at '
-            f'most {_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame, '
-            'or of another clock than the wrench, or a cable pulls.'
+            f'{share:.0%} of the changes between poses do not follow gravity; at most '
+            f'{_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame or of '
+            'another clock than the wrench, or a cable pulls.'
         )
         if share > 3 * _MOST_UNEXPLAINED:
             raise CalibrationRefusedError(
@@ -121,9 +121,9 @@ def learn_at_work(
         objections = [f'{what} No payload was identified.', *objections]
     if not separation.accelerometer.rested:
         warnings.append(
-            f'No thermal cell of {", ".join(r.name for r in recordings)} is at rest, so that the '
+            f'The robot never rests in {", ".join(r.name for r in recordings)}, so that the '
             'accelerometer could not be compared with gravity: masses may be some per cent off. '
-            'Let the robot rest for some thermal cells in several poses.'
+            'Let the robot rest for some seconds in several poses.'
         )
     payloads = None if objections else payloads_of(separation, bodies)
     return AtWork(separation, payloads, (*warnings, *objections))
@@ -161,10 +161,10 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     cells, least = cut(recordings, accelerometer.forces), 4 * CELLS_PER_POWER * POWERS
     if cells.usable.sum() < least:
         raise CalibrationRefusedError(
-            f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
-            f'with wrench and specific force that turn slowly, close together; at least {least} '
-            'are needed for the reference payload. Record both at the same time, and more often '
-            'than in each thermal cell, or set a longer thermal period.'
+            f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
+            f'have wrench and specific force while the robot turns slowly; at least {least} are '
+            'needed for the reference payload. Record both at the same time, and more often than '
+            'in each thermal cell, or set a longer thermal period.'
         )
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]

@@ -65,7 +65,7 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
-    assert node.refusal('record', False) == 'No recording runs. Start one with data: true.'
+    assert node.refusal('record', False) == 'No recording runs. Start one with ~/record.'
     path = start_recording(node)
     assert f'A recording runs already, into {path}' in node.refusal('record', True)
     assert node.call('record', False).message == f'recorded 0 thermal cells (0 s) into {path}'
