@@ -14,7 +14,6 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.diary import (
-    CONTACTS,
     diary_path,
     load_diary,
 )
@@ -200,7 +199,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
 
 @pytest.mark.parametrize(
     ('parked_s', 'kind', 'said'),
-    [(900, '', ''), (9900, CONTACTS, 'is parked with a part')],
+    [(900, '', ''), (9900, 'contacts', 'is parked with a part')],
 )
 def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
     tmp_path, parked_s, kind, said

@@ -5,7 +5,6 @@ from dataclasses import replace
 import hashlib
 from importlib import resources
 import json
-import platform
 import re
 
 import jsonschema
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from wrist_ft_comp import __version__
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx import Arx, relaxation
@@ -192,7 +192,7 @@ def test_sensor_limits_predictions_and_sources_come_back(calibration, tmp_path):
     for name, values in vars(prediction).items():
         np.testing.assert_array_equal(getattr(stored.model.prediction, name), values)
     provenance = stored.document['provenance']
-    assert provenance['versions']['python'] == platform.python_version()
+    assert provenance['wrist_ft_comp'] == __version__
     assert provenance['recordings'] == [{'path': 'a.csv'}, {'path': 'b'}]
     assert provenance['settings']['reference'] == 'constant'
 
@@ -247,13 +247,13 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'of version .* reads version 3') for n in (0, 4, '1', 1.5, None, [1])),
+        *(('version', n, 'version of .* reads format 3') for n in (0, 4, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),
-        ('thermometers', [], 'thermometers'),
+        ('thermometers', [], 'at least one thermometer'),
         ('thermometers', [{'range_c': [1.0, 2.0]}], 'thermometers'),
-        ('axes force_x model features degree', 0, 'degree of the features must be at least 1'),
+        ('axes force_x model features degree', 0, 'degree must be a number from 1 to 10'),
         ('axes force_x model features degree', 1, 'features give 2 inputs'),
         ('axes force_x model features upper_c', [-9.0, -9.0], 'range'),
         ('axes force_x model dynamics output_weight', [0.0], 'positive'),

@@ -10,12 +10,11 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.topics import OUTPUT, SLOW_SENSOR
+from wrist_ft_comp.ros.topics import OUTPUT
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0
@@ -98,10 +97,6 @@ class Operator:
                 f'{len(several)} compensators run: {", ".join(several)}. Choose one with --name.'
             )
         return several[0]
-
-    def hear(self, topic: str, take: Callable[[Any], None]) -> None:
-        """Hand the messages of a thermometer's topic over."""
-        self.node.create_subscription(Temperature, topic, take, SLOW_SENSOR)
 
     def introduce(self, name: str) -> None:
         """Ask a node something harmless until it answers: it drops answers to who is unknown."""

@@ -9,7 +9,7 @@ from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.series import FloatArray, IntArray
 

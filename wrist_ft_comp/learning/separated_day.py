@@ -9,9 +9,14 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.learn_at_work import payloads_of
+from wrist_ft_comp.payload.learn_at_work import (
+    payloads_of,
+    separate,
+    separate_again,
+    slow_drift,
+    SLOW_S,
+)
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
-from wrist_ft_comp.payload.separation import separate, separate_again, slow_drift, SLOW_S
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray

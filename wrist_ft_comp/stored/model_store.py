@@ -34,7 +34,7 @@ _HOLDER = 200
 # A list of MAX_HISTORY models, with reasons, is shorter.
 _LIST = Kind(
     name='list of models', says='wrist_ft_comp live models', version=1, max_bytes=1_000_000,
-    keeps=True, error=ModelFileError, made_by='Remove it and set model_file.',
+    error=ModelFileError, made_by='Remove it and set model_file.',
     renewed_by='Remove it and set model_file',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip

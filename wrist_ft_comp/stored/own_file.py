@@ -204,9 +204,6 @@ class Kind(Output):
     made_by: str
     #: What to do about a broken one.
     renewed_by: str
-    #: Whether another file in its place, also one of another version, is renamed to ``NAME.kept``,
-    #: once: a node goes on where its own file is damaged beyond recognition.
-    keeps: bool = False
     endings: str = '.json'
     #: Turns its bytes into values, or raises ValueError.
     parse: Callable[[bytes], Any] = parse_json
@@ -229,8 +226,7 @@ class Kind(Output):
         except OSError as error:
             raise self._refusal(path, f'cannot be read: {error.strerror}') from error
         if len(content) > self.max_bytes:
-            why = f'is larger than {self.max_bytes} bytes, which no {self.name} is'
-            raise self._refusal(path, why)
+            raise self._refusal(path, f'is larger than {self.max_bytes} bytes')
         return content
 
     def document(self, path: Path, content: bytes) -> Document:
@@ -245,16 +241,11 @@ class Kind(Output):
             why = f'is not a {self.name}: expected "format: {self.says}" in it'
             raise self._refusal(path, why)
         version = document.get('version')
-        if version in range(1, self.version):
-            remedy = 'it is not used' if self.keeps else self.renewed_by.lower()
-            raise self.error(
-                f'{path} was written by an older version of wrist_ft_comp (format {version}); '
-                f'{remedy}.'
-            )
         if version != self.version:
+            other = 'an older' if version in range(1, self.version) else 'another'
             raise self.error(
-                f'{path} is of version {version!r}; this package reads version '
-                f'{self.version}. {self.renewed_by}, or install the package that wrote it.'
+                f'{path} was written by {other} version of wrist_ft_comp (format {version!r}); '
+                f'this one reads format {self.version}. {self.renewed_by}, or install that one.'
             )
         return document
 
@@ -281,9 +272,14 @@ class Kind(Output):
         return self.restore(record, path, self.document(path, self.read(path)))
 
     def save(self, path: Path, content: Document, indent: int | None = 1) -> None:
-        """Write plain values as a JSON file of this kind and version."""
+        """
+        Write plain values as a JSON file of this kind and version.
+
+        One in its place that cannot be read, such as that of another version, is renamed to
+        ``NAME.kept``, once: a node goes on where its own file is damaged beyond recognition.
+        """
         kept = path.with_name(f'{path.name}.kept')
-        if self.keeps and beginning(path) and not kept.exists():
+        if beginning(path) and not kept.exists():
             try:
                 self.document(path, self.read(path))
             except self.error:
