@@ -104,6 +104,8 @@ class FakeHub:
         self.values = {row.name: row.default for row in part.parameters} | chosen
         self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
         self.frame, self.listening, self.publishers = 'tool0', False, 1
+        #: The node that publishes all.
+        self.publisher = '/driver'
         #: What is published on topics, by full name; of others, ``publishers`` are counted.
         self.types = {}
         note = self.logged.append
@@ -155,11 +157,12 @@ class FakeHub:
         return len(self.types[topic]) if topic in self.types else self.publishers
 
     def get_publishers_info_by_topic(self, topic):
-        version = SimpleNamespace(version=0)
-        return [
-            SimpleNamespace(topic_type=kind, topic_type_hash=version, endpoint_gid=b'1')
-            for kind in self.types.get(topic, ())
-        ]
+        namespace, _, name = self.publisher.rpartition('/')
+        same = {
+            'topic_type_hash': SimpleNamespace(version=0), 'endpoint_gid': b'1',
+            'node_name': name, 'node_namespace': namespace or '/',
+        }  # fmt: skip
+        return [SimpleNamespace(topic_type=kind, **same) for kind in self.types.get(topic, ())]
 
     def get_subscriptions_info_by_topic(self, _topic):
         return []

@@ -43,6 +43,12 @@ _NORM_DEVIATION = 0.03
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
+#: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
+#: one of the frame on the robot.
+_UNSEEN_DEG = 3.0
+#: The weight is in doubt where it turns by more than this, rad, while specific force is behind the
+#: wrench: then a twentieth of it is wrong.
+_BEHIND_RAD = 0.05
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
@@ -73,6 +79,9 @@ class ExternalWrench(Part):
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
+    #: Since the last report: the largest turn in the time by which specific force was behind a
+    #: wrench, rad, and that time, s.
+    _behind: tuple[float, float] = 0.0, 0.0
     #: The specific forces of the last reports, while new ones come.
     _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_REPORTS))
 
@@ -148,6 +157,8 @@ class ExternalWrench(Part):
         if force is None:
             self.missed += 1
             return
+        behind_s = (stamp_ns - forces.newest_ns) / NANOSECONDS
+        self._behind = max(self._behind, (behind_s * self.specific_force.speed, behind_s))
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
@@ -156,11 +167,18 @@ class ExternalWrench(Part):
 
     def on_specific_force(self, _stamp_ns: int, _force: Force, speed: float | None) -> None:
         """Find a frame of the wrench that was moved on the robot; only TF shows it."""
-        if self.specific_force.source == 'tf' and speed is not None and speed > _LEAP_RAD_S:
+        if self.specific_force.source != 'tf':
+            return
+        how, unseen_deg = '', self.specific_force.turned_unseen_deg()
+        if speed is not None and speed > _LEAP_RAD_S:
+            how = f'turned at {speed:.0f} rad/s'
+        elif unseen_deg > _UNSEEN_DEG:
+            how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
+        if how:
             self.compensator.doubt_zero(
-                f'by TF the frame of the wrench turned at {speed:.0f} rad/s: it was moved on the '
-                'robot, perhaps by another TCP. Drift, payload and tare are those of the frame '
-                'before; go back to it, or call ~/tare'
+                f'by TF the frame of the wrench {how}: if it was moved on the robot, perhaps by '
+                'another TCP, then drift, payload and tare are those of the frame before; go back '
+                'to it, or call ~/tare'
             )
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
@@ -305,6 +323,13 @@ class ExternalWrench(Part):
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        (turned_rad, behind_s), self._behind = self._behind, (0.0, 0.0)
+        if turned_rad > _BEHIND_RAD:
+            yield (
+                f'specific force is {behind_s:.3f} s behind the wrench, so that up to '
+                f'{turned_rad:.0%} of the weight that is taken off is wrong in motion; mend its '
+                'clock, or let it come faster'
+            )
         frame = ForceFrame() if payload is None else payload.frame
         if len(self._felt) == _REPORTS:
             if len(set(self._felt)) == 1 and self.specific_force.source == 'imu':

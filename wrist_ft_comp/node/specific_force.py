@@ -210,6 +210,11 @@ class SpecificForceInput(Part):
         what = 'transforms' if self.source == 'tf' else 'messages of the IMU'
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
 
+    def turned_unseen_deg(self) -> float:
+        """Say by how much TF turned the wrench's frame, degrees, while nobody could see it."""
+        turned, self._tree.turned_unseen_rad = self._tree.turned_unseen_rad, 0.0
+        return math.degrees(turned)
+
     def problem(self) -> str:
         """Say why TF gives no specific force; empty where it does, or is not used."""
         self._tree.lower = self.frames().wrench_frame

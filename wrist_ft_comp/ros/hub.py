@@ -369,8 +369,8 @@ class Hub(Node):
                 self._answer(name, 'The node is shutting down.', success=False)
         if callers:
             time.sleep(FAREWELL_S)
-        for subscription in self._unserved:
-            return_to_node(self, subscription)
+        while self._unserved:
+            return_to_node(self, self._unserved.pop())
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> None:

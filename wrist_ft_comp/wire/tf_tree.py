@@ -183,6 +183,9 @@ class GravityByTf:
         self._others: set[str] = set()
         #: Last time with a known rotation, and that rotation.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
+        #: By how much the lower frame turned while transforms were away, or a static one when it
+        #: came again, rad.
+        self.turned_unseen_rad = 0.0
 
     def add(self, transforms: Transforms, *, static: bool) -> None:
         """Take transforms of a frame; where some of it moved, static ones do not count."""
@@ -194,6 +197,10 @@ class GravityByTf:
             return
         if link is None or (link.parent, link.static) != (parent, static):
             link = self._links[child] = _Link(parent, static=static)
+        elif static:
+            ends = link.at(transforms.stamps_ns[:1]), _matrices(transforms.quaternions[-1:])
+            angle = 2 * np.arcsin(min(np.linalg.norm(ends[1] - ends[0]) / np.sqrt(8), 1.0))
+            self.turned_unseen_rad = max(self.turned_unseen_rad, float(angle))
         link.add(transforms.stamps_ns, transforms.quaternions)
 
     def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
@@ -270,9 +277,11 @@ class GravityByTf:
         self._last = at[-1:], turned[-1:]
         # Of a turn by θ, |R' - R| = √8 sin θ/2.
         change = np.linalg.norm(np.diff(turned, axis=0), axis=(1, 2)) / np.sqrt(8)
-        steps_ns = np.diff(at).astype(float)
+        angle, steps_ns = 2 * np.arcsin(np.minimum(change, 1)), np.diff(at).astype(float)
+        if (is_away := steps_ns > _PATIENCE_NS).any():
+            self.turned_unseen_rad = float(angle[is_away][-1])
         steps_ns[(steps_ns <= 0) | (steps_ns > GAP_NS)] = np.nan
-        speed = 2 * np.arcsin(np.minimum(change, 1)) * NANOSECONDS / steps_ns
+        speed = angle * NANOSECONDS / steps_ns
         speeds = np.full(len(times_ns), np.nan)
         speeds[linked] = np.concatenate(([np.nan], speed))[len(speed) + 1 - linked.sum() :]
         return GRAVITY * rotations[:, 2], speeds

@@ -173,6 +173,16 @@ STATUSES = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize(('late_s', 'level'), [(0.04, OK), (0.15, WARN)])
+def test_specific_force_that_is_late_in_motion_is_a_warning(held, late_s, level):
+    part = held(**{'payload.active': 'day-1'})
+    part.force.on_specific_force(START, tuple(UP), 1.0)
+    part.ask(START + round(late_s * SECOND), CONSTANT)
+    found = part.status()
+    words = f'{late_s:.3f} s behind the wrench, so that up to {late_s:.0%}'
+    assert (found.level, words in found.message) == (level, level == WARN), found.message
+
+
 @pytest.mark.parametrize(('felt', 'asked_s', 'level', 'words'), STATUSES)
 def test_the_status_judges_specific_force(held, felt, asked_s, level, words):
     part = held(**{'payload.active': 'day-1'})
@@ -300,10 +310,12 @@ def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(held)
     compensator = part.part.compensator
     part.part.on_specific_force(START, tuple(UP), 3.0)
     assert compensator.zero_doubts == [], 'which is fast'
-    part.part.on_specific_force(START, tuple(UP), 50.0)
-    assert 'by TF the frame of the wrench turned at 50 rad/s' in compensator.zero_doubts[0]
-    compensator.set_tare(CONSTANT, START)
-    assert compensator.zero_doubts == []
+    for speed, unseen_rad, how in ((50.0, 0.0, 'at 50 rad/s'), (None, 0.8, 'by 46 degrees whil')):
+        part.force._tree.turned_unseen_rad = unseen_rad
+        part.part.on_specific_force(START, tuple(UP), speed)
+        assert f'by TF the frame of the wrench turned {how}' in compensator.zero_doubts[0]
+        compensator.set_tare(CONSTANT, START)
+        assert compensator.zero_doubts == []
     turned = held().part
     turned.on_specific_force(START, tuple(UP), 50.0)
     assert turned.compensator.zero_doubts == [], 'an IMU turns with its mount'
