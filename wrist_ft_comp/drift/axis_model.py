@@ -71,6 +71,11 @@ class AxisModel:
         return self.features.reference_c[: self.thermometers]
 
     @property
+    def range_c(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest calibrated temperature of each thermometer, °C, (J,)."""
+        return self._thermometer_features.lower_c, self._thermometer_features.upper_c
+
+    @property
     def outputs(self) -> int:
         """Number of outputs M: 1 is zero drift, 2 is zero and sensitivity drift."""
         return len(self.dynamics.output_mean)
@@ -127,27 +132,38 @@ class AxisModel:
         x = self.features.expand_within(np.tile(clamped, len(self.filters)))
         return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
 
-    def run(
-        self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M), or (1, M) of the last."""
-        bank = self._filter_bank
-        before: FloatArray = state[:0]
+    def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, temperatures (N, J), drift (N, M)."""
+        before, behind = self._split(state)
         filtered = self._thermometer_features.clamp(temperature_c)
+        if self._filter_bank is not None:
+            before, filtered = self._filter_bank.run(before, filtered)
+        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def skip(self, state: FloatArray, temperature_c: FloatArray, cells: int = 1) -> FloatArray:
+        """Advance by N temperatures, (N, J), each for some cells; the state alone, quickly."""
+        before, behind = self._split(state)
+        if before.size and behind.size:  # the latents need every cell of the filters
+            return self.run(state, np.repeat(temperature_c, cells, axis=0))[0]
+        clamped = self._thermometer_features.clamp(temperature_c)
+        if self._filter_bank is not None:
+            before = self._filter_bank.skip(before, clamped, cells)
+        else:
+            behind = self.dynamics.skip(behind, self.features.expand_within(clamped), cells)
+        return np.concatenate((before.ravel(), behind.ravel()))
+
+    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Split a state into those of the filters and of the latents, (R, L) each."""
+        bank, size = self._filter_bank, 0
+        before: FloatArray = np.zeros((0, 0))
         if bank is not None:
             size = int(np.prod(bank.state_shape))
-            before, filtered = bank.run(state[:size].reshape(bank.state_shape), filtered)
-            state = state[size:]
-        behind: FloatArray = state.reshape(self.dynamics.state_shape)
-        if last_only and not behind.size:  # what has no memory need not see the cells before
-            filtered = filtered[-1:]
-        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
-        after = np.concatenate((before.ravel(), behind.ravel()))
-        return after, outputs[-1:] if last_only else outputs
+            before = state[:size].reshape(bank.state_shape)
+        return before, state[size:].reshape(self.dynamics.state_shape)
 
     def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
         """Distance of each thermometer from its calibrated range, in ranges, (..., J)."""
-        calibrated = self._thermometer_features
-        low_c, high_c = calibrated.lower_c, calibrated.upper_c
+        low_c, high_c = self.range_c
         excess_k = temperature_c - np.clip(temperature_c, low_c, high_c)
         return np.asarray(np.abs(excess_k) / np.maximum(high_c - low_c, LEAST_RANGE_K))
