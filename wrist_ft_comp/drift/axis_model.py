@@ -113,24 +113,39 @@ class AxisModel:
         states = self._filter_bank.start(clamped), self.dynamics.start(x)
         return np.concatenate([state.ravel() for state in states])
 
-    def run(
-        self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M), or (1, M) of the last."""
-        bank, clamped = self._filter_bank, self.features.clamp(temperature_c)
-        size = int(np.prod(bank.state_shape))
+    def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, temperatures (N, J), drift (N, M)."""
+        before, behind = self._split(state)
         # Temperatures are clamped before a filter remembers them.
-        before, filtered = bank.run(state[:size].reshape(bank.state_shape), clamped)
-        behind: FloatArray = state[size:].reshape(self.dynamics.state_shape)
-        if last_only and not behind.size:  # what has no memory need not see the cells before
-            filtered = filtered[-1:]
+        before, filtered = self._filter_bank.run(before, self.features.clamp(temperature_c))
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
-        after = np.concatenate((before.ravel(), behind.ravel()))
-        return after, outputs[-1:] if last_only else outputs
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def skip(self, state: FloatArray, temperature_c: FloatArray, cells: int = 1) -> FloatArray:
+        """Advance by N temperatures, (N, J), each for some cells; the state alone, quickly."""
+        before, behind = self._split(state)
+        if before.size and behind.size:  # the latents need every cell of the filters
+            return self.run(state, np.repeat(temperature_c, cells, axis=0))[0]
+        clamped = self.features.clamp(temperature_c)
+        before = self._filter_bank.skip(before, clamped, cells)
+        if behind.size:
+            behind = self.dynamics.skip(behind, self.features.expand_within(clamped), cells)
+        return np.concatenate((before.ravel(), behind.ravel()))
+
+    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Split a state into those of the filters and of the latents, (R, L) each."""
+        shape = self._filter_bank.state_shape
+        size = int(np.prod(shape))
+        return state[:size].reshape(shape), state[size:].reshape(self.dynamics.state_shape)
+
+    @property
+    def range_c(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest calibrated temperature of each thermometer, °C, (J,)."""
+        features, count = self.features, self.thermometers
+        return features.lower_c[:count], features.upper_c[:count]
 
     def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
         """Distance of each thermometer from its calibrated range, in ranges, (..., J)."""
-        low_c = self.features.lower_c[: self.thermometers]
-        high_c = self.features.upper_c[: self.thermometers]
+        low_c, high_c = self.range_c
         excess_k = temperature_c - np.clip(temperature_c, low_c, high_c)
         return np.asarray(np.abs(excess_k) / np.maximum(high_c - low_c, LEAST_RANGE_K))
