@@ -253,7 +253,7 @@ def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterat
         yield from _commands(summary, path)[:1] if summary.is_open else ()
         return
     if not summary.candidates:
-        yield f'Learn from it: {_commands(summary, path)[0]}'
+        yield f'\nLearn from it: {_commands(summary, path)[0]}'
         yield f'Judge it on another day: {_commands(summary, path)[1]}'
         # How a log's columns were understood, and how that is written once for all.
         topics = summary.topics or Topics()
