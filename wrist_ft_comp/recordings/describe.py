@@ -14,7 +14,13 @@ from wrist_ft_comp.channels import AXES, axis_unit, is_plausible, temperature_ch
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings.bag import Bag, Connection, temperatures_inside, uppermost_frame
+from wrist_ft_comp.recordings.bag import (
+    Bag,
+    Connection,
+    decode,
+    temperatures_inside,
+    uppermost_frame,
+)
 from wrist_ft_comp.recordings.log_proposal import FAR, OPEN
 from wrist_ft_comp.recordings.read import (
     BAG,
@@ -72,7 +78,6 @@ class _Tally:
     """Statistics of the messages of a connection."""
 
     connection: Connection
-    #: Empty for messages of another type, with temperatures inside.
     role: str
     #: Of messages of another type: where the temperatures are.
     paths: list[FieldPath] = field(default_factory=list)
@@ -81,19 +86,11 @@ class _Tally:
     #: Earliest and latest stamp, ns.
     stamps_ns: list[int] = field(default_factory=list)
     #: Of each temperature.
-    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
-    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    low: FloatArray | float = np.nan
+    high: FloatArray | float = np.nan
 
-    def add(self, times_ns: list[int], messages: list[bytes]) -> None:
+    def add(self, times_ns: list[int], stamps_ns: IntArray, values: FloatArray) -> None:
         """Take messages into account."""
-        stamps_ns: IntArray = np.zeros(len(messages), np.int64)
-        values: FloatArray = np.empty((len(messages), 0))
-        if self.reader is not None:
-            stamps_ns, values = self.reader.read(messages)
-        elif self.role != TF:
-            stamps_ns, values = cdr.decode_many(messages, cdr.DOUBLES[self.connection.msgtype])
-        if self.role:
-            values = values[:, : self.role == TEMPERATURE]  # of others, stamps count
         # A single message without a stamp must not mix the clock of arrival with that of stamps.
         self.stamped |= bool(stamps_ns.any())
         used_ns = [*(stamps_ns[stamps_ns != 0].tolist() or times_ns), *self.stamps_ns]
@@ -106,15 +103,16 @@ class _Tally:
         topic, samples = self.connection.topic, self.connection.msgcount
         span_ns = self.stamps_ns[1] - self.stamps_ns[0]
         rate_hz = (samples - 1) * NANOSECONDS / span_ns if span_ns else None
-        figures = samples, rate_hz, self.stamped
-        if self.role and self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, *figures)
+        if self.role != TEMPERATURE:
+            yield Candidate(self.role, topic, samples, rate_hz, self.stamped)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
         plain: list[FieldPath] = [()] if self.stamped else [('temperature',)]
-        for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
+        lows, highs = np.atleast_1d(self.low), np.atleast_1d(self.high)
+        for path, low, high in zip(self.paths or plain, lows, highs, strict=False):
             entry = f'{topic}:{path_text(path)}' if path else topic
-            yield Candidate(TEMPERATURE, entry, *figures, (float(reads[0]), float(reads[1])))
+            reads = float(low), float(high)
+            yield Candidate(TEMPERATURE, entry, samples, rate_hz, self.stamped, reads)
 
 
 def survey_bag(
@@ -122,26 +120,30 @@ def survey_bag(
 ) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
     """List what may be used of a bag, by role and topic, and warnings."""
     warnings: list[str] = []
+    found: list[Candidate] = []
     tallies: dict[int, _Tally] = {}
     for connection in (c for c in bag.connections if c.msgcount):
-        if role := _ROLES.get(connection.msgtype):
+        topic, kind = connection.topic, connection.msgtype
+        if kind == cdr.TF:
+            found.append(Candidate(TF, topic, connection.msgcount, None, stamped=False))
+        elif role := _ROLES.get(kind):
             tallies[connection.id] = _Tally(connection, role)
-            continue
-        try:
-            definitions = bag.define(connection)
-        except RecordingError as error:
-            warnings.append(f'Whether it holds temperatures is not known: {error}')
-            continue
-        if paths := temperatures_inside(bag, connection):
-            reader = NumberReader(definitions, connection.msgtype, paths)
-            tallies[connection.id] = _Tally(connection, '', paths, reader)
+        else:
+            try:
+                definitions = bag.define(connection)
+            except RecordingError as error:
+                warnings.append(f'Whether it holds temperatures is not known: {error}')
+                continue
+            if paths := temperatures_inside(bag, connection):
+                reader = NumberReader(definitions, kind, paths)
+                tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
     for tally, times_ns, messages in bag.grouped(tallies, progress):
         try:
-            tally.add(times_ns, messages)
+            tally.add(times_ns, *decode(bag, tally.connection, messages, tally.reader))
         except RecordingError as error:  # noqa: PERF203 -- others are whole
             del tallies[tally.connection.id]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
-    found = [c for tally in tallies.values() if tally.stamps_ns for c in tally.candidates()]
+    found += [c for tally in tallies.values() if tally.stamps_ns for c in tally.candidates()]
     order = list(_ROLES.values())
     found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)
@@ -152,10 +154,10 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     Choose the topics of a bag: the named ones that it holds, else the most probable ones.
 
     The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
-    sensor are not used. The thermometer inside the sensor comes first. It is most probably the one
-    without the name of a motor, with the longest common beginning of its name and the wrench's, or
-    with the name of something at the tool; the same holds for IMUs. In an array, the last element
-    is taken for the nearest to the tool. Without a raw wrench, its topic is empty.
+    sensor are not used. The thermometer inside the sensor comes first: the one without the name of
+    a motor, with the longest common beginning of its name and the wrench's, or with the name of
+    something at the tool; the same holds for IMUs. In an array, the last element is taken for the
+    nearest to the tool. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
@@ -166,12 +168,8 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         """Split a topic into the names between its slashes, and these into words."""
         return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
 
-    def is_of_another_sensor(candidate: Candidate) -> bool:
-        theirs, ours = names(candidate.entry), names(wrench)
-        return any(
-            theirs & (names(other.entry) - ours) and not theirs & (ours - names(other.entry))
-            for other in wrenches[1:]
-        )
+    ours = names(wrench)
+    theirs = {name for other in wrenches[1:] for name in names(other.entry)}
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
         pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
@@ -181,7 +179,11 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
-    candidates = sorted((c for c in candidates if not is_of_another_sensor(c)), key=distance)
+    candidates = [
+        candidate
+        for candidate in sorted(candidates, key=distance)
+        if names(candidate.entry) & (ours - theirs) or not names(candidate.entry) & (theirs - ours)
+    ]
     imus = [c for c in candidates if c.role == IMU and c.stamped]
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 import re
-from urllib.parse import parse_qs, urlencode
 
 import numpy as np
 import yaml
@@ -24,23 +23,25 @@ from wrist_ft_comp.channels import (
     FORCE_CHANNELS,
     REFERENCE_CHANNELS,
     ROTATION_CHANNEL,
-    SensorNames,
 )
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import clock_time, Samples, Topics
-from wrist_ft_comp.recordings.units import (
+from wrist_ft_comp.recordings.table_form import Header
+from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
+from wrist_ft_comp.stored.own_file import beginning
+from wrist_ft_comp.stream.clock import NO_TIME
+from wrist_ft_comp.wire.temperature_source import to_celsius
+from wrist_ft_comp.wire.units import (
+    DAYS_TO_1970,
     known_unit,
     plain_unit,
     said_units,
     STAMP,
     STAMPS,
     TIME_UNITS_NS,
+    TIMEDELTA,
     units_of,
 )
-from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stored.own_file import beginning
-from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.wire.temperature_source import to_celsius
 
 #: What stands for a channel where a column holds the nanoseconds beyond whole seconds, or the date
 #: of times of day.
@@ -50,17 +51,11 @@ STAMP_COLUMNS = STAMP, STAMP_NANOSEC, STAMP_DATE
 ROW_NUMBER = '#'
 #: The place of that column.
 ROW = -2
-#: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
-DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
-#: A form of times: 0 days 00:10:00, as pandas writes it.
-TIMEDELTA = 'timedelta'
 #: Channels with one name; thermometers have a number and a unit.
 CHANNELS = (*AXES, *REFERENCE_CHANNELS, *FORCE_CHANNELS, ROTATION_CHANNEL)
 #: What a recording has to have: channels of which one is enough.
 KINDS = {'stamp': (STAMP,), 'raw wrench': AXES, 'temperature': ('temperature_c',)}
 _THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
-#: Beginning of the name of an empty column, followed by the names of the sensor.
-ORIGIN = 'recorded_from?'
 #: Name of the empty column of a recording from which drift was removed.
 COMPENSATED = 'compensated_by_wrist_ft_comp'
 #: A word beside times of a clock that is no unit.
@@ -121,17 +116,14 @@ class ColumnMap:
     #: Who said so.
     source: str = '--columns'
 
-    def place(self, table: str, names: Sequence[str], units: Sequence[str] = ()) -> 'Placed':
-        """
-        Find the columns of a table of given names, and units where it has a row of them.
-
-        RecordingError where two hold the same.
-        """
+    def place(self, table: str, header: Header) -> 'Placed':
+        """Find the columns of a table; RecordingError where two hold the same."""
+        names, units = header.names, header.units
         mapped: dict[int, Column] = {}
         missing: list[Column] = []
         for named in self.columns:
             if named.name in names:
-                mapped[list(names).index(named.name)] = named
+                mapped[names.index(named.name)] = named
             elif named.name.isdecimal() and 0 < int(named.name) <= len(names):
                 mapped[int(named.name) - 1] = named
             elif named.name == ROW_NUMBER and named.channel == STAMP:
@@ -139,40 +131,39 @@ class ColumnMap:
             else:
                 missing.append(named)
         said = {column.channel for column in mapped.values()}
+        own = {place: column for place, name in enumerate(names) if (column := own_column(name))}
+        own = {place: column for place, column in own.items() if column.channel not in said}
         found: dict[str, Column] = {}
         warnings: list[str] = []
-        for place, name in [*enumerate(names), *[(ROW, ROW_NUMBER)] * (ROW in mapped)]:
-            column = mapped.get(place) or own_column(name)
-            if column is None or (place not in mapped and column.channel in said):
-                continue
-            if other := found.get(column.channel):
+        for place, column in sorted({**own, **mapped}.items()):
+            name, channel = ROW_NUMBER if place == ROW else names[place], column.channel
+            if other := found.get(channel):
                 raise RecordingError(
-                    f'{table} has {column.channel} twice, in the columns {other.name} and {name}; '
+                    f'{table} has {channel} twice, in the columns {other.name} and {name}; '
                     'remove or rename one.'
                 )
             # A word of the person counts most, then that of the name, then that beside it.
-            unit = self.time if column.channel == STAMP and self.time else column.unit
-            if not unit and column.factor is None and column.channel not in STAMP_COLUMNS[1:]:
+            unit = self.time if channel == STAMP and self.time else column.unit
+            if not unit and column.factor is None and channel not in STAMP_COLUMNS[1:]:
                 beside = units[place] if 0 <= place < len(units) else ''
-                unit = known_unit(column.channel, name, beside)
+                unit = known_unit(channel, name, beside)
                 word = next(iter(said_units(name, beside)[-1:]), '')
-                is_clock = column.channel == STAMP and _CLOCK_WORD.fullmatch(word)
+                is_clock = channel == STAMP and _CLOCK_WORD.fullmatch(word)
                 if word and not unit and not is_clock:
-                    taken = next(iter(units_of(column.channel)))
+                    taken = next(iter(units_of(channel)))
                     warnings.append(
                         f'{name} of {table} is in {word}, a unit that is not understood, and is '
                         f'read in {taken}. Put the right one, or a factor, behind the column, '
-                        f"such as '{column.channel}={name}:{taken}' or "
-                        f"'{column.channel}={name}*0.001'."
+                        f"such as '{channel}={name}:{taken}' or '{channel}={name}*0.001'."
                     )
-            found[column.channel] = replace(column, name=name, unit=unit, place=place)
+            found[channel] = replace(column, name=name, unit=unit, place=place)
         stamp = found.get(STAMP)
         if STAMP_NANOSEC in found and stamp and stamp.unit not in {'', 's'}:
             raise RecordingError(
                 f'{table} has nanoseconds beside stamps that are not in seconds; leave '
                 f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
             )
-        return Placed(table, names, units, found, missing, tuple(warnings))
+        return Placed(table, header, found, missing, tuple(warnings))
 
 
 @dataclass(frozen=True)
@@ -180,8 +171,7 @@ class Placed:
     """Where a table has what."""
 
     table: str
-    names: Sequence[str]
-    units: Sequence[str]
+    header: Header
     #: By channel, STAMP and STAMP_NANOSEC.
     columns: Mapping[str, Column]
     #: What a map names and the table does not have.
@@ -305,8 +295,8 @@ class Excerpt:
         The first stamp of all, from which times count, is put into ``first_ns``.
         """
         lasts_s = 0.0
-        came: set[str] = set()
-        left: set[str] = set()
+        #: Whether a sample was left, by what came.
+        is_left: dict[str, bool] = {}
         for block in blocks:
             timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
             first_ns += block.stamps_ns[timed][:1].tolist()
@@ -317,16 +307,17 @@ class Excerpt:
             for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
                 counts &= (since_s < begin_s) | (since_s > end_s)
             lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
-            came |= {kind} if timed.any() else set()
-            left |= {kind} if counts.any() else set()
+            if timed.any():
+                is_left[kind] = is_left.get(kind, False) or bool(counts.any())
             yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
-        if gone := {'wrench', 'temperature'} & (came - left):
-            is_clock = first_ns[0] >= CLOCK_NS
-            begins = f'begins at {clock_time(first_ns[0])} and ' if is_clock else ''
-            raise SettingsError(
-                f'Every {max(gone)} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
-                'by --from, --until and --exclude. Leave some in.'
-            )
+        for kind in ('wrench', 'temperature'):
+            if not is_left.get(kind, True):
+                is_clock = first_ns[0] >= CLOCK_NS
+                begins = f'begins at {clock_time(first_ns[0])} and ' if is_clock else ''
+                raise SettingsError(
+                    f'Every {kind} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
+                    'by --from, --until and --exclude. Leave some in.'
+                )
 
 
 @dataclass(frozen=True)
@@ -408,13 +399,3 @@ def _seconds(text: str) -> float:
         hours, minutes, seconds = (*map(float, text.strip().split(':')), 0.0)[:3]
         return 3600 * hours + 60 * minutes + seconds
     raise SettingsError(f'A time is written 4800, 80min, 1.5h or 1:20:00; got {text!r}.')
-
-
-def origin_column(sensor: SensorNames) -> str:
-    """Name the column that says what the sensor is called."""
-    return ORIGIN + urlencode(sensor, doseq=True, safe='/:[]')
-
-
-def sensor_in(columns: Sequence[str]) -> SensorNames:
-    """Read what the sensor is called from the names of columns."""
-    return parse_qs(''.join(c.removeprefix(ORIGIN) for c in columns if c.startswith(ORIGIN)))

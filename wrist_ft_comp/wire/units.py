@@ -19,6 +19,10 @@ TIME_UNITS_NS = {
     's': NANOSECONDS, **{name.removeprefix('stamp_'): ns for name, ns in STAMPS.items()},
     'd': 86_400 * NANOSECONDS,
 }  # fmt: skip
+#: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
+DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
+#: A form of times: 0 days 00:10:00, as pandas writes it.
+TIMEDELTA = 'timedelta'
 #: Weight of a kilogram as units define it, N.
 _KILOPOND_N = 9.80665
 #: By quantity: what one of a unit is in the channel's. The first is taken where none is named.
