@@ -17,24 +17,10 @@ from unicodedata import normalize
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
-from wrist_ft_comp.recordings import read_options
-from wrist_ft_comp.recordings.read_options import (
-    CHANNELS,
-    KINDS,
-    Placed,
-    STAMP_COLUMNS,
-    STAMP_DATE,
-    STAMP_NANOSEC,
-)
-from wrist_ft_comp.recordings.table_form import (
-    epoch_unit,
-    exact_ns,
-    find_form,
-    MISSING,
-    number_in,
-    unit_of_times,
-)
+from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
+from wrist_ft_comp.recordings import read_options, table_form
+from wrist_ft_comp.recordings.read_options import KINDS, Placed, STAMP_COLUMNS
+from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
@@ -66,7 +52,6 @@ _TIME_WORD = re.compile(
     'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
-_DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
     't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
@@ -87,8 +72,10 @@ _WRENCH = re.compile(
 )
 #: Names of temperatures of what heats the sensor, or of its surroundings.
 FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
-#: What has a temperature and is no metal near a sensor.
-_NO_METAL = {'cpu', 'battery', 'batt', 'gpu', 'soc'}
+#: What has a temperature and is no metal near a sensor, and what was made of a thermometer's.
+_NO_THERMOMETER = {'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance'}
+#: Between which readings a day may begin in °F, and hardly in °C.
+_COLD_START_F = 55.0, 120.0
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 #: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
 _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
@@ -102,6 +89,8 @@ _SMOOTH = 0.2
 _MOST_BACK = 0.05
 #: When a log was probably written: from 1982 to 2118, days since 1970.
 _LIKELY_DAYS = 4_400, 54_000
+#: Numbers in this range that grow by less are days, and no seconds.
+_MOST_DAYS = 30.0
 
 
 @dataclass(frozen=True)
@@ -184,7 +173,9 @@ def warn_of_unused(placed: Placed) -> list[str]:
 class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
-    def __init__(self, place: int, name: str, unit: str, cells: Sequence[str], sign: str) -> None:
+    def __init__(
+        self, place: int, name: str, unit: str, cells: Sequence[str], header: Header
+    ) -> None:
         self.place, self._name, self._unit = place, name, unit
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
@@ -195,7 +186,7 @@ class _Looks:
         numbers = []
         for cell in self.filled:
             with suppress(ValueError):
-                numbers.append(number_in(cell, ''))
+                numbers.append(header.number_in(cell))
         self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
@@ -208,14 +199,15 @@ class _Looks:
         is_short = self.plain in _SHORT_TIME and not name.strip().startswith('T')
         self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
         #: What --time has to say where it is a time.
-        self.form = find_form(self.filled, month_first=sign == ',')
+        self.form = find_form(self.filled, month_first=header.delimiter == ',')
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
-            self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
+            self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
             first, last = self.numbers[0], self.numbers[-1]
             for form, day in DAYS_TO_1970.items():
                 likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
-                self.form = form if likely and _DATE_WORD.search(self.plain) else self.form
+                is_short_time = likely and last - first < _MOST_DAYS
+                self.form = form if is_short_time and self._is_time_word else self.form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -235,7 +227,7 @@ class _Looks:
         has_unit = bool(self.unit_of(STAMP))
         is_clock = not self._is_number or self.form in DAYS_TO_1970
         if self._is_number and len(self.numbers):
-            is_clock |= bool(epoch_unit(float(self.numbers[0])))
+            is_clock |= bool(table_form.epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):
             return 0.0
         try:
@@ -257,12 +249,14 @@ class _Looks:
             and not any(map(_AXIS.fullmatch, self.words))
             and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )
-        is_other = not _NO_METAL.isdisjoint(self.words)
+        is_other = not _NO_THERMOMETER.isdisjoint(self.words)
         if is_other or not (unit or is_named) or not self.may_be('temperature_c'):
             return None
         if not len(self.numbers):
             return unit
-        if not unit:
+        if not unit and _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]:
+            unit = 'F'
+        elif not unit:
             unit = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist()).strip(':')
             if unit == '*0.1':
                 return unit
@@ -299,18 +293,19 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
     used = {column.place for column in placed.columns.values()}
     free = [
-        _Looks(place, name, units[place], cells[place], header.delimiter)
+        _Looks(place, name, units[place], cells[place], header)
         for place, name in enumerate(names)
         if place not in used and (name or any(cells[place]))
     ]
     found, time = dict[str, _Looks](), ''
     if STAMP not in placed.columns:
-        found, time = _find_times(free, header.delimiter)
+        found, time = _find_times(free, header)
     found |= _find_channels(free, [c for c in CHANNELS if c not in placed.columns], placed)
 
     proposed = {}
-    order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
-    for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
+    thermometers = [channel for channel in found if channel.startswith('temperature')]
+    order = dict.fromkeys([*STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS])
+    for channel in [c for c in order if c in found]:
         looks, factor, quantity = found[channel], '', channel.split('_')[0]
         unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
         if channel.startswith('temperature'):
@@ -332,7 +327,7 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
     return proposed, time
 
 
-def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
+def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:
     """Take the columns of the stamps from those that are free, and their form."""
     scores = {looks: score for looks in free if (score := looks.time_score())}
     if not scores:
@@ -342,13 +337,13 @@ def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
     is_time_of_day = time.startswith(('%H', '%I'))
     for looks in free:
         if _NANOSEC.fullmatch(looks.plain) and time == 's':
-            found.setdefault(STAMP_NANOSEC, looks)
+            found.setdefault(read_options.STAMP_NANOSEC, looks)
         is_date = looks.form == 'iso' or looks.form.startswith('%')
         if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
-            found.setdefault(STAMP_DATE, looks)
-    if date := found.get(STAMP_DATE):
+            found.setdefault(read_options.STAMP_DATE, looks)
+    if date := found.get(read_options.STAMP_DATE):
         joined = map(' '.join, zip(date.filled, best.filled, strict=False))
-        time = find_form([*joined], month_first=sign == ',')
+        time = find_form([*joined], month_first=header.delimiter == ',')
     others = {looks for looks, score in scores.items() if score > 1}
     free[:] = [looks for looks in free if looks not in others | {*found.values()}]
     return found, time
@@ -383,10 +378,14 @@ def _find_channels(free: list[_Looks], absent: Sequence[str], placed: Placed) ->
         channel = axes.get(looks) or looks.channel()
         if channel in absent and looks.may_be(channel):
             found.setdefault(channel, looks)
-    # The only force of a log is taken for the one along z.
-    for looks in cold if {*AXES} <= {*absent} - {*found} else ():
-        is_force = looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain)
-        if is_force and looks.may_be('force_z'):
-            found.setdefault('force_z', looks)
+    # The only force of a log is taken for the one along z; of several, a person knows the axes.
+    forces = [
+        looks
+        for looks in cold
+        if (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
+        and looks.may_be('force_z')
+    ]
+    if len(forces) == 1 and {*AXES} <= {*absent} - {*found}:
+        found['force_z'] = forces[0]
     free[:] = [looks for looks in free if looks not in found.values()]
     return found

@@ -21,7 +21,6 @@ from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.log_proposal import Proposal, propose, warn_of_unused
 from wrist_ft_comp.recordings.read_options import (
-    ColumnMap,
     COMPENSATED,
     KINDS,
     listed,
@@ -149,15 +148,16 @@ class OpenTable:
         self.names = names = [name for table in tables for name in table.header.names]
         self.columns: list[Placed] = []
         for table in tables:
-            own = ColumnMap().place(table.name, table.header)
+            own = ReadOptions().place(table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
-            is_ours = options.columns.source != '--columns' and not own.lacks(list(KINDS))
-            said = options.columns.place(table.name, table.header)
-            self.columns.append(own if is_ours else said)
-        for column in options.columns.columns:
+            is_ours = not any(own.columns.keys().isdisjoint(kind) for kind in KINDS.values())
+            is_beside = options.source != '--columns'
+            said = options.place(table.name, table.header)
+            self.columns.append(own if is_ours and is_beside else said)
+        for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
-                    f'{self.name} has no column {column.name!r}, which {options.columns.source} '
+                    f'{self.name} has no column {column.name!r}, which {options.source} '
                     f'names; it has {listed(names)}. Write it as the header does, or give its '
                     'number, from 1 on. If the map is of other tables, give this one its own by '
                     '--columns.'
@@ -177,9 +177,13 @@ class OpenTable:
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
-        missing = [placed.lacks(kinds) for placed in self.columns]
-        least = {kind: 1 if kind == STAMP else len(missing) for kind in kinds}
-        return [kind for kind in kinds if sum(kind in m for m in missing) >= least[kind]]
+        return [
+            kind
+            for kind in kinds
+            if (any if kind == STAMP else all)(
+                placed.columns.keys().isdisjoint(KINDS[kind]) for placed in self.columns
+            )
+        ]
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""

@@ -214,7 +214,8 @@ class Table:
                     names=range(width), usecols=used, index_col=False, skipinitialspace=True,
                     dtype=dict.fromkeys(set(used) & convert.stamp_places, str),
                     skip_blank_lines=False, float_precision='high',
-                    decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
+                    decimal=self.header.decimal,
+                    thousands=self.header.thousands or None)  # fmt: skip
                 return convert(frame.set_axis(range(number, number + line_ends)))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
@@ -282,7 +283,7 @@ class _RowConverter:
 
     def __init__(self, placed: Placed) -> None:
         self._name, self._columns = placed.table, placed.columns
-        self._delimiter = placed.header.delimiter
+        self._header = placed.header
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
         #: The places of all columns that are used, and those of stamps.
         self.places = [c.place for c in placed.columns.values() if c.place != read_options.ROW]
@@ -307,7 +308,7 @@ class _RowConverter:
         return Rows(stamps_ns, values, lines)
 
     def _numbers(self, cells: Sequence[Any]) -> FloatArray:
-        return np.array([table_form.number_in(str(c), self._delimiter) for c in cells], float)
+        return np.array([self._header.number_in(str(cell)) for cell in cells], float)
 
     def _convert(
         self, convert: Callable[[Any], Any], cells: Sequence[Any], column: Column, lines: IntArray
@@ -352,8 +353,10 @@ class _RowConverter:
             pairs = zip(cells_of(date), stamps, strict=True)
             stamps = [f'{day} {time}' for day, time in pairs]
         if not self._form and isinstance(stamps, list):
-            self._form = table_form.find_form(stamps, month_first=self._delimiter == ',')
+            self._form = table_form.find_form(stamps, month_first=self._header.delimiter == ',')
         form = self._form = self._form or 's'
+        if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
+            stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]
         stamps_ns = self._convert(
             lambda cells: table_form.exact_ns(cells, form), stamps, self._stamp, lines
         )

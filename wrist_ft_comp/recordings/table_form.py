@@ -14,13 +14,8 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.wire.units import (
-    DAYS_TO_1970,
-    plain_unit,
-    TIME_UNITS_NS,
-    TIMEDELTA,
-    UNIT_WORDS,
-)
+from wrist_ft_comp.wire import units
+from wrist_ft_comp.wire.units import plain_unit, TIME_UNITS_NS
 
 #: Lines in which the header is looked for, and the last of them that show what rows are like.
 FIRST_LINES, _LIKE_ROWS = 300, 30
@@ -30,8 +25,10 @@ MISSING = frozenset({
     '', '-', '--', '---', 'nan', '-nan', 'na', 'n/a', '#n/a', 'null', 'none', '?', '<na>', 'nat',
 })  # fmt: skip
 NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?', re.IGNORECASE)
-#: 1,234.5 or 1.234,5.
-_THOUSANDS = re.compile(r'[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d*')
+#: A number with one sign in it, or with two, of which the last one is that of decimals.
+_SIGNS = re.compile(
+    r'[-+]?\d*(?:(?P<other>[.,])\d+)?(?P<last>[.,])(?P<digits>\d*)(?:[eE][-+]?\d+)?'
+)
 #: 3.1 N: a number, and what stands behind it.
 _WITH_UNIT = re.compile(rf'(?:{NUMBER.pattern})(?: ?(?P<unit>[^\d\s.,:;+-]\D*))?', re.IGNORECASE)
 #: What looks like a time: digits, signs between some of them, and words of up to three letters.
@@ -60,7 +57,7 @@ _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
 _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
 #: nanoseconds of 64 bits end; in a smaller unit they are as much larger.
-_EPOCH_S, _EPOCH_RANGE = 1e9, 9.2
+_EPOCH_S, _EPOCH_RANGE, _SMALLER = 1e9, 9.2, ('s', 'ms', 'us', 'ns')
 #: When a log was probably written: from 2010 to 2040, ns since 1970.
 _LIKELY_NS = 1_262_304_000 * NANOSECONDS, 2_208_988_800 * NANOSECONDS
 #: A double holds every nanosecond of times up to 13 days.
@@ -87,6 +84,9 @@ class Header:
     said_counts: dict[str, float] = field(default_factory=dict)
     #: Whether a terminal writes a time, an arrow, and what was sent.
     has_arrows: bool = False
+    #: The sign before decimals, and the one between thousands; empty where it is not known.
+    decimal: str = '.'
+    thousands: str = ''
     #: Units that stand behind the numbers of rows.
     units_in_cells: tuple[str, ...] = ()
 
@@ -95,9 +95,19 @@ class Header:
         text = text.replace('\u2212', '-')  # a minus as it is printed
         text = text.replace(' -> ', ',') if self.has_arrows else text
         if self.units_in_cells:
-            units = '|'.join(map(re.escape, self.units_in_cells))
-            text = re.sub(rf'(?<=\d) ?(?:{units})(?=["{self.delimiter}\s])', '', text)
+            words = '|'.join(map(re.escape, self.units_in_cells))
+            text = re.sub(rf'(?<=\d) ?(?:{words})(?=["{self.delimiter}\s])', '', text)
         return text
+
+    def number_in(self, cell: str) -> float:
+        """Read a number; a missing one is NaN. ValueError where it is none."""
+        if cell.lower() in MISSING:
+            return nan
+        cell = cell.replace(self.thousands, '') if self.thousands else cell
+        cell = cell.replace(',', '.')
+        if not NUMBER.fullmatch(cell):
+            raise ValueError(cell)
+        return float(cell)
 
 
 def find_header(lines: Sequence[str]) -> Header:
@@ -122,7 +132,11 @@ def find_header(lines: Sequence[str]) -> Header:
     columns = list(zip(*last, strict=True))
 
     # The first row is as wide and has a value wherever most of the last lines have one.
-    must = [k for k, cells in enumerate(columns) if 2 * sum(map(_is_value, cells)) >= len(cells)]
+    must = [
+        place
+        for place, cells in enumerate(columns)
+        if 2 * sum(_is_value(cell) for cell in cells if cell) >= len(cells)
+    ]
     for first in at:
         row = rows[first]
         has_number = any(unit_behind(cell) is not None for cell in row)
@@ -136,6 +150,8 @@ def find_header(lines: Sequence[str]) -> Header:
     for line in reversed([line for line in lines[:first] if line.strip('-=+|_ \t')]):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
+        # What has fewer cells lacks those of the first columns.
+        cells = cells if len(cells) < 2 else [*[''] * (width - len(cells)), *cells]
         while cells and not cells[-1]:
             cells.pop()
         if cells and len(cells) <= width + 1 and not any(any(row[len(cells) :]) for row in last):
@@ -144,23 +160,37 @@ def find_header(lines: Sequence[str]) -> Header:
             break
     names = above[-1] if above else []
     for row in above:
-        told = [_has_unit([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
+        told = [_units_in([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
         if 2 * sum(told) < len(told):
             names = row
             break
-    units = next((row for row in above if row is not names and _has_unit(row)), [])
+    said = max((row for row in above if row is not names), key=_units_in, default=[])
+    said = said if _units_in(said) else []
     for row in rows[:first]:
-        if not units and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _has_unit(row[1:]):
-            units = ['', *(cell.strip('()') for cell in row[1:])]
+        if not said and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _units_in(row[1:]):
+            said = ['', *(cell.strip('()') for cell in row[1:])]
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
     names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
     text = '\n'.join(lines[:first])
     return Header(
-        delimiter, width, first, tuple(names), tuple(units or (in_cells if any(in_cells) else [])),
+        delimiter, width, first, tuple(names), tuple(said or (in_cells if any(in_cells) else [])),
         frozenset(map(tuple, above)),
         {word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
         {word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)},
-        has_arrows, tuple({*in_cells} - {''}))  # fmt: skip
+        has_arrows, *_find_signs([cell for row in last for cell in row]),
+        tuple({*in_cells} - {''}))  # fmt: skip
+
+
+def _find_signs(cells: Sequence[str]) -> tuple[str, str]:
+    """Find the sign of decimals, and that of thousands, or '' where none is there for sure."""
+    signs = [match for match in map(_SIGNS.fullmatch, cells) if match and match[1] != match[2]]
+    decimals = {match['last'] for match in signs if match['other'] or len(match['digits']) != 3}
+    if len(decimals) != 1:
+        has_points = not signs or any(match['last'] == '.' for match in signs)
+        return '.' if has_points else ',', ''
+    (decimal,) = decimals
+    others = {sign for match in signs for sign in (match['other'], match['last']) if sign}
+    return decimal, ''.join(others - decimals)
 
 
 def cut_line(line: str, delimiter: str) -> list[str]:
@@ -172,22 +202,11 @@ def cut_line(line: str, delimiter: str) -> list[str]:
     return []
 
 
-def number_in(cell: str, delimiter: str = ',') -> float:
-    """Read a number; a missing one is NaN. ValueError where it is none."""
-    if cell.lower() in MISSING:
-        return nan
-    if _THOUSANDS.fullmatch(cell):
-        cell = cell.replace(',' if cell.rfind('.') > cell.rfind(',') else '.', '')
-    if not NUMBER.fullmatch(cell):
-        raise ValueError(cell)
-    return float(cell if delimiter == ',' else cell.replace(',', '.'))
-
-
 def unit_behind(cell: str) -> str | None:
     """Find the unit behind a number, empty where there is none; None where it is no number."""
     match = _WITH_UNIT.fullmatch(cell)
     unit = (match['unit'] or '') if match else '?'
-    return unit if not unit or plain_unit(unit) in UNIT_WORDS else None
+    return unit if not unit or plain_unit(unit) in units.UNIT_WORDS else None
 
 
 def _is_value(cell: str) -> bool:
@@ -197,8 +216,8 @@ def _is_value(cell: str) -> bool:
     return _TIME.fullmatch(cell) is not None
 
 
-def _has_unit(row: Sequence[str]) -> bool:
-    return any(plain_unit(cell) in UNIT_WORDS for cell in row)
+def _units_in(row: Sequence[str]) -> int:
+    return sum(plain_unit(cell) in units.UNIT_WORDS for cell in row)
 
 
 def exact_ns(cells: Any, form: str) -> IntArray:
@@ -215,7 +234,7 @@ def exact_ns(cells: Any, form: str) -> IntArray:
         if not np.isfinite(numbers).all():
             raise ValueError('a stamp is missing')
         return np.asarray((numbers.astype('M8[ns]') if is_date else numbers).astype(np.int64))
-    if day := DAYS_TO_1970.get(form):
+    if day := units.DAYS_TO_1970.get(form):
         return exact_ns([str(Decimal(text.replace(',', '.')) - day) for text in cells], 'd')
     together = ''.join(cells)
     texts = [text.replace(',', '.') for text in cells] if ',' in together else cells
@@ -232,7 +251,7 @@ def exact_ns(cells: Any, form: str) -> IntArray:
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
-    if form == TIMEDELTA:
+    if form == units.TIMEDELTA:
         return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
     times = pandas.to_datetime(
         texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
@@ -245,8 +264,7 @@ def exact_ns(cells: Any, form: str) -> IntArray:
 def epoch_unit(number: float) -> str:
     """Find the unit of a number since 1970 by its size; empty where it is none."""
     size = abs(number) / _EPOCH_S
-    units = 's', 'ms', 'us', 'ns'
-    return next((u for k, u in enumerate(units) if 1 <= size / 1000**k < _EPOCH_RANGE), '')
+    return next((u for k, u in enumerate(_SMALLER) if 1 <= size / 1000**k < _EPOCH_RANGE), '')
 
 
 def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
@@ -262,7 +280,7 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     if all(map(NUMBER.fullmatch, filled)):
         return epoch_unit(float(filled[0].replace(',', '.'))) or 's'
     if re.match(r'-?\d+ days?\b', filled[0]):
-        return TIMEDELTA
+        return units.TIMEDELTA
     for form in ('iso', '%a %b %d %H:%M:%S %Y'):
         with suppress(ValueError):
             exact_ns(filled[:1], form)
@@ -309,5 +327,4 @@ def unit_of_times(numbers: FloatArray) -> str:
     step = float(np.median(steps)) if len(steps) else 0.0
     if 300 <= step <= 7200 and step % 60 == 0:
         return 's'
-    units = 's', 'ms', 'us', 'ns'
-    return next((u for k, u in enumerate(units) if lasts / 1000**k < 3 * 86_400), 's')
+    return next((u for k, u in enumerate(_SMALLER) if lasts / 1000**k < 3 * 86_400), 's')
