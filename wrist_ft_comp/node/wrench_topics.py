@@ -185,11 +185,11 @@ class WrenchInput(Part):
         return [AXES[i] for i in np.flatnonzero(is_dead)]
 
     def sickness(self) -> str:
-        """Say that the sensor is frozen or saturated; empty where it lives."""
+        """Say that the sensor is frozen, or an axis stuck; empty where it lives."""
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
-        if axes := self.sensor.saturated:
-            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        if axes := ', '.join(self.sensor.stuck):
+            return f'{axes} repeats one value to the last bit; is it saturated, or broken?'
         return ''
 
     def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
