@@ -88,8 +88,11 @@ def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, wor
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
+    node.refusal('calibrate')
+    assert node.diagnosis('calibration', 'the last one was refused').level == b'\1'
     assert node.refusal('record', False) == 'No recording runs. Start one with data: true.'
     path = start_recording(node)
+    assert node.diagnosis('calibration').message == 'recording'
     assert f'A recording runs already, into {path}' in node.refusal('record', True)
     assert f'recorded 0 thermal cells (0 s) into {path}\n' in node.call('record', False).message
 
