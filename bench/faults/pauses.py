@@ -54,14 +54,9 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
 
     stored = node.live.stored
     node.live.history = [HistoryEntry(model_path, stored.sha256, why='Better.')] * MAX_HISTORY
-
-    def record() -> None:
-        node.recorder.begin()
-        node.recorder.end()
-
     return {
         'state: take it and hand it over': (node.state_keeper.save, 200),
-        'recording: begin and end': (record, 20),
+        'recording: begin and end': (lambda: (node.recorder.begin(), node.recorder.end()), 20),
         'tare: reset it': (node.tare.reset, 50),
         'learning: remember what was judged': (node.learning._remember, 50),  # noqa: SLF001
         'model: remember which was live': (node.live._remember, 50),  # noqa: SLF001

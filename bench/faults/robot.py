@@ -174,7 +174,7 @@ class Robot:
 
     def _graph(self, topic: str) -> list[Any]:
         """List the publishers of a topic."""
-        kind, count = 'sensor_msgs/msg/Temperature', 1
+        kind, count = 'sensor_msgs/msg/Temperature', int(not topic.endswith('drift'))
         if topic.endswith('imu'):
             kind = 'sensor_msgs/msg/Imu'
         elif topic.endswith('raw'):
@@ -183,7 +183,7 @@ class Robot:
         return [
             SimpleNamespace(
                 topic_type=kind, topic_type_hash=SimpleNamespace(version=0),
-                endpoint_gid=[self.driver, n, *[0] * 14],
+                endpoint_gid=[self.driver, n, *[0] * 14], node_name='driver', node_namespace='/',
             )
             for n in range(count)
         ]  # fmt: skip

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture', type=Path, metavar='figures.PICTURE.png',
+        '--picture', type=Path, metavar='PICTURE.png',
         help="draw a recording, or a node's days: what drifted, what was left, what happened",
     )  # fmt: skip
     options.add_topics(parser)

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,14 @@ _NORM_DEVIATION = 0.03
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
+#: More of the wrenches than this share without fresh specific force are a warning.
+_MISSED_SHARE = 0.1
 #: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
 #: one of the frame on the robot.
 _UNSEEN_DEG = 3.0
-#: The weight is in doubt where it turns by more than this, rad, while specific force is behind the
-#: wrench: then a twentieth of it is wrong.
-_BEHIND_RAD = 0.05
+#: The weight is in doubt where it changes by more than this share in the time by which specific
+#: force is behind the wrench.
+_BEHIND_SHARE = 0.05
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
@@ -66,7 +69,8 @@ class ExternalWrench(Part):
     live: LiveModel
     specific_force: SpecificForceInput
     counts: Counts
-    #: Wrenches that were not published because specific force was too old.
+    #: Wrenches that came, and those that were not published because specific force was too old.
+    came: int = 0
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
@@ -79,9 +83,8 @@ class ExternalWrench(Part):
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
-    #: Since the last report: the largest turn in the time by which specific force was behind a
-    #: wrench, rad, and that time, s.
-    _behind: tuple[float, float] = 0.0, 0.0
+    #: By how much specific force was behind the wrenches since the last report, ns, together.
+    _behind_ns: int = 0
     #: The specific forces of the last reports, while new ones come.
     _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_REPORTS))
 
@@ -150,15 +153,14 @@ class ExternalWrench(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
-        forces = self.specific_force.forces
+        forces, self.came = self.specific_force.forces, self.came + 1
         if stamp_ns - forces.newest_ns > _FRESH_NS:
             self.hub.do(self.specific_force, self.specific_force.poll)
         force = forces.at(stamp_ns)
         if force is None:
             self.missed += 1
             return
-        behind_s = (stamp_ns - forces.newest_ns) / NANOSECONDS
-        self._behind = max(self._behind, (behind_s * self.specific_force.speed, behind_s))
+        self._behind_ns += stamp_ns - forces.newest_ns
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
@@ -287,7 +289,7 @@ class ExternalWrench(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
         payload, count = self.payload, self.specific_force.forces.count
-        grown, elapsed_s = self._growth.since(forces=count, missed=self.missed)
+        grown, elapsed_s = self._growth.since(forces=count, came=self.came, missed=self.missed)
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
@@ -317,18 +319,20 @@ class ExternalWrench(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if grown['missed'] and wrench is not None:
+        if grown['missed'] > _MISSED_SHARE * grown['came'] and wrench is not None:
             apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
-        (turned_rad, behind_s), self._behind = self._behind, (0.0, 0.0)
-        if turned_rad > _BEHIND_RAD:
+        weighed = max(grown['came'] - grown['missed'], 1)
+        behind_ns, self._behind_ns = self._behind_ns // weighed, 0
+        before = forces.at(newest[0] - behind_ns) if behind_ns > 0 else None
+        if before is not None and math.dist(newest[1], before) > _BEHIND_SHARE * GRAVITY:
             yield (
-                f'specific force is {behind_s:.3f} s behind the wrench, so that up to '
-                f'{turned_rad:.0%} of the weight that is taken off is wrong in motion; mend its '
-                'clock, or let it come faster'
+                f'specific force is {behind_ns / NANOSECONDS:.3f} s behind the wrench, and '
+                f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
+                'wrong in motion; mend its clock, or let it come faster'
             )
         frame = ForceFrame() if payload is None else payload.frame
         if len(self._felt) == _REPORTS:

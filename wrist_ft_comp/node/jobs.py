@@ -181,6 +181,6 @@ class Jobs(Part):
             message = f'running for {running_s:.0f} s'
         elif trouble := recorder.failure or recorder.doubt():
             level, message = WARN, trouble
-        elif is_refused:
+        elif is_refused and recording is None:
             level, message = WARN, f'the last one was refused: {answer}'
         yield Status(self.title, level, message, numbers)

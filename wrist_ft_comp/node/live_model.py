@@ -91,6 +91,11 @@ class LiveModel(Part):
                     'back.'
                 )
         if self.stored is not None:
+            if self.stored.sha256 != self.history[-1].sha256:
+                self.problem = (
+                    f'{self.stored.path} has changed since it was live, and runs as it is now; '
+                    'set model_file to it if that is right, or call ~/rollback'
+                )
             self._make_live(self.stored)
 
     def end(self) -> None:

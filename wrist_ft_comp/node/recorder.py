@@ -18,6 +18,7 @@ from wrist_ft_comp.channels import (
     SensorNames,
 )
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, Work
@@ -39,6 +40,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
+#: The answer of ~/record warns where more than this share of the rows holds no wrench.
+_LACKING_SHARE = 0.1
 
 
 @dataclass(eq=False)
@@ -51,8 +54,9 @@ class OwnRecording:
     rows: int = 0
     #: Why the disk refused; nothing more is written after that. None while all is well.
     error: RecordingError | None = None
-    #: By channel, how many of the newest rows have no value of it.
+    #: By channel, how many of the newest rows, and of all, have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
+    lacked: Counter[str] = field(default_factory=Counter)
     #: By channel, its least and its largest value.
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -65,6 +69,7 @@ class OwnRecording:
                 for channel, value in zip(channels, values, strict=True):
                     if math.isnan(value):
                         self.lacking[channel] += 1
+                        self.lacked[channel] += 1
                         continue
                     self.lacking[channel] = 0
                     least, most = self.spans.get(channel, (value, value))
@@ -199,10 +204,12 @@ class Recorder(Part):
             yield
         if problem := str(recording.error or problems[0]):
             raise RecordingError(self._ended(problem, recording.rows))
-        return (
-            f'recorded {recording.rows} thermal cells '
-            f'({recording.rows * self.period_s:.0f} s) into {self.path}'
-        )
+        rows, lacks = recording.rows, ''
+        lost = min(recording.lacked[axis] for axis in AXES)
+        if not rows or lost > max(_LACKING_SHARE * rows, 1):
+            lacks = f'{rows - lost} of {rows} cells hold wrench and temperature; see the status'
+        said = f'recorded {rows} thermal cells ({rows * self.period_s:.0f} s) into {self.path}'
+        return warned(said, lacks)
 
     def begin(self) -> str:
         """Start the recording of ``~/record``; say where to."""

@@ -21,6 +21,8 @@ from wrist_ft_comp.stream.tare import TareCollector
 
 #: A tare is refused where the stamps of wrenches do not go on for this time, s.
 _PATIENCE_S = 2.0
+#: Specific force has to be fresh for this share of the wrenches of a tare: a sample may be late.
+_FRESH_SHARE = 0.9
 #: A tare is answered when it is saved, or after this time, s.
 _DISK_S = 5.0
 
@@ -108,7 +110,7 @@ class TareService(Part):
             why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
         elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'
-        elif payload is not None and len(weights) < len(self._weights):
+        elif payload is not None and len(weights) < _FRESH_SHARE * len(self._weights):
             why = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
         elif payload is not None:
             weight = np.asarray(np.mean(weights, axis=0))

@@ -109,8 +109,11 @@ class WrenchInput(Part):
             return
         heard_s, (stamp_ns, raw, data) = time.monotonic(), newest
         away_s = 0.0 if self._heard_s is None else heard_s - self._heard_s
-        # By the stamps, too: a simulation may be held up.
-        if away_s > _AWAY_S and stamp_ns - self._stamp_ns > _AWAY_S * NANOSECONDS:
+        # By the stamps, too: a simulation that was held up goes on with the next one.
+        passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
+        if away_s > _AWAY_S and not 0 <= passed_s <= _AWAY_S:
+            if abs(passed_s - away_s) < 1:  # no clock was set
+                self.sensor = SensorWatch()
             self._compensator.doubt_zero(
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'

@@ -135,9 +135,12 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
 
 
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize(('stamped_s', 'is_doubted'), [(20, True), (1, False)])
+@pytest.mark.parametrize(
+    ('stamped_s', 'is_doubted', 'leapt'),
+    [(20, True, 0), (1, False, 0), (-1, True, 0), (4000, True, 1)],
+)
 def test_a_sensor_that_was_silent_may_have_another_zero(
-    fake_hub, monkeypatch, stamped_s, is_doubted
+    fake_hub, monkeypatch, stamped_s, is_doubted, leapt
 ):
     """A simulation that was held up goes on with the next stamp."""
     clock, counts, said = [0.0], Counts(), []
@@ -149,7 +152,7 @@ def test_a_sensor_that_was_silent_may_have_another_zero(
         counts.newest = stamp, RAW, serialize_message(wrench_message(stamp, 'tool0', RAW))
         counts.wrenches += 1
         part.poll()
-    assert len(said) == is_doubted
+    assert (len(said), part.sensor.leapt) == (is_doubted, leapt)
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
 
 

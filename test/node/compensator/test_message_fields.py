@@ -36,9 +36,9 @@ class Listening:
 
     def __init__(self, fake_hub, *entries):
         part = Part()
-        self.hub, self.taken = fake_hub(part), []
+        part.take, self.hub, self.taken = self.take, fake_hub(part), []
         sources = dict(enumerate(parse_sources(entries, str)))
-        self.topic = TemperatureTopic(part, '/state', sources, self.take)
+        self.topic = TemperatureTopic(part, '/state', sources)
 
     def take(self, thermometer, stamp_ns, celsius):
         self.taken.append((thermometer, stamp_ns, pytest.approx(celsius)))
