@@ -7,6 +7,7 @@ wait meanwhile are those of 8 kHz, of which the subscription keeps 1000.
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 import os
 from pathlib import Path
 import time
@@ -42,6 +43,15 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
     for second in range(HISTORY_S):
         sensor.advance(float(second))
         node.compensator.add_temperature(0, second * NANOSECONDS, sensor.celsius)
+    last_s = HISTORY_S
+
+    def end_gap(gap_s: int) -> None:
+        nonlocal last_s
+        last_s += gap_s
+        for _ in range(3):  # the second shows that the first was no stray, the third ends a cell
+            last_s += 1
+            node.compensator.add_temperature(0, last_s * NANOSECONDS, sensor.celsius)
+
     stored = node.live.stored
     node.live.history = [HistoryEntry(model_path, stored.sha256, why='Better.')] * MAX_HISTORY
     return {
@@ -55,6 +65,12 @@ def work_of(node: Any, model_path: Path, seed: int) -> dict[str, tuple[Callable[
             lambda: restore_model(model_path, stored.sha256, stored.document), 50,
         ),
         'model: go live with 6 h of history': (lambda: node.compensator.go_live(stored.model), 5),
+        **{
+            f'temperature: the end of a gap of {gap_s} s (three callbacks)': (
+                partial(end_gap, gap_s), 5,
+            )
+            for gap_s in (60, 3600, 12 * 3600)
+        },
         'housekeeping, 10 times a second': (node.housekeep, 200),
         'diagnostics, once a second': (node._diagnose, 200),  # noqa: SLF001
     }  # fmt: skip
@@ -65,10 +81,10 @@ def measure(arguments: argparse.Namespace, folder: Path) -> bool:
     model_path = make_model(write_warm_up(folder / 'warm_up.csv'), folder / 'models/m.yaml')
     with node_here(folder, model_path) as node:
         os.fsync = lambda _: time.sleep(FSYNC_S)  # type: ignore[assignment]
-        print(f'{"what a callback does":50} median, ms  longest, ms  messages at 8 kHz')
+        print(f'{"what a callback does":60} median, ms  longest, ms  messages at 8 kHz')
         measured = {}
         for what, (do, times) in work_of(node, model_path, arguments.seed).items():
             median, longest = measured[what] = took_ms(do, times * arguments.times)
-            print(f'{what:50}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
+            print(f'{what:60}{median:11.2f}{longest:13.2f}{longest * RATE_HZ / 1000:19.0f}')
     keep('pauses.json', measured)
     return True

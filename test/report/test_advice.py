@@ -15,11 +15,13 @@ from wrist_ft_comp.report.advice import advise, Case, cover, run_command
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
+    draw_run,
+    drive,
     FtSensorSettings,
+    RunSettings,
     start,
     trajectory,
 )
-from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings
 
 HOUR = 360  # cells of 10 s
 
@@ -123,12 +125,12 @@ def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
 def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
     coverage, model = seen(ramp(20, 35)), {'run': 'ros2 run x'}
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
-        assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
+        assert 'thermometer 1 left the range' in advice(coverage, learnt_c=[learnt_c], **model)
     said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
     assert said == 'The model holds on these recordings. Run it:\nros2 run x'
     weak = {'force_x': 'good', 'force_z': 'weak'}
     poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
-    assert '\nOne thermometer does not explain force_z well: heat comes from' in poor
+    assert '\nOne thermometer does not explain force_z well: heat enters at' in poor
 
 
 @pytest.mark.parametrize(

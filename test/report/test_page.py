@@ -141,7 +141,7 @@ def test_a_calibration_says_what_was_held_out(text):
 
 
 def test_a_footer_says_what_the_figures_are(text, view):
-    alone = 'before: RMS drift within parts of 22 min; left: as of a whole day.'
+    alone = 'before: RMS in parts of 22 min. left: RMS, enlarged to a day.'
     assert alone in Outline(text('weak')).whole
     for kind in ('good', 'plateaus', 'evaluation', 'work'):
         assert view(kind).footer.startswith('before, left: root mean square.')

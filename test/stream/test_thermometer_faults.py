@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import offline
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.offline import simulate_drift, thermometer_doubts
@@ -42,7 +43,7 @@ def counted(values_c, step_s=1.0):
 def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped, jumps):
     found, spikes = counted(LONG + values_c)
     assert found == LONG + expected
-    assert (spikes.dropped, spikes.jumped_k != 0.0) == (dropped, jumps)
+    assert (spikes.dropped, spikes.jump.by_k != 0.0) == (dropped, jumps)
     assert spikes.first == (300 * SECOND, values_c[0])
     assert not spikes.leaves_out
 
@@ -66,6 +67,24 @@ def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     assert len(doubts(30.0, 200)) == 1
     compensator.set_tare(np.zeros(6), at * SECOND)
     assert (doubts(30.0, 10), compensator.tracker.spikes[0].stayed_k) == ([], 0.0)
+
+
+def test_a_jump_is_told_over_a_restart_until_it_comes_back(make_model, tmp_path):
+    """Neither for ever, nor as a jump to the other side."""
+    model = make_model({'force_z': (0.4, 0.0, 20.0)})
+    before, after = (Compensator(1, model=model) for _ in range(2))
+    for second, celsius in enumerate([20.0] * 300 + [25.0] * 300):
+        before.add_temperature(0, second * SECOND, celsius)
+    (doubt,) = before.zero_doubts
+    save_state(tmp_path / 'state.json', SavedState(0, None, np.zeros(6), before.memory()))
+    after.doubt_zero(doubt)
+    after.resume(load_state(tmp_path / 'state.json').thermal, 0.0)
+    assert after.zero_doubts == [doubt]
+    for second in range(610, 1000):
+        after.add_temperature(0, second * SECOND, 20.0)
+        if second == 650:
+            assert ['was off by 5.0 K until it' in why for why in after.zero_doubts] == [True]
+    assert after.zero_doubts == []
 
 
 @pytest.mark.parametrize(

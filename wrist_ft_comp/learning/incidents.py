@@ -92,7 +92,7 @@ def incident(
     return 'contacts', (
         f'The scatter of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that '
         'of the days before: noise, or a robot that stands still while its gripper takes parts. '
-        'Drift cannot be told from that.'
+        'No drift can be found in such readings.'
     )
 
 

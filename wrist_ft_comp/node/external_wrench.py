@@ -280,8 +280,8 @@ class ExternalWrench(Part):
         if learnt_by != source:
             raise SettingsError(
                 f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '
-                f'is {source}: another frame. Learn it again with ~/identify_payload, or start '
-                'the node with the source of then.'
+                f'is {source}, which has another frame. Learn the payload again with '
+                '~/identify_payload, or start the node with the old gravity.source.'
             )
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)

@@ -141,8 +141,8 @@ class Learner(Part):
             memory = load_memory(directory)
         except StateFileError as error:
             broken = (
-                'It is forgotten what the newest day said, and which model was offered: '
-                f'{error} learning.json.kept is the first such file.'
+                'The verdict on the newest day and the offered model are lost: '
+                f'{error} The damaged file is kept as learning.json.kept.'
             )
             self.hub.log.warning(broken)
         self.memory = memory or Memory(self.live.sha256, incident=broken)

@@ -86,9 +86,9 @@ class LiveModel(Part):
             elif self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
                 log.warning(
-                    f'model_file is {given.path} as at the last start, and {now} was made live '
-                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
-                    'running, to go back.'
+                    f'model_file is {given.path} as at the last start. After that {now} was made '
+                    'live, and goes on. Call ~/rollback, or set model_file while running, to go '
+                    'back.'
                 )
         if self.stored is not None:
             if self.stored.sha256 != self.history[-1].sha256:

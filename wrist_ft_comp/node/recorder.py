@@ -26,6 +26,7 @@ from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
+from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import (
     CellAverager,
@@ -196,7 +197,7 @@ class Recorder(Part):
         if request.data:
             return self.begin()
         if (recording := self.current) is None:
-            raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
+            raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
         self._close(problems.append)
         while not problems:
@@ -212,9 +213,6 @@ class Recorder(Part):
 
     def begin(self) -> str:
         """Start the recording of ``~/record``; say where to."""
-        from wrist_ft_comp.recordings import table_form  # noqa: PLC0415 -- rare
-        from wrist_ft_comp.recordings.read_options import origin_column  # noqa: PLC0415
-
         if self.current is not None:
             raise RecordingError(
                 f'A recording runs already, into {self.path}. End it first, with data: false.'
@@ -227,7 +225,7 @@ class Recorder(Part):
             with writing(self._store.directory):
                 path = self._store.new_recording_path()
                 columns = *self.channels, origin_column(self.sensor())
-                writer = table_form.CsvRecordingWriter(path, columns)
+                writer = CsvRecordingWriter(path, columns)
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'

@@ -32,10 +32,11 @@ from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import opening, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, NOMINAL_C
-from wrist_ft_comp.simulation.run import (
+from wrist_ft_comp.simulation.ft_sensor import (
     draw_run,
     drive,
+    FtSensorSettings,
+    NOMINAL_C,
     room_temperature,
     RunSettings,
     true_wrench,

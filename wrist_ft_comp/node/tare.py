@@ -94,7 +94,7 @@ class TareService(Part):
         if sick := self.wrenches.sickness():
             raise TareRefusedError(
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
-                'again when the sensor lives.'
+                'again when the sensor works.'
             )
         mean, stamp_ns = collector.result()
         if collector.unchanged:

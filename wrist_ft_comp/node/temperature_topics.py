@@ -269,8 +269,8 @@ class TemperatureInput(Part):
             unit = other_unit(float(temperature_c[out[0]]), low_c, high_c)
             hint = f'. In {unit} it would be inside: check the unit' if unit else ''
             yield (
-                f'thermometer {_numbers(out)} outside the calibrated range; drift is less certain '
-                f'there, and held further out{hint}'
+                f'thermometer {_numbers(out)} outside the calibrated range; the correction is '
+                f'extrapolated, and held further out{hint}'
             )
         lately = self._growth.lately()
         for j, spikes in enumerate(self._tracker.spikes):
@@ -303,7 +303,7 @@ class TemperatureInput(Part):
                 why = self.hub.incompatible.get(thermometer.source.topic, '')
                 if not self.hub.count_publishers(topic):
                     why = unpublished(self.hub, topic, TEMPERATURE)
-                why = why or f'{topic} has a publisher that sends none'
+                why = why or f'the publisher of {topic} sends nothing'
                 yield f'thermometer {j + 1} has not reported: {why}; {drift}'
             else:
                 spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS

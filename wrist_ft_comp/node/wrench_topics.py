@@ -166,7 +166,7 @@ class WrenchInput(Part):
         elif not rate_hz:
             why = self.hub.incompatible.get('wrench_raw') or wrong_type(self.hub, topic, WRENCH)
             if publishers and not why:
-                why = f'{topic} has a publisher that sends none; is the sensor running?'
+                why = f'the publisher of {topic} sends nothing; is the sensor running?'
             why = why or unpublished(self.hub, topic, WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
@@ -188,11 +188,11 @@ class WrenchInput(Part):
         return [AXES[i] for i in np.flatnonzero(is_dead)]
 
     def sickness(self) -> str:
-        """Say that the sensor is frozen or saturated; empty where it lives."""
+        """Say that the sensor is frozen, or an axis stuck; empty where it lives."""
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
-        if axes := self.sensor.saturated:
-            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        if axes := ', '.join(self.sensor.stuck):
+            return f'{axes} repeats one value to the last bit; is it saturated, or broken?'
         return ''
 
     def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
@@ -218,8 +218,8 @@ class WrenchInput(Part):
             yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
         elif model and (lost := model.axes.keys() & (*self._absent(), *self._dead(lived=False))):
             yield (
-                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
-                'it as an axis that lives; is it dead?'
+                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, but worked when the '
+                'model was learnt; is it broken?'
             )
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'

@@ -8,10 +8,10 @@ What is learnt from recordings at work: payloads, apart from contacts, tares and
 4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
    payload's weight is the reference, from which gain drift is learnt.
 
-Steps 2 to 4 are done again when the drift is roughly known, from its slowness or from a model of
-the first result: sudden heat does not look like a step then, nor a long press like drift. Doubts
-are sentences with numbers, so that nothing fails in silence. Learnt payloads can be taken off the
-recordings again, which leaves the external wrench.
+Steps 2 to 4 are done again when the drift is roughly known, by a model of the first result: sudden
+heat does not look like a step then, nor a long press like drift. Doubts are sentences with
+numbers, so that nothing fails in silence. Learnt payloads can be taken off the recordings again,
+which leaves the external wrench.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +35,6 @@ from wrist_ft_comp.payload.payload_states import (
     find_states,
     Fit,
     fit_again,
-    LEAST_FREE_SHARE,
-    medians,
     of_state,
     POWERS,
     ROUNDS,
@@ -50,8 +48,6 @@ from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_dri
 
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
-#: A shorter recording, s, does not show which changes are slow.
-SLOW_S = 7200.0
 
 #: Above this share of changes between poses that do not turn with the specific force, no payload
 #: is identified, and above three times this share nothing is learnt at all. Poses in a cone of 30°
@@ -113,9 +109,9 @@ def learn_at_work(
     share = unexplained_contrast(separation.cells, separation.fit)
     if bodies.contrast[0] >= CONTRAST and share > _MOST_UNEXPLAINED:
         what = (
-            f'{share:.0%} of what changes between poses does not turn with the specific force; at '
-            f'most {_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame, '
-            'or of another clock than the wrench, or a cable pulls.'
+            f'{share:.0%} of the changes between poses do not follow gravity; at most '
+            f'{_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame or of '
+            'another clock than the wrench, or a cable pulls.'
         )
         if share > 3 * _MOST_UNEXPLAINED:
             raise CalibrationRefusedError(
@@ -125,9 +121,9 @@ def learn_at_work(
         objections = [f'{what} No payload was identified.', *objections]
     if not separation.accelerometer.rested:
         warnings.append(
-            f'No thermal cell of {", ".join(r.name for r in recordings)} is at rest, so that the '
+            f'The robot never rests in {", ".join(r.name for r in recordings)}, so that the '
             'accelerometer could not be compared with gravity: masses may be some per cent off. '
-            'Let the robot rest for some thermal cells in several poses.'
+            'Let the robot rest for some seconds in several poses.'
         )
     payloads = None if objections else payloads_of(separation, bodies)
     return AtWork(separation, payloads, (*warnings, *objections))
@@ -165,44 +161,14 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     cells, least = cut(recordings, accelerometer.forces), 4 * CELLS_PER_POWER * POWERS
     if cells.usable.sum() < least:
         raise CalibrationRefusedError(
-            f'{", ".join(r.name for r in recordings)} hold {cells.usable.sum()} thermal cells '
-            f'with wrench and specific force that turn slowly, close together; at least {least} '
-            'are needed for the reference payload. Record both at the same time, and more often '
-            'than in each thermal cell, or set a longer thermal period.'
+            f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
+            f'have wrench and specific force while the robot turns slowly; at least {least} are '
+            'needed for the reference payload. Record both at the same time, and more often than '
+            'in each thermal cell, or set a longer thermal period.'
         )
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
     return separate_again(replace(start, steps=[[] for _ in recordings]), nothing, BLOCK_S)
-
-
-def slow_drift(separation: Separation) -> list[FloatArray]:
-    """
-    Estimate the drift before there is a model of it: what is slow is drift.
-
-    A running median follows slow and sudden drift, but no press of a few minutes: that over ten
-    bins on both sides is not harmed by presses of up to BLOCK_S in 15 % of the time. Drift hardly
-    moves within a bin, a fifth of BLOCK_S. Gives N and N m, (N, 6) per recording.
-    """
-    drifts = []
-    for recording in separation.drift:
-        residual = recording.wrench - recording.reference
-        length = cells_in(BLOCK_S / 5, recording.period_s)
-        bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
-        bins = bins.reshape(-1, length, len(AXES))
-        # A few free cells of a bin may be of a long press that looks like drift.
-        free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_FREE_SHARE
-        half = 10
-        bins = np.where(free, medians(bins), np.nan)
-        bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
-        windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
-        measured = np.flatnonzero(np.isfinite(windows[:, 0]).any(axis=1))
-        path = medians(windows.transpose(0, 2, 1))[measured]
-        if not len(measured):
-            measured, path = np.zeros(1, dtype=np.int64), np.zeros((1, len(AXES)))
-        cells = np.arange(len(residual)) + 0.5
-        middles = (measured + 0.5) * length
-        drifts.append(np.stack([np.interp(cells, middles, axis) for axis in path.T], axis=1))
-    return drifts
 
 
 def separate_again(

@@ -12,7 +12,7 @@ import numpy as np
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
@@ -146,7 +146,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     count, axes = len(case.coverage.range_c), _enumerate(poor)
     who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
-    head = f'{who} not explain {what} well: heat comes from where there is none.'
+    head = f'{who} not explain {what} well: heat enters at a place without one.'
     used = {entry.strip('/') for entry in case.thermometers}
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone
@@ -159,7 +159,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
                 and candidate.entry.strip('/') not in used
             ]  # fmt: skip
     if not unused:
-        return f'{head} Put another one at the side of the motor, or of the room.'
+        return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
     options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
     return (
         f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
@@ -202,8 +202,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     """Say what an evaluation asks for."""
     if outside:
         yield (
-            f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
-            'Calibrate again with these recordings among the others.'
+            f'In these recordings {" and ".join(outside)} left the range that the model was '
+            'learnt from. Calibrate again with these recordings among the others.'
         )
     elif case.beyond:
         yield (

@@ -7,7 +7,7 @@ Without compensation is dashed, with it is solid: colour is never needed.
 from collections.abc import Sequence
 from html import escape
 from io import BytesIO, StringIO
-from itertools import chain, cycle
+from itertools import cycle
 import json
 import re
 import textwrap
@@ -41,7 +41,7 @@ _SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
 _DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
 _THERMOMETER_STYLES = ('-', '--', '-.', ':')
 #: Width and height of an SVG, inches.
-_SIZE, _SMALL = (4.6, 2.7), (4.6, 2.3)
+_SIZE = (4.6, 2.1)
 #: matplotlib joins points of a line that are no farther apart than this, pixels; peaks stay.
 _SIMPLIFIED = 0.5
 #: Most points of a line whose numbers are shown.
@@ -66,13 +66,11 @@ _SHOWN = 2.0
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel('time, h', f'error, {unit}', _SMALL)
+    figure, panel = _panel('time, h', f'error, {unit}')
     for at in np.flatnonzero(np.diff(series.part)):
         panel.axvline(series.hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
-    label = 'without compensation'
-    _line(panel, series.hours, series.before, series.part, label=label, **_DASHED)
-    _line(panel, series.hours, series.after, series.part, label='with', **_SOLID)
-    _legend(figure)
+    _line(panel, series.hours, series.before, series.part, **_DASHED)
+    _line(panel, series.hours, series.after, series.part, **_SOLID)
     return figure
 
 
@@ -83,7 +81,7 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
     _thermometers(panel, hours, np.concatenate([one.temperature_c for one in recordings]), part)
-    _legend(figure, columns=4 if recordings[0].temperature_c.shape[1] > 2 else 2)
+    panel.legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=4, frameon=False)
     return figure
 
 
@@ -135,9 +133,9 @@ def svg_text(
     return text.replace('<svg', f'<svg {more}', 1)
 
 
-def _panel(x_label: str, y_label: str, size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
+def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Prepare a picture with one pair of axes."""
-    figure = Figure(figsize=size, layout='constrained')
+    figure = Figure(figsize=_SIZE, layout='constrained')
     panel = figure.add_subplot(xlabel=x_label, ylabel=y_label)
     panel.locator_params(nbins=6)
     _frame(panel)
@@ -151,16 +149,6 @@ def _frame(panel: Axes, grid: Literal['both', 'y'] = 'both') -> None:
     panel.tick_params(color=FRAME, length=2)
     panel.spines[['top', 'right']].set_visible(False)
     panel.spines[['bottom', 'left']].set_color(FRAME)
-
-
-def _legend(figure: Figure, columns: int = 2) -> None:
-    """Put the legend of all panels above the first one, where it hides nothing."""
-    drawn = [zip(*panel.get_legend_handles_labels(), strict=True) for panel in figure.axes]
-    handles, labels = zip(*chain.from_iterable(drawn), strict=True)
-    figure.axes[0].legend(
-        handles, labels, loc='lower right', bbox_to_anchor=(1, 1), ncols=columns, frameon=False,
-        handlelength=2.4, markerscale=1.5,
-    )  # fmt: skip
 
 
 def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: Any) -> None:

@@ -193,7 +193,7 @@ def calibration_content(
     figures, first = ReportContent.figures, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
-        figures = f'before: RMS drift within parts of {minutes:.0f} min; left: as of a whole day.'
+        figures = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(

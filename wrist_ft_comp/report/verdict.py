@@ -88,8 +88,8 @@ def judge(evidence: Evidence) -> Verdict:
     if evidence.moved_k < SMALLEST_CHANGE_K:
         return Verdict(
             'unjudged',
-            f'The thermometers moved by {evidence.moved_k:.2g} K only; drift is judged from '
-            f'{SMALLEST_CHANGE_K:g} K on. Evaluate a recording of a warm-up.',
+            f'The thermometers moved by {evidence.moved_k:.2g} K only; at least '
+            f'{SMALLEST_CHANGE_K:g} K are needed. Evaluate a recording of a warm-up.',
         )
     figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:

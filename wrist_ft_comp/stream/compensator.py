@@ -15,7 +15,7 @@ from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.stream.thermal_memory import longest_gap_s, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0
@@ -83,8 +83,6 @@ class Compensator:
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, inf where nobody knows, or the model was changed.
         self._waits_since_ns: float | None = None
-        #: For how long the model remembers a temperature, s; 0 without one.
-        self._memory_s = 0.0
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -95,6 +93,11 @@ class Compensator:
         return self.tracker.model
 
     @property
+    def _memory_s(self) -> float:
+        """For how long the model remembers a temperature, s; 0 without one."""
+        return 0.0 if self.model is None else self.tracker.memory_s
+
+    @property
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.state is not None
@@ -102,10 +105,12 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
+        return self._said + self._jumps()
+
+    def _jumps(self) -> list[str]:
         time_ns, memory_s = self.tracker.end_ns, self._memory_s
         doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
-        jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
-        return self._said + jumps
+        return [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
 
     def add_temperature(
         self,
@@ -191,7 +196,6 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         self.tracker.use(model)
-        self._memory_s = 0.0 if model is None else longest_gap_s(model)
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -235,18 +239,18 @@ class Compensator:
 
     def gap_doubts(self) -> list[str]:
         """Say how far the drift may be off, because temperatures were missing."""
-        gap, model = self.tracker.gap, self.model
-        if gap is None or model is None:
+        uncertainty, model = self.tracker.uncertainty, self.model
+        if uncertainty is None or model is None:
             return []
-        left = gap.left(self.tracker.end_ns, self._memory_s)
+        left = uncertainty.left(self.tracker.end_ns, self._memory_s)
         excess = left - [_CERTAIN * model.deviation.get(axis, 0.0) for axis in AXES]
         worst = int(np.argmax(excess / axis_limits(1.0)))
         if excess[worst] <= 0:
             return []
         sentence = (
-            f'no temperature could be used for {gap.seconds / 60:.0f} min, so that the thermal '
-            f'state is uncertain: the drift of {AXES[worst]} may be {left[worst]:.2g} '
-            f'{axis_unit(AXES[worst])} off, and less and less from now on'
+            'the thermal state is uncertain, because temperatures were missing or their clock was '
+            f'set: the drift of {AXES[worst]} may be {left[worst]:.2g} {axis_unit(AXES[worst])} '
+            'off, and less and less from now on'
         )
         return [sentence]
 
@@ -258,7 +262,7 @@ class Compensator:
     def _forget_doubts(self) -> None:
         self._said.clear()
         for spikes in self.tracker.spikes:
-            spikes.jumped_k = spikes.off_k = 0.0
+            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 
     def reset_tare(self) -> None:
         """Forget both tares."""
@@ -288,6 +292,8 @@ class Compensator:
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, by_clock_s)
+        # What the memory says of jumps ends when they do.
+        self._said = [why for why in self._said if why not in self._jumps()]
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
     def seldom_doubts(self) -> list[str]:

@@ -95,7 +95,7 @@ STAMPS = START + SECOND * np.arange(100)
 LOOKED_AT = {
     'well': (noisy(80), STAMPS, 'tool0', OK, 'wrenches per second'),
     'frozen': ([RAW] * 80, STAMPS, 'tool0', WARN, 'not changed by a bit for seconds; is the sens'),
-    'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z stays at its extreme'),
+    'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z repeats one value'),
     'dies': (held(3, 0.0, 20, 80), STAMPS, 'tool0', WARN, 'torque_x reads exactly 0 for seconds'),
     'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but'),
     'not there': (held(2, math.nan, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything'),

@@ -103,7 +103,7 @@ def test_a_decision_after_the_last_start_goes_on(abc, make_model, capfd):
     first.node.live.take(later, 'calibrated')
     again = abc(parameters=given)
     assert live(again) == 'later.yaml'
-    assert 'was made live after that: the latter goes on' in capfd.readouterr().err
+    assert 'was made live, and goes on' in capfd.readouterr().err
     later.path.unlink()
     assert live(abc(parameters=given)) == 'a.yaml', 'it cannot be used'
 

@@ -90,7 +90,7 @@ def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
     node.refusal('calibrate')
     assert node.diagnosis('calibration', 'the last one was refused').level == b'\1'
-    assert node.refusal('record', False) == 'No recording runs. Start one with data: true.'
+    assert node.refusal('record', False) == 'No recording runs. Start one with ~/record.'
     path = start_recording(node)
     assert node.diagnosis('calibration').message == 'recording'
     assert f'A recording runs already, into {path}' in node.refusal('record', True)
