@@ -16,8 +16,8 @@ _RUN_LOOKS = 10
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
-#: An axis lives where at least this share of its looks in the last 5 s showed a new value. Steps as
-#: coarse as the noise give half.
+#: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
+#: sensor whose steps are as coarse as its noise, half do.
 _LIVELY_SHARE = 0.8
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
@@ -38,7 +38,7 @@ class SensorWatch:
         self._same: IntArray = np.zeros(len(AXES), np.int64)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
-        #: Looks at an axis that stood still while others moved, and, last, at all that stood still.
+        #: Looks at an axis that stood still while others moved; the last, at all that stood still.
         self._still: FloatArray = np.zeros(len(AXES) + 1)
 
     def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
