@@ -240,6 +240,14 @@ def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
             assert thermometer_doubts(model, make_day(seed, thermometers)) == {}
 
 
+def test_healthy_thermometers_are_not_doubted(learn, make_day):
+    for seed in (10, 11):
+        compensator, day = Compensator(3, model=learn(3).model), make_day(seed)
+        for k in range(0, CELLS, 3):
+            stream(compensator, day, k, k + 3)
+            assert compensator.frozen_doubts() == []
+
+
 def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
     day = make_day(7)
     rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
@@ -255,10 +263,30 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert len(findings(compensator)) == 1
     seen |= stream(compensator, day, 870)
     assert findings(compensator) == []
+    uncertainty = compensator.tracker.uncertainty
+    assert uncertainty.left(compensator.tracker.end_ns, 9000.0)[FORCE_Z] > 0.05, (
+        'what was predicted'
+    )
     ((_, share),) = thermometer_doubts(model, day).items()
     assert 480 / CELLS > share > 400 / CELLS
     usual = simulate_drift(model, healthy).zero[:, FORCE_Z]
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
+
+
+def test_one_that_freezes_is_doubted_as_soon_as_the_drift_is_off(learn, make_day):
+    model, day = learn(3).model, failing(make_day(7), 'frozen')
+    compensator, said, off_cells = Compensator(3, model=model), [], 0
+    knows = simulate_drift(model, make_day(7)).zero[:, FORCE_Z]
+    seen = stream(compensator, day, end=BEGIN)
+    assert compensator.frozen_doubts() == []
+    for k in range(BEGIN, BEGIN + 60):
+        seen = stream(compensator, day, k, k + 1)
+        said += compensator.frozen_doubts()
+        off_n = max((abs(n - knows[cell]) for cell, n in seen.items()), default=0.0)
+        off_cells += off_n > 4 * model.deviation['force_z'] and not (said or findings(compensator))
+    assert off_cells * PERIOD_S <= 60
+    assert 'thermometer 2 has read the same for' in said[0]
+    assert findings(compensator), 'and it is replaced'
 
 
 def test_two_that_are_exchanged_are_named(learn, make_day):

@@ -250,6 +250,7 @@ class TemperatureInput(Part):
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
         yield from self._tracker.thermometer_doubts
+        yield from self.compensator.frozen_doubts()
         yield from self.compensator.seldom_doubts()
         yield from self.compensator.gap_doubts()
         yield from self._silence()

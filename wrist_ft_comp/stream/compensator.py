@@ -239,20 +239,40 @@ class Compensator:
 
     def gap_doubts(self) -> list[str]:
         """Say how far the drift may be off, because temperatures were missing."""
-        uncertainty, model = self.tracker.uncertainty, self.model
-        if uncertainty is None or model is None:
+        uncertainty, tracker = self.tracker.uncertainty, self.tracker
+        if uncertainty is None:
             return []
-        left = uncertainty.left(self.tracker.end_ns, self._memory_s)
-        excess = left - [_CERTAIN * model.deviation.get(axis, 0.0) for axis in AXES]
-        worst = int(np.argmax(excess / axis_limits(1.0)))
-        if excess[worst] <= 0:
-            return []
+        worst = self._doubt(uncertainty.left(tracker.end_ns, tracker.memory_s), _CERTAIN)
         sentence = (
             'the thermal state is uncertain, because temperatures were missing or their clock was '
-            f'set: the drift of {AXES[worst]} may be {left[worst]:.2g} {axis_unit(AXES[worst])} '
-            'off, and less and less from now on'
+            f'set: {worst} off, and less and less from now on'
         )
-        return [sentence]
+        return [sentence] if worst else []
+
+    def frozen_doubts(self) -> list[str]:
+        """Say which thermometers may be frozen, and how far the drift is off then."""
+        state, sentences = self.tracker.thermometers, list[str]()
+        if state is None or self.model is None or self.model.prediction is None:
+            return sentences
+        for j in np.flatnonzero(state.suspicious(self.model.prediction)).tolist():
+            moved_k = np.where(np.arange(self.thermometers) == j, state.moved_k, 0.0)
+            if worst := self._doubt(self.tracker.effect(moved_k), _CERTAIN):
+                sentences.append(
+                    f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
+                    f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '
+                    f'Then {worst} off'
+                )
+        return sentences
+
+    def _doubt(self, off: FloatArray, times: float) -> str:
+        """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
+        if self.model is None:
+            return ''
+        excess = off - [times * self.model.deviation.get(axis, 0.0) for axis in AXES]
+        worst = int(np.argmax(excess / axis_limits(1.0)))
+        if excess[worst] <= 0:
+            return ''
+        return f'the drift of {AXES[worst]} may be {off[worst]:.2g} {axis_unit(AXES[worst])}'
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
@@ -299,16 +319,15 @@ class Compensator:
     def seldom_doubts(self) -> list[str]:
         """Say whose seldom reports leave more of the drift than the model does."""
         sentences, grid = [], self.tracker.grid
-        deviation = {} if self.model is None else self.model.deviation
         for j, behind in self._moves.items():
-            excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
-            worst = int(np.argmax(excess / axis_limits(1.0)))
-            if grid.spacing(j) > 1 and excess[worst] > 0:
-                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
+            worst, spacing_s = (
+                self._doubt(behind, 1.0),
+                grid.spacing(j) * grid.period_ns / NANOSECONDS,
+            )
+            if grid.spacing(j) > 1 and worst:
                 sentences.append(
-                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
-                    f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '
-                    'let it report each second'
+                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
+                    'behind; let it report each second'
                 )
         return sentences
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
@@ -116,6 +117,16 @@ class DriftTracker:
                 completed.append(cell)
         return completed
 
+    def effect(self, off_k: FloatArray) -> FloatArray:
+        """How far temperatures that are off, K, (J,), move the drift in the end, N, N m, (6,)."""
+        if self.model is None or self.temperature_c is None:
+            return np.zeros(len(AXES))
+        right, wrong = (
+            drift_model.step(self.model, drift_model.start(self.model, celsius), celsius)[1].zero
+            for celsius in (self.temperature_c, self.temperature_c + off_k)
+        )
+        return np.abs(wrong - right)
+
     def _follow_clock(self, leap: Leap) -> None:
         """Go on where the clock does: what is remembered moves along if it is known how far."""
         period_ns = self.grid.period_ns
@@ -143,6 +154,7 @@ class DriftTracker:
             is_doubtful |= not self._cross(gap)
         gap = 0 if self._next is None else max(gap, 0)
         believed_c = cell.temperature_c
+        agreed_k: FloatArray = np.zeros(self._count)
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
@@ -151,6 +163,8 @@ class DriftTracker:
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             believed_c = self.thermometers.believed_c
+            believed_again = state.replaced & ~self.thermometers.replaced
+            agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
@@ -161,19 +175,17 @@ class DriftTracker:
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
+        # What was predicted of a thermometer, or nobody knows of a gap, is remembered.
+        off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         if is_doubtful and self.model is not None and state_before is not None:
-            self._doubt(self.model, state_before, history_c, gap_s)
-
-    def _doubt(
-        self, model: DriftModel, state: DriftState, history_c: FloatArray, gap_s: float
-    ) -> None:
-        """Note how far the drift may be off behind a gap; state and history are of before it."""
-        after_c, end_ns = self.history_c[-1], self.end_ns
-        bound = bound_drift(model, state, history_c, after_c, gap_s, self.memory_s)
-        off = np.abs(bound - self.drift.zero).max(axis=0)
-        if self.uncertainty is not None:
-            off += self.uncertainty.left(end_ns, self.memory_s)
-        self.uncertainty = Uncertainty(end_ns, off)
+            bounds = bound_drift(
+                self.model, state_before, history_c, believed_c, gap_s, self.memory_s
+            )
+            off += np.abs(bounds - self.drift.zero).max(axis=0)
+        if off.any():
+            if self.uncertainty is not None:
+                off += self.uncertainty.left(self.end_ns, self.memory_s)
+            self.uncertainty = Uncertainty(self.end_ns, off)
 
     def _cross(self, gap: int) -> bool:
         """Decide whether the drift goes on over a gap of some cells, and say so."""

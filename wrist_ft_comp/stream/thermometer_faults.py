@@ -237,11 +237,21 @@ class ThermometerState:
         """What the drift follows, °C, (J,)."""
         return np.where(self.replaced, self.predicted_c, self.reading_c)
 
+    @property
+    def moved_k(self) -> FloatArray:
+        """How far the predictions moved since the thermometers read something else, K, (J,)."""
+        return self.highest_c - self.lowest_c
+
     def reports(self, prediction: ThermometerPrediction) -> BoolArray:
         """Which thermometers are neither silent nor frozen, (J,)."""
-        moved_k = self.highest_c - self.lowest_c
         silent = self.silent_s > prediction.silence_s
-        return np.asarray(~silent & (moved_k <= prediction.still_k))
+        return np.asarray(~silent & (self.moved_k <= prediction.still_k))
+
+    def suspicious(self, prediction: ThermometerPrediction) -> BoolArray:
+        """Which thermometers stand still, but not yet for long enough to be replaced, (J,)."""
+        stands_still = (self.still_s >= _SMOOTHING_S) & (self.silent_s == 0)
+        half_as_far = self.moved_k > prediction.still_k / 2
+        return np.asarray(stands_still & half_as_far & ~self.replaced)
 
     @property
     def sentences(self) -> list[str]:
@@ -329,7 +339,7 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
             if silent_s[j] < min(STILL_S, prediction.silence_s[j]):
                 reasons[j] = (
                     f'stands still at {reading_c[j]:.1f} °C while the others show that it moved '
-                    f'by {highest_c[j] - lowest_c[j]:.1f} K'
+                    f'by {state.moved_k[j]:.1f} K'
                 )
     for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
         reasons[j] = ''
