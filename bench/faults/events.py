@@ -80,11 +80,11 @@ def all_leap(robot: Robot) -> Iterator[float]:
     yield 1.0
 
 
-def driver_again(robot: Robot, *, biased: bool = True) -> Iterator[float]:
-    """Let the driver go away and come back, perhaps biased anew."""
-    robot.publishers, robot.wrench = 0, 'silent'
-    yield robot.between(2, 300)
-    robot.publishers, robot.wrench, robot.driver = 1, '', robot.driver + 1
+def driver_again(robot: Robot, *, biased: bool = True, stays: bool = False) -> Iterator[float]:
+    """Let the driver go away and come back, or only its sensor, perhaps biased anew."""
+    robot.publishers, robot.wrench = int(stays), 'silent'
+    yield robot.between(20 if stays else 2, 300)
+    robot.publishers, robot.wrench, robot.driver = 1, '', robot.driver + (not stays)
     if biased:
         robot.bias[:] = robot.rng.normal(0, 1, 6) * [5, 5, 5, 0.3, 0.3, 0.3]
     yield 1.0
@@ -235,6 +235,8 @@ def _events() -> Iterator[tuple[str, Event]]:
     yield 'clocks leap', Event('clock', 'stamps|clock', all_leap)
     again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
+    script = partial(driver_again, stays=True)
+    yield 'sensor biased anew', Event('driver', again, script)
     for unit in (0.2248, 4.448, 1000.0):
         script = driver_in(unit, np.eye(6), OWN_FRAME)
         yield f'driver in units of {unit}', Event(weighed, f'unit|the weight|{again}', script)

@@ -44,10 +44,12 @@ class ArxPls:
     def __post_init__(self) -> None:
         inputs, latents, outputs = len(self.input_mean), len(self.latents), len(self.output_mean)
         for name, array, shape in (
+            ('input_mean', self.input_mean, (inputs,)),
             ('input_weight', self.input_weight, (inputs,)),
             ('rotations', self.rotations, (inputs, latents)),
             ('output_loadings', self.output_loadings, (outputs, latents)),
             ('output_weight', self.output_weight, (outputs,)),
+            ('output_mean', self.output_mean, (outputs,)),
         ):
             if array.shape != shape:
                 raise ModelFileError(

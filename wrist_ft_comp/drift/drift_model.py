@@ -54,9 +54,12 @@ class DriftModel:
                 'A model needs a positive thermal period and at least one thermometer; got '
                 f'{self.period_ns} ns and {self.thermometers}.'
             )
-        for name, axis in self.axes.items():
+        if self.prediction and len(self.prediction.constant_c) != self.thermometers:
+            raise ModelFileError('The prediction must be of as many thermometers.')
+        for name in (*self.axes, *self.deviation):
             if name not in AXES:
                 raise ModelFileError(f'Unknown axis {name!r}; expected one of {", ".join(AXES)}.')
+        for name, axis in self.axes.items():
             if axis.thermometers != self.thermometers:
                 raise ModelFileError(
                     f'{name} expects {axis.thermometers} thermometers, the model has '

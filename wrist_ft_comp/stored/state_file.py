@@ -15,7 +15,7 @@ from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
-    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000, keeps=True,
+    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000,
     error=StateFileError, made_by='A running node makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
