@@ -198,14 +198,17 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
 
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
     model = make_model({'force_z': (0.4, 0.0, 600.0)})
-    first, second = (Compensator(1, model=model) for _ in range(2))
+    first = Compensator(1, model=model)
     for k in range(2):
         first.add_temperature(0, START + k * SECOND, 20.0)
-    second.resume(first.memory(), 300.0)
-    for k in range(302, 306):
-        second.add_temperature(0, START + k * SECOND, 25.0)
-    assert np.isfinite(second.compensation.zero).all()
-    assert not any('nan' in doubt for doubt in second.gap_doubts())
+    memory = first.memory()
+    for saved in (memory, replace(memory, history=())):
+        second = Compensator(1, model=model)
+        second.resume(saved, 300.0)
+        for k in range(302, 306):
+            second.add_temperature(0, START + k * SECOND, 25.0)
+        assert np.isfinite(second.compensation.zero).all()
+        assert not any('nan' in doubt for doubt in second.gap_doubts())
 
 
 def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tmp_path):

@@ -179,7 +179,7 @@ class DriftTracker:
         self.end_ns = self._next * self.grid.period_ns
         # What was predicted of a thermometer, or nobody knows of a gap, is remembered.
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
-        if is_doubtful and self.model is not None and state_before is not None:
+        if is_doubtful and self.model is not None and state_before is not None and len(history_c):
             bounds = bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
