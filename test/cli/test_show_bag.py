@@ -273,9 +273,9 @@ def work(messages, by):
     ('by', 'words', 'parameters', 'said'),
     [
         ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
-         'specific force of /ft/imu: norm 9.6 m/s²; along three'),
+         'specific force of /ft/imu: norm 9.6 m/s². Gravity moved along'),
         ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
-         'specific force by TF, if z of world is up: norm 9.807 m/s²; along three'),
+         'specific force by TF, if z of world is up: norm 9.807 m/s².'),
     ],
 )  # fmt: skip
 def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR0917
@@ -283,8 +283,8 @@ def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR091
 ):
     bag = messages.write(tmp_path / 'day', work(messages, by), 'mcap')
     out = done('show', bag)
-    assert said in out
-    assert 'two of them were seen' in out
+    assert said in ' '.join(out.split())
+    assert 'along 2 of 3 directions' in ' '.join(out.split())
     calibrate, evaluate, node = commands(out)
     for command in (calibrate, evaluate):
         assert command[command.index('--reference') + 1] == 'payload'
