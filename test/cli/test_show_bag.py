@@ -160,10 +160,8 @@ def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }
-    assert cells['/ftsensor/wrench'][:3] == ['raw', 'wrench', '1']
-    # Of 1200 s, every fifth one; but 100 s are missing.
-    heat = ['temperature', f'{220 / 1195:.4g}', '23.0', 'to']
-    assert cells['/joint_heat:temperatures[0]'][:4] == heat
+    assert cells['/ftsensor/wrench'][:2] == ['raw', 'wrench']
+    assert cells['/joint_heat:temperatures[0]'][:3] == ['temperature', '23.0', 'to']
     assert cells['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
     assert not any(entry.endswith('.values[0]') for entry in cells), 'a position is no temperature'
     assert cells['/tf'][0] == 'TF'
@@ -175,7 +173,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     shown = json.loads(done('show', bag, '--json'))
     (frame,) = (c for c in shown['candidates'] if 'frame:temp' in c['entry'])
     assert not frame['stamped']
-    assert (frame['samples'], frame['rate_hz']) == (1200, pytest.approx(1))
+    assert frame['samples'] == 1200
     assert shown['topics']['wrench'] == '/bota/wrench'
     assert shown['topics']['temperatures'][0] == frame['entry']
     assert [shlex.split(line)[1] for line in shown['commands']] == ['calibrate', 'evaluate', 'run']

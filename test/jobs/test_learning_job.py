@@ -180,7 +180,7 @@ def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_da
 def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pause_s, rests):
     """A sensor that lags by 20 min is hot when its day is cut: the file does not begin at rest."""
     model = make_model({'force_z': (1.0, 0.0, 1200.0)}, period_s=PERIOD_S)
-    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
+    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, 0.1, (1.0,))}
     calibration = Calibration(model, fits, np.array([[0.0, 90.0]]), 3600.0, ())
     live = save_model(tmp_path / 'models/live.yaml', calibration)
     warm = 20 + 20 * (1 - np.exp(-np.arange(2 * CELLS) / 60))

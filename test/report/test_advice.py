@@ -15,11 +15,13 @@ from wrist_ft_comp.report.advice import advise, Case, cover, run_command
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
+    draw_run,
+    drive,
     FtSensorSettings,
+    RunSettings,
     start,
     trajectory,
 )
-from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings
 
 HOUR = 360  # cells of 10 s
 

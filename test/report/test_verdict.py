@@ -85,7 +85,7 @@ def test_an_axis_without_a_model_has_its_reason():
 
 @pytest.mark.parametrize(('after', 'more'), [(0.0123456, ''), (14.0, ': WORSE THAN NONE')])
 def test_a_calibration_is_a_line_per_axis_and_warnings_follow(after, more):
-    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, unit='N', day_limit=0.5)}
+    fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, after, unit='N', day_limit=0.5)}
     ranges_c = np.array([[20, 35.5], [-5, 30]])
     assert summarise(Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))).splitlines() == [
         f'force_z: 12.3 -> {after:.3g} N RMS held out (pls){more}, limit 0.5 N',

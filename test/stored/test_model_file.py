@@ -79,6 +79,7 @@ def calibration():
             candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
             rms_before=1 / 3,
             rms_after=1e-17,
+            expected_rms=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
             reason='it leaves 1e-17 N – the best',
@@ -86,7 +87,7 @@ def calibration():
         )
         for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
     }
-    deviation = {axis: fit.rms_after for axis, fit in fits.items()}
+    deviation = {axis: fit.expected_rms for axis, fit in fits.items()}
     return Calibration(
         model=DriftModel(10**9, 2, axes, deviation, start_s=10.0),
         fits=fits,

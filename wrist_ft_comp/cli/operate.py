@@ -8,12 +8,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.ros.topics import OUTPUT
 
 #: How long a node, a service or a first answer is waited for, s.
@@ -33,7 +33,7 @@ class Operator:
 
     def __init__(self, context: Context, name: str = 'wrist_ft_comp_operator') -> None:
         self.node: Any = Node(name, context=context, use_global_arguments=False)
-        self.executor = make_executor(context)
+        self.executor = EventsExecutor(context=context)
         self.executor.add_node(self.node)
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import describe, options
 from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
@@ -21,7 +21,7 @@ from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings import describe
+from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.log_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report import days as figures
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE',
         help='MODEL.yaml, REC, payloads.json, or a data_directory with days')  # fmt: skip
     parser.add_argument(
-        '--picture', type=Path, metavar='figures.PICTURE.png',
+        '--picture', type=Path, metavar='PICTURE.png',
         help="draw a recording, or a node's days: what drifted, what was left, what happened",
     )  # fmt: skip
     options.add_topics(parser)
@@ -203,17 +203,14 @@ def _range(reads: tuple[float, float] | None) -> str:
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
-def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str | Table]:
+def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
     yield table(
-        ['as', 'per second', 'values', 'topic'],
-        [
-            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', _range(c.reads), c.entry]
-            for c in candidates
-        ])  # fmt: skip
+        ['as', 'values', 'topic'], [[c.role, _range(c.reads), c.entry] for c in candidates]
+    )
     yield ''
     for candidate in candidates:
         if candidate.reads and (suffix := suffix_of(*candidate.reads)):
@@ -227,13 +224,9 @@ def _refusal(summary: describe.RecordingSummary, recording: Recording | None) ->
     if summary.is_open:
         return summary.refusal
     held = [channel.role for channel in summary.channels if channel.samples]
-    if lacks := [
-        part
-        for part in (describe.RAW_WRENCH, describe.TEMPERATURE)
-        if not any(part in h for h in held)
-    ]:
+    if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
-        words = {describe.RAW_WRENCH: 'raw wrench in a form that can be read'}
+        words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.'
     if summary.refusal or not recording:

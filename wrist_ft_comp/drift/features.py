@@ -82,10 +82,11 @@ class Features:
         return len(self.expand_within(self.reference_c))
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""
-        share = MARGIN if self.beyond == 'clamped' else _FAR_MARGIN
-        margin = share * (self.upper_c - self.lower_c)
-        return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
+        """Hold temperatures of the first thermometers, °C, (..., J), near the calibrated range."""
+        count = temperature_c.shape[-1]
+        lower_c, upper_c = self.lower_c[:count], self.upper_c[:count]
+        margin = (MARGIN if self.beyond == 'clamped' else _FAR_MARGIN) * (upper_c - lower_c)
+        return np.asarray(np.clip(temperature_c, lower_c - margin, upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """

@@ -157,7 +157,7 @@ def _learn(
                 'auto.'
             )
         if data.tared:
-            limit = day_limit(data, fit.stated_rms)
+            limit = day_limit(data, fit.expected_rms)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))
@@ -170,7 +170,7 @@ def _learn(
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
-        deviation={axis: fit.stated_rms for axis, fit in fits.items()},
+        deviation={axis: fit.expected_rms for axis, fit in fits.items()},
         day_limits={
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },

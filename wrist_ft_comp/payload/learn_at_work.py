@@ -8,10 +8,10 @@ What is learnt from recordings at work: payloads, apart from contacts, tares and
 4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
    payload's weight is the reference, from which gain drift is learnt.
 
-Steps 2 to 4 are done again when the drift is roughly known, from its slowness or from a model of
-the first result: sudden heat does not look like a step then, nor a long press like drift. Doubts
-are sentences with numbers, so that nothing fails in silence. Learnt payloads can be taken off the
-recordings again, which leaves the external wrench.
+Steps 2 to 4 are done again when the drift is roughly known, by a model of the first result: sudden
+heat does not look like a step then, nor a long press like drift. Doubts are sentences with
+numbers, so that nothing fails in silence. Learnt payloads can be taken off the recordings again,
+which leaves the external wrench.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +35,6 @@ from wrist_ft_comp.payload.payload_states import (
     find_states,
     Fit,
     fit_again,
-    LEAST_FREE_SHARE,
-    medians,
     of_state,
     POWERS,
     ROUNDS,
@@ -50,8 +48,6 @@ from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_dri
 
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
-#: A shorter recording, s, does not show which changes are slow.
-SLOW_S = 7200.0
 
 #: Above this share of changes between poses that do not turn with the specific force, no payload
 #: is identified, and above three times this share nothing is learnt at all. Poses in a cone of 30°
@@ -173,36 +169,6 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
     return separate_again(replace(start, steps=[[] for _ in recordings]), nothing, BLOCK_S)
-
-
-def slow_drift(separation: Separation) -> list[FloatArray]:
-    """
-    Estimate the drift before there is a model of it: what is slow is drift.
-
-    A running median follows slow and sudden drift, but no press of a few minutes: that over ten
-    bins on both sides is not harmed by presses of up to BLOCK_S in 15 % of the time. Drift hardly
-    moves within a bin, a fifth of BLOCK_S. Gives N and N m, (N, 6) per recording.
-    """
-    drifts = []
-    for recording in separation.drift:
-        residual = recording.wrench - recording.reference
-        length = cells_in(BLOCK_S / 5, recording.period_s)
-        bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
-        bins = bins.reshape(-1, length, len(AXES))
-        # A few free cells of a bin may be of a long press that looks like drift.
-        free = np.isfinite(bins[..., 0]).mean(axis=1, keepdims=True) > LEAST_FREE_SHARE
-        half = 10
-        bins = np.where(free, medians(bins), np.nan)
-        bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
-        windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
-        measured = np.flatnonzero(np.isfinite(windows[:, 0]).any(axis=1))
-        path = medians(windows.transpose(0, 2, 1))[measured]
-        if not len(measured):
-            measured, path = np.zeros(1, dtype=np.int64), np.zeros((1, len(AXES)))
-        cells = np.arange(len(residual)) + 0.5
-        middles = (measured + 0.5) * length
-        drifts.append(np.stack([np.interp(cells, middles, axis) for axis in path.T], axis=1))
-    return drifts
 
 
 def separate_again(

@@ -26,8 +26,6 @@ if TYPE_CHECKING:  # what runs live reads models without loading what fits them
 _MAX_DEPTH = 30
 #: Values in a file, which is read in a second or two; models have some thousands.
 _MAX_EVENTS = 100_000
-#: Longest time whose mean temperatures a start takes, s.
-_LONGEST_START_S = 600.0
 #: libyaml's, where PyYAML was built with it, is six times as fast.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _DUMPER = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
@@ -84,7 +82,7 @@ class _Axis:
     chosen: str
     rms_before: float
     rms_after: float
-    expected_rms: float | None
+    expected_rms: float
     day_limit: float | None
     reason: str
     time_constants_s: tuple[float, ...]
@@ -121,7 +119,7 @@ class _Model:
         shortest_s, longest_s = PERIODS_S
         check_range('period_ns', self.period_ns, shortest_s * NANOSECONDS, longest_s * NANOSECONDS)
         check_range('duration_s', self.duration_s, 0.0)
-        check_range('start_s', self.start_s, 0.0, _LONGEST_START_S)
+        check_range('start_s', self.start_s, 0.0, longest_s)
 
     def drift_model(self) -> DriftModel:
         """Build what runs."""
@@ -130,10 +128,7 @@ class _Model:
             axes={
                 axis: entry.model for axis, entry in self.axes.items() if entry.model is not None
             },
-            deviation={
-                axis: entry.rms_after if entry.expected_rms is None else entry.expected_rms
-                for axis, entry in self.axes.items()
-            },
+            deviation={axis: entry.expected_rms for axis, entry in self.axes.items()},
             day_limits={
                 axis: entry.day_limit
                 for axis, entry in self.axes.items()

@@ -35,8 +35,6 @@ _ABANDONED_S = 60.0
 _BEGINNING = 4096
 #: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
-#: Most letters of a value that are quoted.
-_QUOTED = 60
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
 #: What a single value may be by its annotation, the words for it, and what else has to hold.
@@ -330,7 +328,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
 
     def require(holds: bool, expected: str, got: Any = value) -> None:
         if not holds:
-            raise ValueError(f'{place} must be {expected}; got {repr(got)[:_QUOTED]}')
+            raise ValueError(f'{place} must be {expected}; got {repr(got)[:60]}')
 
     if origin in {Union, UnionType}:
         return None if value is None else inner(arguments[0], value, where)

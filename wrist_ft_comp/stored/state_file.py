@@ -78,6 +78,8 @@ def load_state(path: Path) -> SavedState | None:
     wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
     if memory is not None:
         wrenches += memory.compensation
+        if memory.uncertainty is not None:
+            wrenches.append(memory.uncertainty.bound)
         if not 1 <= memory.period_ns <= _LONGEST_PERIOD_NS:
             problem = f'period_ns is {memory.period_ns}'
         if any(cells < 0 for cells in memory.silent):
