@@ -181,7 +181,7 @@ def test_a_live_model_for_other_thermometers_is_named(look, good):
 
 
 def entries(count, **more):
-    return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
+    return [DayEntry(name, known=((1, 1),), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
                      live='a', **more) for name in NAMES[:count]]  # fmt: skip
 
 
@@ -212,7 +212,7 @@ def test_a_bad_day_is_a_reason():
 
 def test_newer_days_and_those_with_temperatures_of_no_other_day_are_kept():
     diary = entries(6)
-    diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
-    diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
+    diary[1] = replace(diary[1], known=((9, 0),))
+    diary[4] = replace(diary[4], kind='contacts', known=((5, 5),))
     assert [day.name for day in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
     assert [day.name for day in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]

@@ -109,7 +109,7 @@ class AxisModel:
     def start(self, temperature_c: FloatArray) -> FloatArray:
         """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""
         clamped = self.features.clamp(temperature_c)
-        x = self.features.expand_within(np.tile(clamped, max(len(self.filters), 1)))
+        x = self.features.expand(np.tile(clamped, max(len(self.filters), 1)))
         states = self._filter_bank.start(clamped), self.dynamics.start(x)
         return np.concatenate([state.ravel() for state in states])
 
@@ -124,7 +124,7 @@ class AxisModel:
         behind: FloatArray = state[size:].reshape(self.dynamics.state_shape)
         if last_only and not behind.size:  # what has no memory need not see the cells before
             filtered = filtered[-1:]
-        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
+        behind, outputs = self.dynamics.run(behind, self.features.expand(filtered))
         after = np.concatenate((before.ravel(), behind.ravel()))
         return after, outputs[-1:] if last_only else outputs
 

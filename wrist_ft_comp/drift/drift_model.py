@@ -233,14 +233,6 @@ def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftSt
     return state, Drift(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def step(
-    model: DriftModel, state: DriftState, temperature_c: FloatArray
-) -> tuple[DriftState, Drift]:
-    """Advance by one cell of mean temperatures, °C, (J,); the state is not modified."""
-    after, drift = run(model, state, temperature_c[np.newaxis])
-    return after, Drift(drift.zero[0], drift.sensitivity[0])
-
-
 def run(
     model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
 ) -> tuple[DriftState, Drift]:

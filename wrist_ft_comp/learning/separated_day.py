@@ -111,9 +111,9 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
     return tuple(rms.tolist())
 
 
-def known_cells(recording: Recording) -> frozenset[Cell]:
+def known_cells(recording: Recording) -> tuple[Cell, ...]:
     """List a recording's coarse temperatures: the first one, and the others relative to it."""
     coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
     coarse_c[:, 0] = recording.temperature_c[:, 0]
     numbers = np.floor(coarse_c / _COARSE_K).astype(int)
-    return frozenset(map(tuple, np.unique(numbers, axis=0).tolist()))
+    return tuple(map(tuple, np.unique(numbers, axis=0).tolist()))
