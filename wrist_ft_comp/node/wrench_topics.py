@@ -78,6 +78,8 @@ class WrenchInput(Part):
         self._last_raw: FloatArray = np.full(len(AXES), np.nan)
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
+        #: The frame before the present one and the present one, and how often it changed.
+        self._frames, self._frame_changes = ('', ''), 0
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
@@ -107,6 +109,10 @@ class WrenchInput(Part):
         self._looked_at, self._heard_s = number, time.monotonic()
         stamp_ns, raw, data = newest
         is_stamped = locate(data, WRENCH_DOUBLES).decode(data)[0] != 0
+        before, frame = self._frames[1], self.hub.hardware_id()
+        if frame != before:
+            self._frames = before, frame
+            self._frame_changes += before != ''
         reading = np.array(raw)
         self._zeros = np.where(reading == 0, self._zeros + 1, 0)
         self._others += reading != 0
@@ -135,7 +141,7 @@ class WrenchInput(Part):
             counts.drivers = drivers
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, dropped=counts.dropped, back=sensor.ran_back,
-            leapt=sensor.leapt,
+            leapt=sensor.leapt, frame=self._frame_changes,
         )  # fmt: skip
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
@@ -197,6 +203,9 @@ class WrenchInput(Part):
                 f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
                 'it as an axis that lives; is it dead?'
             )
+        if 'frame' in lately:
+            before, frame = self._frames
+            yield f'the frame changed from {before} to {frame}; is it another sensor?'
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'back' in lately:
