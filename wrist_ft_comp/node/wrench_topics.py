@@ -28,6 +28,8 @@ _DEAD_LOOKS = 50
 _COARSE_SHARE = 0.1
 #: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
 _AWAY_S = 5.0
+#: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
+_HELD_UP_S = 1.0
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
@@ -73,6 +75,8 @@ class WrenchInput(Part):
         self._counts, self._compensator = counts, compensator
         self.sensor = SensorWatch()
         self._heard_s: float | None = None
+        #: When it was looked last, and since when no wrench has come, s.
+        self._looked_s = self._quiet_s = 0.0
         #: Stamp of the wrench that was looked at last, ns, and the first frame_id.
         self._stamp_ns, self._frame = 0, ''
         #: By axis, how many looks in a row read exactly 0, how many others there were, and how
@@ -104,11 +108,14 @@ class WrenchInput(Part):
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
-        newest, number = self._counts.newest, self._counts.wrenches
+        newest, number, now_s = self._counts.newest, self._counts.wrenches, time.monotonic()
+        if now_s - self._looked_s > _HELD_UP_S:
+            self._quiet_s = now_s
+        self._looked_s = now_s
         if newest is None or number == self._looked_at:
             return
-        heard_s, (stamp_ns, raw, data) = time.monotonic(), newest
-        away_s = 0.0 if self._heard_s is None else heard_s - self._heard_s
+        stamp_ns, raw, data = newest
+        away_s = 0.0 if self._heard_s is None else now_s - self._quiet_s
         # By the stamps, too: a simulation that was held up goes on with the next one.
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         if away_s > _AWAY_S and not 0 <= passed_s <= _AWAY_S:
@@ -118,7 +125,8 @@ class WrenchInput(Part):
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'
             )
-        self._looked_at, self._heard_s, self._stamp_ns = number, heard_s, stamp_ns
+        self._heard_s = self._quiet_s = now_s
+        self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
         self._frame = self._frame or layout.frame_id(data)
         is_stamped = layout.decode(data)[0] != 0
