@@ -90,13 +90,13 @@ def held(axis, value, first=10, count=30):
     return wrenches
 
 
-STAMPS = START + SECOND * np.arange(100)
+STAMPS = START + SECOND * np.arange(160)
 #: Wrenches, their stamps, the frame from the tenth on, the level, and what is said.
 LOOKED_AT = {
     'well': (noisy(80), STAMPS, 'tool0', OK, 'wrenches per second'),
     'frozen': ([RAW] * 80, STAMPS, 'tool0', WARN, 'not changed by a bit for seconds; is the sens'),
     'saturated': (held(2, 200.0, count=80), STAMPS, 'tool0', WARN, 'force_z repeats one value'),
-    'dies': (held(3, 0.0, 20, 80), STAMPS, 'tool0', WARN, 'torque_x reads exactly 0 for seconds'),
+    'dies': (held(3, 0.0, 90, 160), STAMPS, 'tool0', WARN, 'torque_x repeats one value to the la'),
     'dead': (held(2, 0.0, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything but'),
     'not there': (held(2, math.nan, 0, 80), STAMPS, 'tool0', WARN, 'force_z never read anything'),
     'missing': (held(3, 0.0, 0, 80), STAMPS, 'tool0', OK, '; torque_x never read anything but 0'),
@@ -104,7 +104,7 @@ LOOKED_AT = {
     'repeated': (noisy(40), START + 0 * STAMPS, 'tool0', WARN, 'stamps stand still; the correct'),
     'backwards': (noisy(40), STAMPS[::-1], 'tool0', WARN, 'stamps ran back; was a clock set'),
     'ahead': (
-        noisy(40), STAMPS + (np.arange(100) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
+        noisy(40), STAMPS + (np.arange(160) >= 20) * 5 * HOUR, 'tool0', WARN, 'stamps leapt ahead',
     ),
     'two drivers': (noisy(40), STAMPS, 'tool0', WARN, '2 publishers share the topic; their'),
     'moved': (noisy(40), STAMPS, 'tool1', WARN, 'frame_id was tool0 and is tool1 now'),
@@ -220,8 +220,7 @@ TEMPERATURES = {
     'fahrenheit': (
         [(second, 86.0) for second in (*range(20, 50), *range(50, 3000, 20))],
         'further out. In degrees Fahrenheit it would be inside: check the unit',
-        # A fifth of 15 to 45 °C beyond the range, and no further.
-        0.5 * (45.0 + 6.0 - 20.0),
+        0.5 * (86.0 - 20.0),
     ),
 }
 
