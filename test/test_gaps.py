@@ -38,7 +38,7 @@ def write_model(make_model, tmp_path_factory):
         axes = {'force_z': (2.0, 0.0, time_constant_s)}
         model = make_model(axes, thermometers=2, prediction=ALIKE)
         model = replace(model, start_s=3.0)
-        fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
+        fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, 0.1, (1.0,))}
         path = tmp_path_factory.mktemp('gaps') / 'model.yaml'
         ranges = np.tile((-50.0, 150.0), (2, 1))
         save_model(path, Calibration(model, fits, ranges, 3600.0, ()), {})

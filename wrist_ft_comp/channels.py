@@ -18,6 +18,9 @@ AXES = ('force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z')
 REFERENCE_CHANNELS = tuple(f'reference_{axis}' for axis in AXES)
 FORCE_CHANNELS = ('linear_acceleration_x', 'linear_acceleration_y', 'linear_acceleration_z')
 ROTATION_CHANNEL = 'rotation_speed'
+#: Channels with one name, which are sampled together; thermometers have a number and a unit.
+GROUPS = (AXES, REFERENCE_CHANNELS, FORCE_CHANNELS, (ROTATION_CHANNEL,))
+CHANNELS = tuple(channel for group in GROUPS for channel in group)
 #: Norm of the specific force at rest, m/s².
 GRAVITY = 9.807
 #: A thermometer of a wrist reads between these, °C; 0 K and readings in kelvin lie outside.

@@ -20,6 +20,7 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -27,7 +28,6 @@ from sensor_msgs.msg import Imu, JointState, Temperature
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.ros import topics as qos
-from wrist_ft_comp.ros.running import make_executor
 from wrist_ft_comp.series import NANOSECONDS
 
 TEMPERATURE_HZ = 10
@@ -138,7 +138,7 @@ class Receiver:
 
     def run(self, context: Any) -> None:
         """Obey ``take`` and ``calibrate NAMESPACE`` until standard input ends."""
-        executor = make_executor(context)
+        executor = EventsExecutor(context=context)
         executor.add_node(self._node)
         orders = (line.strip() for line in sys.stdin)
         threading.Thread(target=lambda: self._orders.extend(orders), daemon=True).start()
@@ -201,7 +201,7 @@ def relay(context: Any, kind: str) -> None:
     node.create_subscription(
         WrenchStamped, 'wrench_raw', publisher.publish, qos.FAST_SENSOR, raw=raw
     )
-    executor = make_executor(context) if raw else SingleThreadedExecutor(context=context)
+    executor = EventsExecutor(context=context) if raw else SingleThreadedExecutor(context=context)
     executor.add_node(node)
     for _ in _until_signal():
         executor.spin_once(timeout_sec=0.2)

@@ -42,7 +42,7 @@ from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, interpolation
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.model_store import FileWriter
-from wrist_ft_comp.wire.tf_tree import Layouts
+from wrist_ft_comp.wire.tf_tree import tf_layouts
 
 LIFE_S = 12 * 3600
 #: Time from one duty cycle of the motor to the next, and a thermal cell of the models, s.
@@ -170,11 +170,11 @@ class Robot:
         self.node.get_publishers_info_by_topic = self._graph
         self.node.get_subscriptions_info_by_topic = lambda _topic: []
         self.node.count_publishers = lambda topic: len(self._graph(topic))
-        self._layouts = Layouts()
+        self._layouts = tf_layouts()
 
     def _graph(self, topic: str) -> list[Any]:
         """List the publishers of a topic."""
-        kind, count = 'sensor_msgs/msg/Temperature', 1
+        kind, count = 'sensor_msgs/msg/Temperature', int(not topic.endswith('drift'))
         if topic.endswith('imu'):
             kind = 'sensor_msgs/msg/Imu'
         elif topic.endswith('raw'):
@@ -183,7 +183,7 @@ class Robot:
         return [
             SimpleNamespace(
                 topic_type=kind, topic_type_hash=SimpleNamespace(version=0),
-                endpoint_gid=[self.driver, n, *[0] * 14],
+                endpoint_gid=[self.driver, n, *[0] * 14], node_name='driver', node_namespace='/',
             )
             for n in range(count)
         ]  # fmt: skip

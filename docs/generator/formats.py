@@ -18,7 +18,7 @@ from wrist_ft_comp.channels import (
 )
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.recordings.units import STAMPS
+from wrist_ft_comp.wire.units import STAMPS
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\

@@ -160,10 +160,8 @@ def test_show_rates_every_topic(done, drivers, messages, tmp_path):
     cells = {
         line.split()[-1]: line.split() for line in out.splitlines() if re.search(r' /\S+$', line)
     }
-    assert cells['/ftsensor/wrench'][:3] == ['raw', 'wrench', '1']
-    # Of 1200 s, every fifth one; but 100 s are missing.
-    heat = ['temperature', f'{220 / 1195:.4g}', '23.0', 'to']
-    assert cells['/joint_heat:temperatures[0]'][:4] == heat
+    assert cells['/ftsensor/wrench'][:2] == ['raw', 'wrench']
+    assert cells['/joint_heat:temperatures[0]'][:3] == ['temperature', '23.0', 'to']
     assert cells['/dynamic_joint_states:interface_values[3].values[1]'][0] == 'temperature'
     assert not any(entry.endswith('.values[0]') for entry in cells), 'a position is no temperature'
     assert cells['/tf'][0] == 'TF'
@@ -175,7 +173,7 @@ def test_show_as_json_has_it_all(done, drivers, messages, tmp_path):
     shown = json.loads(done('show', bag, '--json'))
     (frame,) = (c for c in shown['candidates'] if 'frame:temp' in c['entry'])
     assert not frame['stamped']
-    assert (frame['samples'], frame['rate_hz']) == (1200, pytest.approx(1))
+    assert frame['samples'] == 1200
     assert shown['topics']['wrench'] == '/bota/wrench'
     assert shown['topics']['temperatures'][0] == frame['entry']
     assert [shlex.split(line)[1] for line in shown['commands']] == ['calibrate', 'evaluate', 'run']
@@ -283,9 +281,9 @@ def work(messages, by):
     ('by', 'words', 'parameters', 'said'),
     [
         ('imu', ['--imu-topic', '/ft/imu'], ['gravity.source:=imu', '-r', 'imu:=/ft/imu'],
-         'specific force of /ft/imu: norm 9.6 m/s²; along three'),
+         'specific force of /ft/imu: norm 9.6 m/s². Gravity moved along'),
         ('tf', ['--gravity-frame', 'world'], ['gravity.source:=tf', '-p', 'gravity.frame:=world'],
-         'specific force by TF, if z of world is up: norm 9.807 m/s²; along three'),
+         'specific force by TF, if z of world is up: norm 9.807 m/s².'),
     ],
 )  # fmt: skip
 def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR0917
@@ -293,8 +291,8 @@ def test_a_robot_at_work_is_learnt_from_by_its_gravity(  # noqa: PLR0913, PLR091
 ):
     bag = messages.write(tmp_path / 'day', work(messages, by), 'mcap')
     out = done('show', bag)
-    assert said in out
-    assert 'two of them were seen' in out
+    assert said in ' '.join(out.split())
+    assert 'along 2 of 3 directions' in ' '.join(out.split())
     calibrate, evaluate, node = commands(out)
     for command in (calibrate, evaluate):
         assert command[command.index('--reference') + 1] == 'payload'

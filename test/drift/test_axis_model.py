@@ -123,10 +123,10 @@ def test_a_run_split_anywhere_is_the_fold_of_cells(
     scale = np.abs(rows).max()
     np.testing.assert_allclose(np.concatenate(parts), rows, rtol=1e-12, atol=1e-13 * scale)
     np.testing.assert_allclose(again, state, rtol=1e-11, atol=1e-12 * scale)
-    end, last = axis.run(first, temperature_c, last_only=True)
-    assert last.shape == (1, 2)
-    np.testing.assert_allclose(last[0], rows[-1], rtol=1e-12, atol=1e-13 * scale)
-    np.testing.assert_allclose(end, state, rtol=1e-11, atol=1e-12 * scale)
+    for cells in (1, 3):
+        end, _ = axis.run(first, np.repeat(temperature_c, cells, axis=0))
+        skipped = axis.skip(first, temperature_c, cells)
+        np.testing.assert_allclose(skipped, end, rtol=1e-9, atol=1e-11 * scale)
 
 
 def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin(make_axis):

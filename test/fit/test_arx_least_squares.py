@@ -45,9 +45,9 @@ def test_too_few_complete_rows_are_refused():
     t = np.random.default_rng(0).standard_normal(40)
     u = t.copy()
     u[::3] = np.nan
-    with pytest.raises(TooShortError, match='needs more runs of 4 consecutive cells'):
+    with pytest.raises(TooShortError, match='stretches of 4 consecutive thermal cells'):
         fit_one_step([(t, u)], Orders(2, 3, 0))
-    with pytest.raises(TooShortError, match='4 coefficients needs more runs of 3 consecutive'):
+    with pytest.raises(TooShortError, match='more than as many stretches of 3'):
         fit_one_step([(t[:6], t[:6])], Orders(2, 2, 0))
     with pytest.raises(TooShortError, match='4 coefficients'):
         fit_one_step([(t[:2], t[:2])], Orders(2, 2, 0))

@@ -64,7 +64,7 @@ class TestWhatIsFound:
         assert sum(weights.values()) == pytest.approx(1.0)
         heaviest = max(weights, key=weights.get)
         share = 100 * weights[heaviest] / (1 - weights['none'])
-        assert f'most weight have {heaviest} ({share:.0f} %)' in single.reason
+        assert f'The largest shares: {heaviest} ({share:.0f} %)' in single.reason
 
     def test_of_noise_next_to_nothing_is_learnt(self, pose):
         """And mostly nothing: one day in many seems to be foretold by chance."""
@@ -76,7 +76,7 @@ class TestWhatIsFound:
         assert len(none) >= 3
         for fit in none:
             assert (fit.chosen, fit.candidates[0].weight) == ('none', 1)
-            assert fit.reason.startswith('Nothing that was tried holds on held-out data')
+            assert fit.reason.startswith('No fit was better than none on data')
         assert all(0.95 < fit.rms_after / fit.rms_before <= 1 for fit in fits)
 
 

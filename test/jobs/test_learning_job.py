@@ -14,7 +14,6 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.diary import (
-    CONTACTS,
     diary_path,
     load_diary,
 )
@@ -181,7 +180,7 @@ def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_da
 def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pause_s, rests):
     """A sensor that lags by 20 min is hot when its day is cut: the file does not begin at rest."""
     model = make_model({'force_z': (1.0, 0.0, 1200.0)}, period_s=PERIOD_S)
-    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, (1.0,))}
+    fits = {'force_z': AxisFit(model.axes['force_z'], 'by hand', (), 1.0, 0.1, 0.1, (1.0,))}
     calibration = Calibration(model, fits, np.array([[0.0, 90.0]]), 3600.0, ())
     live = save_model(tmp_path / 'models/live.yaml', calibration)
     warm = 20 + 20 * (1 - np.exp(-np.arange(2 * CELLS) / 60))
@@ -200,7 +199,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
 
 @pytest.mark.parametrize(
     ('parked_s', 'kind', 'said'),
-    [(900, '', ''), (9900, CONTACTS, 'is parked with a part')],
+    [(900, '', ''), (9900, 'contacts', 'is parked with a part')],
 )
 def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
     tmp_path, parked_s, kind, said

@@ -43,7 +43,7 @@ def test_ordinary_days_and_the_day_after_another_tool_are_no_incidents(separated
         ({'noise': 0.2}, 'contacts', 'times that of the days before: noise'),
         ({'turned_deg': 20.0}, 'sensor', 'turned by 20°'),
         (TOOL, 'tool', '2.50 kg, before 1.5'),
-        ({'stopped': True}, 'thermometer', 'Thermometer 2 read 19.8 °C all day'),
+        ({'stopped': True}, 'thermometer', 'Thermometer 2 reads 19.8 °C all the time'),
     ],
 )  # fmt: skip
 def test_an_incident_is_named_with_its_size(separated, before, properties, kind, said):

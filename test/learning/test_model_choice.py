@@ -89,7 +89,7 @@ def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
         before = past(look, champion, *range(1, number))
         choice = take(NAMES[number], look, before, champion, NAMES, NAMES[2], QUICK)
         assert (choice.entry.challenged, choice.better is not None) == (learnt, learnt)
-        assert ('On 3 days' if learnt else '3 more good days (2 so far)') in choice.entry.verdict
+        assert ('On 3 days' if learnt else 'have passed (2 so far)') in choice.entry.verdict
 
 
 def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, separated):
@@ -200,7 +200,7 @@ def test_a_bad_day_is_a_reason():
     days, last = [*entries(10), learnt], entries(12)[11]
     worse = replace(last, left={NONE: (1.0,) * 6, 'a': (0.9,) * 6})
     for diary, live, due, words in (
-        ([*days, last], 'a', False, 'after 4 more good days (1 so far)'),
+        ([*days, last], 'a', False, 'after 3 more good days, or after a day'),
         ([*days, worse], 'a', True, 'badly'),
         (entries(20), '', True, 'no model is live'),
         (entries(1), 'a', False, 'One more good day'),

@@ -18,13 +18,14 @@ import warnings
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 
 import wrist_ft_comp
 from wrist_ft_comp.ros.rclpy_internals import Stop
-from wrist_ft_comp.ros.running import make_executor, spin
+from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.ros.topics import NEWEST
 
 #: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
@@ -103,6 +104,8 @@ class FakeHub:
         self.values = {row.name: row.default for row in part.parameters} | chosen
         self.logged, self.sent, self.topics, self.incompatible = [], [], {}, {}
         self.frame, self.listening, self.publishers = 'tool0', False, 1
+        #: The node that publishes all.
+        self.publisher = '/driver'
         #: What is published on topics, by full name; of others, ``publishers`` are counted.
         self.types = {}
         note = self.logged.append
@@ -154,11 +157,12 @@ class FakeHub:
         return len(self.types[topic]) if topic in self.types else self.publishers
 
     def get_publishers_info_by_topic(self, topic):
-        version = SimpleNamespace(version=0)
-        return [
-            SimpleNamespace(topic_type=kind, topic_type_hash=version, endpoint_gid=b'1')
-            for kind in self.types.get(topic, ())
-        ]
+        namespace, _, name = self.publisher.rpartition('/')
+        same = {
+            'topic_type_hash': SimpleNamespace(version=0), 'endpoint_gid': b'1',
+            'node_name': name, 'node_namespace': namespace or '/',
+        }  # fmt: skip
+        return [SimpleNamespace(topic_type=kind, **same) for kind in self.types.get(topic, ())]
 
     def get_subscriptions_info_by_topic(self, _topic):
         return []
@@ -224,7 +228,7 @@ class Bench:
     def start(self, factory, *args, **kwargs):
         """Make a node and spin it until the test ends; ``executor`` is default or events."""
         if kwargs.pop('executor', 'default') == 'events':
-            executor = make_executor(self.context)
+            executor = EventsExecutor(context=self.context)
         else:
             executor = SingleThreadedExecutor(context=self.context)
         node = factory(*args, context=self.context, **_node_arguments(kwargs))

@@ -8,12 +8,13 @@ import time
 
 import pytest
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
 from wrist_ft_comp.ros.rclpy_internals import Stop
-from wrist_ft_comp.ros.running import make_executor, run_node, spin
+from wrist_ft_comp.ros.running import run_node, spin
 
 TIMEOUT_S = 20.0
 
@@ -104,7 +105,7 @@ def test_a_fault_of_ours_keeps_its_traceback(run):
         run(fail)
 
 
-@pytest.mark.parametrize('make', [make_executor, lambda c: SingleThreadedExecutor(context=c)])
+@pytest.mark.parametrize('make', [EventsExecutor, SingleThreadedExecutor])
 def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
     """Its timer is due again before its callback has ended, so that the queue is never empty."""
     called = threading.Event()
@@ -114,7 +115,7 @@ def test_an_overloaded_node_hears_that_it_is_to_stop(bench, make):
         time.sleep(0.015)
 
     node = bench.make(partial(Example, overload))
-    executor, stop = make(bench.context), Stop()
+    executor, stop = make(context=bench.context), Stop()
     executor.add_node(node)
     thread = threading.Thread(target=spin, args=(executor, bench.context, stop), daemon=True)
     thread.start()

@@ -1,21 +1,13 @@
-"""The ``--help`` of both nodes, and parameters that they do not have."""
-
-from types import SimpleNamespace
+"""The ``--help`` of both nodes."""
 
 import pytest
-from rclpy.node import Node
 
 from wrist_ft_comp.node import compensator_node, simulated_sensor
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.node.simulated_sensor import SimulatedSensor
-from wrist_ft_comp.ros.parameters import Parameter, Parameters, warn_of_unknown
 
 #: What every node has.
 COMMON = ('/rosout', 'logger_levels', '/parameter_events', 'parameter', 'type_description')
-TABLE = (
-    Parameter('temperature_topics', ('temperature',), 'Topics.'),
-    Parameter('calibration.reference', 'unloaded', 'Reference.'),
-)
 
 
 @pytest.mark.parametrize(
@@ -43,22 +35,3 @@ def test_help_names_what_the_node_has_and_exits(bench, capsys, module, node, nam
         inside = f'/shown/{made.get_name()}/'
         asked = f'~/{end.removeprefix(inside)}' if end.startswith(inside) else end
         assert asked.removeprefix('/shown/') in shown.out
-
-
-@pytest.mark.parametrize(
-    ('given', 'meant'),
-    [
-        ('calibration_reference', 'calibration.reference'),
-    ],
-)
-def test_a_mistyped_parameter_is_a_warning_with_the_nearest_name(bench, given, meant):
-    arguments = [f'joint_limits.joint_{k}.max_effort:=1' for k in range(10)]
-    arguments += [f'{given}:=x', 'use_sim_time:=true', 'temperature_topics:=[a]']
-    rules = [word for argument in arguments for word in ('-p', argument)]
-    node = bench.make(Node, node_name='example', cli_args=['--ros-args', *rules])
-    Parameters(node, TABLE)
-    warnings = []
-    warn_of_unknown(node, SimpleNamespace(warning=warnings.append))
-    assert warnings == [
-        f'There is no parameter {given}, so its value is ignored. Did you mean {meant}?'
-    ]

@@ -161,8 +161,8 @@ EVERYWHERE = still(np.random.default_rng(3).normal(size=(100, 3)))
     ('cells', 'said'),
     [
         (still(tilted(np.column_stack((ANGLES / 4, 0 * ANGLES)))), '0.75, 0.03, 0.00 .* along x'),
-        (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'for 10 s only, .* least 10 s'),
-        (changed(EVERYWHERE, force=EVERYWHERE[:, 6:9] / 9.807), 'for 0 s only, .* 9.8 m/s²'),
+        (still(tilted(np.column_stack((ANGLES, -ANGLES)))[:39]), 'or 10 s only .* least 10 s'),
+        (changed(EVERYWHERE, force=EVERYWHERE[:, 6:9] / 9.807), 'or 0 s only .* 9.8 m/s²'),
         (changed(EVERYWHERE, wrench=EVERYWHERE[:, :6] + PUSHED), 'not follow|not that of a rigid'),
         (REST, r'gravity moved by 0\.00, 0\.00, 0\.00'),
         (changed(REST, wrench=0.0), r'gravity moved by 0\.00, 0\.00, 0\.00'),

@@ -10,7 +10,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
-from wrist_ft_comp.payload.separation import separate, separate_again
+from wrist_ft_comp.payload.learn_at_work import separate, separate_again
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)
@@ -193,7 +193,7 @@ class TestAccelerometer:
         day = make_recording(warm, dict(zip(AXES, raw.T, strict=True)), period_s=10.0)
         found = calibrate([replace(day, specific_force=force)], AT_WORK)
         assert found.payloads.payloads['1'].mass_kg == pytest.approx(1.5, rel=0.01)
-        assert any('is at rest' in warning for warning in found.warnings)
+        assert any('never rests' in warning for warning in found.warnings)
 
 
 class TestDoubts:
@@ -202,7 +202,7 @@ class TestDoubts:
             replace(day, specific_force=other.specific_force)
             for day, other in zip(plain, plain[::-1], strict=True)
         ]
-        with pytest.raises(CalibrationRefusedError, match='does not turn with the specific force'):
+        with pytest.raises(CalibrationRefusedError, match='do not follow gravity'):
             calibrate(wrong, AT_WORK)
 
     def test_one_pose_gives_the_drift_and_no_payload(self, make_working_day):

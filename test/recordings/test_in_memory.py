@@ -72,15 +72,14 @@ def test_stamps_may_be_of_any_kind_and_temperatures_in_fahrenheit(columns):
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'force_z': np.ones(9)}, r'force_z of table must have shape \(400,\).*got \(9,\)'),
-        ({'force_z': np.ones((ROWS, 2))}, r'must have shape \(400,\).*got \(400, 2\)'),
-        ({'force_z': ['warm'] * ROWS}, 'force_z of table must hold numbers: could not convert'),
-        ({'force_z': [None, {}] * (ROWS // 2)}, 'force_z of table must hold numbers'),
-        ({'stamp_ns': STAMPS * np.nan}, 'stamp_ns of table must be one time per row'),
-        ({'stamp_ns': 7}, 'stamp_ns of table must be one time per row'),
-        ({'stamp_ns': STAMPS.reshape(2, -1)}, 'stamp_ns of table must be one time per row'),
-        ({'stamp_ns': ['NaT'] * ROWS}, 'stamp_ns of table must hold numbers'),
-        ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'must be one time per row'),
+        ({'force_z': np.ones(9)}, 'columns of table must have one value per row: .* same length'),
+        ({'force_z': np.ones((ROWS, 2))}, 'columns of table must have one value per row'),
+        ({'stamp_ns': STAMPS.reshape(2, -1)}, 'columns of table must have one value per row'),
+        ({'force_z': ['warm'] * ROWS}, "column force_z: expected a number, got 'warm'"),
+        ({'force_z': [None, {}] * (ROWS // 2)}, 'Line 2 of table, column force_z: expected a num'),
+        ({'stamp_ns': STAMPS * np.nan}, 'column stamp_ns: expected a time .ns., got'),
+        ({'stamp_ns': ['NaT'] * ROWS}, 'column stamp_ns: expected a time'),
+        ({'stamp_ns': np.full(ROWS, 'NaT', 'datetime64[s]')}, 'column stamp_ns: expected a time'),
     ],
 )
 def test_bad_columns_get_their_sentence(change, sentence):
@@ -104,7 +103,7 @@ def test_compensated_columns_are_those_of_a_compensated_file(columns, as_csv, ma
     compensated = compensate(model, table)
     assert list(compensated) == [axis for axis in AXES if axis in table]
     for axis, values in compensated.items():
-        np.testing.assert_array_equal(values, rows[axis])
+        np.testing.assert_allclose(values, rows[axis], rtol=1e-12)
     assert np.ptp(compensated['force_z'] - table['force_z']) > 0.1
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from wrist_ft_comp.cli.describe import describe_recording
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
 from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
-from wrist_ft_comp.recordings.describe import describe_recording
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.wire import cdr
 

@@ -11,15 +11,17 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.report.advice import advise, Case, cover, run_command, WORKING_RANGE_C
+from wrist_ft_comp.report.advice import advise, Case, cover, run_command
 from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
+    draw_run,
+    drive,
     FtSensorSettings,
+    RunSettings,
     start,
     trajectory,
 )
-from wrist_ft_comp.simulation.run import draw_run, drive, RunSettings
 
 HOUR = 360  # cells of 10 s
 
@@ -48,38 +50,20 @@ def advice(coverage, levels=None, reference='unloaded', hours=(2.0,), **more):
     return '\n'.join(advise(Case(recordings, coverage, reference, levels, (), **more)))
 
 
-@pytest.mark.parametrize(
-    ('ramps', 'unseen'),
-    [
-        ([(20.5, 35)], [(15, 20.5), (35, 50)]), ([(10, 55)], []), ([(16, 48)], []),
-        ([(15, 24.9), (30.1, 50)], [(24.9, 30.1)]), ([(15, 24), (26, 50)], []),
-    ],
-)  # fmt: skip
-def test_temperatures_below_above_and_between_are_unseen(ramps, unseen, seen):
-    assert WORKING_RANGE_C == (15, 50)
-    assert seen(*(ramp(*ends) for ends in ramps)).unseen_c == unseen
-
-
 def test_time_without_a_wrench_is_not_counted(make_recording):
     raw = np.zeros(3 * HOUR)
     raw[:HOUR] = raw[-HOUR // 2 :] = np.nan
     coverage = cover([make_recording(ramp(10, 40, 3 * HOUR), {'force_z': raw})])
     assert coverage.range_c[0] == pytest.approx([20, 35], abs=0.1)
     assert coverage.risen_k == pytest.approx(15, abs=1)
-    np.testing.assert_allclose(coverage.unseen_c, [(15, 20), (35, 50)], atol=0.1)
+    assert 'recordings go from 20 to 35 °C. If the robot gets colder' in advice(coverage)
 
 
 def test_the_thermometer_that_spans_most_leads(seen):
     flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
     coverage = seen(np.stack((flat, hot), axis=1))
     assert coverage.leading == 1
-    assert coverage.unseen_c[-1] == (45.0, 50.0)
-    assert 'at thermometer 2' in advice(coverage)
-
-
-def test_unseen_temperatures_are_named_in_one_sentence(seen):
-    text = advice(seen(ramp(15, 19.9), ramp(25.1, 29.9), ramp(35.1, 45)))
-    assert text.count('have no temperatures of 20 to 25, 30 to 35 and 45 to 50 °C: ') == 1
+    assert 'from 21 to 45 °C at thermometer 2' in advice(coverage)
 
 
 NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
@@ -101,7 +85,7 @@ ASKED = [
     (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
-    (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and cooled by 0.0 K.', 'cold'),
+    (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
     (ramp(35, 20), {}, 'ended cold', ''),
     (ramp(20, 35), {}, 'A lag can only be measured if the sensor also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
@@ -138,25 +122,15 @@ def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
         assert (k_per_h > 2.0) == bool(begin), k_per_h
 
 
-def test_axes_and_loads_that_are_missing_are_named(seen):
-    coverage = seen(ramp(20, 35))
-    assert 'No recording holds force_y, force_z' in advice(coverage, {'force_x': 'good'})
-    assert 'drift of the gain is not known' in advice(coverage)
-    assert 'drift of the gain' not in advice(coverage, reference='recorded')
-
-
 def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
-    coverage, model = seen(ramp(20, 35)), {'model': Path('m.yaml'), 'run': 'ros2 run x'}
+    coverage, model = seen(ramp(20, 35)), {'run': 'ros2 run x'}
     for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
-        assert 'thermometer 1 left' in advice(coverage, learnt_c=[learnt_c], **model)
+        assert 'thermometer 1 left the range' in advice(coverage, learnt_c=[learnt_c], **model)
     said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
-    assert said.startswith('The model holds on these recordings. Run it:\nros2 run x\n')
-    assert 'nothing at 15 to 20 and 35 to 50 °C' in said
-    whole = advice(seen(ramp(15, 50)), learnt_c=[(15.0, 50.0)], **model)
-    assert whole.count('\n') == 1, 'nothing else is asked for'
+    assert said == 'The model holds on these recordings. Run it:\nros2 run x'
     weak = {'force_x': 'good', 'force_z': 'weak'}
     poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
-    assert '\nOne thermometer does not explain force_z well: heat comes from' in poor
+    assert '\nOne thermometer does not explain force_z well: heat enters at' in poor
 
 
 @pytest.mark.parametrize(
@@ -165,7 +139,8 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
         (Topics(), []),
         (Topics('/ft/wrench'), ['-r', 'wrench_raw:=/ft/wrench']),
         (Topics(temperatures=('/a', '/b:c')), ['-p', 'temperature_topics:=["/a", "/b:c"]']),
-        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/imu']),
+        (Topics(imu='/imu'), ['-p', 'gravity.source:=imu']),
+        (Topics(imu='/ft/imu'), ['-p', 'gravity.source:=imu', '-r', 'imu:=/ft/imu']),
         (Topics(gravity_frame='map'), ['-p', 'gravity.source:=tf', '-p', 'gravity.frame:=map']),
     ],
 )

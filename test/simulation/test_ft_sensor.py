@@ -11,16 +11,14 @@ from wrist_ft_comp.simulation.ft_sensor import (
     build_sensor,
     digitised_temperatures,
     digitised_wrench,
+    draw_run,
+    drive,
     FtSensorSettings,
     measured_wrench,
     NOMINAL_C,
+    RunSettings,
     start,
     trajectory,
-)
-from wrist_ft_comp.simulation.run import (
-    draw_run,
-    drive,
-    RunSettings,
     true_wrench,
 )
 

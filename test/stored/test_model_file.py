@@ -5,7 +5,6 @@ from dataclasses import replace
 import hashlib
 from importlib import resources
 import json
-import platform
 import re
 
 import jsonschema
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from wrist_ft_comp import __version__
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.arx import Arx, relaxation
@@ -79,6 +79,7 @@ def calibration():
             candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
             rms_before=1 / 3,
             rms_after=1e-17,
+            expected_rms=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
             reason='it leaves 1e-17 N – the best',
@@ -86,7 +87,7 @@ def calibration():
         )
         for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
     }
-    deviation = {axis: fit.rms_after for axis, fit in fits.items()}
+    deviation = {axis: fit.expected_rms for axis, fit in fits.items()}
     return Calibration(
         model=DriftModel(10**9, 2, axes, deviation, start_s=10.0),
         fits=fits,
@@ -192,7 +193,7 @@ def test_sensor_limits_predictions_and_sources_come_back(calibration, tmp_path):
     for name, values in vars(prediction).items():
         np.testing.assert_array_equal(getattr(stored.model.prediction, name), values)
     provenance = stored.document['provenance']
-    assert provenance['versions']['python'] == platform.python_version()
+    assert provenance['wrist_ft_comp'] == __version__
     assert provenance['recordings'] == [{'path': 'a.csv'}, {'path': 'b'}]
     assert provenance['settings']['reference'] == 'constant'
 
@@ -247,13 +248,13 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'of version .* reads version 3') for n in (0, 4, '1', 1.5, None, [1])),
+        *(('version', n, 'version of .* reads format 3') for n in (0, 4, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),
-        ('thermometers', [], 'thermometers'),
+        ('thermometers', [], 'at least one thermometer'),
         ('thermometers', [{'range_c': [1.0, 2.0]}], 'thermometers'),
-        ('axes force_x model features degree', 0, 'degree of the features must be at least 1'),
+        ('axes force_x model features degree', 0, 'degree must be a number from 1 to 10'),
         ('axes force_x model features degree', 1, 'features give 2 inputs'),
         ('axes force_x model features upper_c', [-9.0, -9.0], 'range'),
         ('axes force_x model dynamics output_weight', [0.0], 'positive'),

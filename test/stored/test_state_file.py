@@ -115,7 +115,7 @@ def load(tmp_path):
 
 @pytest.mark.parametrize('version', [0, 3, '1', None])
 def test_a_state_of_another_version_is_refused(load, version):
-    with pytest.raises(StateFileError, match=r'of version .* reads version 2'):
+    with pytest.raises(StateFileError, match=r'version of .* reads format 2'):
         load({**plain(example()), 'version': version})
 
 

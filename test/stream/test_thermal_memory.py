@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.thermal_memory import belongs_to, longest_gap_s
 from wrist_ft_comp.stream.thermometer_faults import start
@@ -69,6 +70,9 @@ def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
     assert words in again.tracker.origin
     assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
     assert again.tracker.awaited is None
+    (doubt,) = again.gap_doubts()
+    off_n = float(re.search(r'force_z may be (\S+) N off', doubt)[1])
+    assert off_n >= 0.9 * (20.0 - killed.compensation.zero[2]), 'it may have gone on'
 
 
 def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):
@@ -165,3 +169,25 @@ def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(mak
         second.add_temperature(0, START + k * SECOND, 25.0)
     assert np.isfinite(second.compensation.zero).all()
     assert not any('nan' in doubt for doubt in second.gap_doubts())
+
+
+def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tmp_path):
+    """Restarted at once, and after another minute and a half without temperatures."""
+    model = replace(make_model({'force_z': (0.4, 0.0, 600.0)}), deviation={'force_z': 0.02})
+    before, path = Compensator(1, model=model), tmp_path / 'state.json'
+    for second in range(1200):
+        before.add_temperature(0, START + second * SECOND, 20.0 + second / 100)
+    end_s = 1200 + 1500
+    for second in range(end_s, end_s + 5):
+        before.add_temperature(0, START + second * SECOND, 32.0)
+    (expected,) = before.gap_doubts()
+    save_state(path, SavedState(0, None, np.zeros(6), before.memory()))
+    for away_s in (0, 90):
+        after = Compensator(1, model=model)
+        after.resume(load_state(path).thermal, 0.0)
+        assert after.gap_doubts() == [expected]
+        for second in range(end_s + 5 + away_s, end_s + 10 + away_s):
+            after.add_temperature(0, START + second * SECOND, 32.0)
+        (said,) = after.gap_doubts()
+        off_n, still_n = (float(re.search(r'(\S+) N off', s)[1]) for s in (expected, said))
+        assert still_n > 0.8 * off_n

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import offline
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.offline import simulate_drift, thermometer_doubts
@@ -42,7 +43,7 @@ def counted(values_c, step_s=1.0):
 def test_what_metal_cannot_have_gone_to_is_left_out(values_c, expected, dropped, jumps):
     found, spikes = counted(LONG + values_c)
     assert found == LONG + expected
-    assert (spikes.dropped, spikes.jumped_k != 0.0) == (dropped, jumps)
+    assert (spikes.dropped, spikes.jump.by_k != 0.0) == (dropped, jumps)
     assert spikes.first == (300 * SECOND, values_c[0])
     assert not spikes.leaves_out
 
@@ -66,6 +67,24 @@ def test_a_jump_is_told_until_it_comes_back_or_a_tare():
     assert len(doubts(30.0, 200)) == 1
     compensator.set_tare(np.zeros(6), at * SECOND)
     assert (doubts(30.0, 10), compensator.tracker.spikes[0].stayed_k) == ([], 0.0)
+
+
+def test_a_jump_is_told_over_a_restart_until_it_comes_back(make_model, tmp_path):
+    """Neither for ever, nor as a jump to the other side."""
+    model = make_model({'force_z': (0.4, 0.0, 20.0)})
+    before, after = (Compensator(1, model=model) for _ in range(2))
+    for second, celsius in enumerate([20.0] * 300 + [25.0] * 300):
+        before.add_temperature(0, second * SECOND, celsius)
+    (doubt,) = before.zero_doubts
+    save_state(tmp_path / 'state.json', SavedState(0, None, np.zeros(6), before.memory()))
+    after.doubt_zero(doubt)
+    after.resume(load_state(tmp_path / 'state.json').thermal, 0.0)
+    assert after.zero_doubts == [doubt]
+    for second in range(610, 1000):
+        after.add_temperature(0, second * SECOND, 20.0)
+        if second == 650:
+            assert ['was off by 5.0 K until it' in why for why in after.zero_doubts] == [True]
+    assert after.zero_doubts == []
 
 
 @pytest.mark.parametrize(
@@ -221,6 +240,14 @@ def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
             assert thermometer_doubts(model, make_day(seed, thermometers)) == {}
 
 
+def test_healthy_thermometers_are_not_doubted(learn, make_day):
+    for seed in (10, 11):
+        compensator, day = Compensator(3, model=learn(3).model), make_day(seed)
+        for k in range(0, CELLS, 3):
+            stream(compensator, day, k, k + 3)
+            assert compensator.frozen_doubts() == []
+
+
 def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
     day = make_day(7)
     rest = replace(day, temperature_c=np.tile(day.temperature_c[:1], (CELLS, 1)))
@@ -236,10 +263,30 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert len(findings(compensator)) == 1
     seen |= stream(compensator, day, 870)
     assert findings(compensator) == []
+    uncertainty = compensator.tracker.uncertainty
+    assert uncertainty.left(compensator.tracker.end_ns, 9000.0)[FORCE_Z] > 0.05, (
+        'what was predicted'
+    )
     ((_, share),) = thermometer_doubts(model, day).items()
     assert 480 / CELLS > share > 400 / CELLS
     usual = simulate_drift(model, healthy).zero[:, FORCE_Z]
     assert seen[CELLS - 2] == pytest.approx(usual[CELLS - 2], abs=0.1)
+
+
+def test_one_that_freezes_is_doubted_as_soon_as_the_drift_is_off(learn, make_day):
+    model, day = learn(3).model, failing(make_day(7), 'frozen')
+    compensator, said, off_cells = Compensator(3, model=model), [], 0
+    knows = simulate_drift(model, make_day(7)).zero[:, FORCE_Z]
+    seen = stream(compensator, day, end=BEGIN)
+    assert compensator.frozen_doubts() == []
+    for k in range(BEGIN, BEGIN + 60):
+        seen = stream(compensator, day, k, k + 1)
+        said += compensator.frozen_doubts()
+        off_n = max((abs(n - knows[cell]) for cell, n in seen.items()), default=0.0)
+        off_cells += off_n > 4 * model.deviation['force_z'] and not (said or findings(compensator))
+    assert off_cells * PERIOD_S <= 60
+    assert 'thermometer 2 has read the same for' in said[0]
+    assert findings(compensator), 'and it is replaced'
 
 
 def test_two_that_are_exchanged_are_named(learn, make_day):

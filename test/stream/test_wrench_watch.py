@@ -24,19 +24,20 @@ def test_a_reading_that_stays_is_frozen_until_bits_have_changed_for_some_time():
 
 
 @pytest.mark.parametrize(
-    ('stays_at', 'saturated'), [((-500.0, 200.0), ('force_y', 'force_z')), ((2.0, 3.0), ())]
+    ('stays_at', 'since', 'fine'),
+    [((-500.0, 200.0), LOOKS, False), ((2.0, 3.0), LOOKS, True), ((2.0, 3.0), 0, True)],
+    ids=['at their extremes', 'inside their range', 'since the start'],
 )
-def test_an_axis_that_stays_at_its_extreme_is_saturated_and_one_that_never_moved_is_not(
-    stays_at, saturated
-):
+def test_axes_that_repeat_one_value_while_another_one_moves_are_stuck(stays_at, since, fine):
+    """One torque is 0 throughout, as of a sensor that has none."""
     watch = SensorWatch()
     noise = np.random.default_rng(0).normal(0, 1, (4 * LOOKS, 6)) * [1, 1, 1, 1, 1, 0]
-    readings = RAW + noise
+    readings = RAW + (noise if fine else np.round(noise))
+    readings[since:, 1:3] = stays_at
     look(watch, readings[:LOOKS])
-    assert watch.saturated == ()
-    readings[:, 1:3] = stays_at
+    assert watch.stuck == ()
     look(watch, readings[LOOKS:])
-    assert watch.saturated == saturated
+    assert watch.stuck == ('force_y', 'force_z')
     assert not watch.frozen
 
 
@@ -50,7 +51,7 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
         readings[40:, slice(None) if whole else 2] = 200.0
         for reading in readings:
             look(watch, reading)
-            found.append(watch.frozen if whole else watch.saturated == ('force_z',))
+            found.append(watch.frozen if whole else watch.stuck == ('force_z',))
     assert np.mean(found[240:]) == 1.0
 
 
@@ -62,4 +63,4 @@ def test_a_sensor_with_coarse_steps_or_few_readings_lives(step, looks):
         for _ in range(looks):
             watch.look(1, reading.tolist())
             assert not watch.frozen
-            assert not watch.saturated
+            assert not watch.stuck

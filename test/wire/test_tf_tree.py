@@ -47,6 +47,19 @@ def test_the_frames_may_lie_on_two_branches():
     assert gravity.root() == 'map'
 
 
+@pytest.mark.parametrize(('gap', 'turned'), [(0.1, 0.0), (5.0, 4.0)])
+def test_what_turned_unseen_is_known(gap, turned):
+    """Over a gap, and where a static transform comes again."""
+    gravity = GravityByTf('world', 'tool')
+    send(gravity, 'world', 'tool', [1.0, 1.0 + gap], turning([1.0, 1.0 + gap]))
+    ask(gravity, 1.0, 1.0 + gap)
+    seen = min(turned, 2 * np.pi - turned)
+    assert gravity.turned_unseen_rad == pytest.approx(seen)
+    for angle in (0.0, 0.0, 0.3):
+        send(gravity, 'tool', 'ft', 0, Rotation.from_euler('x', angle), static=True)
+    assert gravity.turned_unseen_rad == pytest.approx(max(seen, 0.3))
+
+
 @pytest.mark.parametrize('gap', [0.5, 0.52])
 def test_gaps_up_to_half_a_second_are_bridged(gap):
     gravity = GravityByTf('world', 'tool')

@@ -33,9 +33,9 @@ HELP = 'remove the drift from a recording'
 DESCRIPTION = """\
 Write a recording with compensated wrenches.
 In bags they come beside the raw ones, on a topic of their own. Of a table they
-replace them, in a CSV file with this package's columns and units; an empty
-column tells that it is compensated, which is refused here. An existing file or
-folder is never overwritten. Without a tare every axis keeps a constant offset."""
+replace them, in a CSV file with this package's columns and units, which is
+marked as compensated and not compensated again. An existing file or folder is
+never overwritten. Without a tare every axis keeps a constant offset."""
 EXAMPLES = """\
 examples:
   wrist_ft_comp compensate model.yaml run.csv -o compensated.csv

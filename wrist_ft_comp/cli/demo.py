@@ -20,23 +20,21 @@ from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.operate import Operator
+    from wrist_ft_comp.cli.operate import Operator, Watch
 
 _Process = subprocess.Popen[bytes]
 #: ROS domains whose ports Linux does not use for others; people choose from the other end.
 _DOMAINS = range(60, 101)
 #: A program that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 10.0
-#: The sensor is given up where it is silent for this time, s.
-_SILENCE_S = 30.0
-#: From the end of the first day to the beginning of the second, s.
-_NIGHT_S = 36_000
+#: How many times faster than real time the simulated robot works.
+_SPEED = 450.0
+#: A day is given up that takes this many times as long as it should.
+_PATIENCE = 10.0
 #: Mass of the tool of a robot at work, kg, and largest relative error of what is found.
 _TOOL_KG, _MASS_SHARE = 1.4, 0.05
 #: The drift of force_z has to become smaller by this factor; at work weight and contacts disturb.
 _RATIO, _RATIO_AT_WORK = 10.0, 5.0
-
-
 #: The days of the simulated robot: the duty cycle of the motor from each time on, s, and how long
 #: the day is, s. The sensor warms up, rests, works and cools; on day 2 it works otherwise.
 _DAYS = (
@@ -54,11 +52,11 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp demo
   wrist_ft_comp demo --at-work
-  wrist_ft_comp demo --seed 2 --output /tmp/demo
+  wrist_ft_comp demo --output /tmp/demo
 """
 _PLOT = (
-    'A simulated sensor drifts on two days of three hours, {speed:g} times as fast as real ones. '
-    'The node records day 1, learns the drift, and removes it on day 2; wait {minutes:.0f} min.'
+    f'A simulated sensor drifts on two days of three hours, {_SPEED:g} times as fast as a real '
+    'one. The node records day 1, learns the drift, and removes it on day 2. It takes two minutes.'
 )
 _NEXT = """\
 The node's model, its recordings and its log: {folder}
@@ -74,12 +72,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for the report, demo.html, and a folder of the node's (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        '--seed', type=options.number(0, 2**63 - 1), default=1, metavar='N',
-        help='specimen of the simulated sensor (default: %(default)s)')  # fmt: skip
-    parser.add_argument(
-        '--speed', type=options.number(0.1, 1000.0), default=450.0, metavar='TIMES',
-        help='how many times faster than real time (default: %(default)g)')  # fmt: skip
-    parser.add_argument(
         '--at-work', action='store_true',
         help='learn drift and tool from a robot that moves, picks up parts and presses on things',
     )  # fmt: skip
@@ -92,8 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     report = arguments.output / 'demo.html'
     REPORT.check_target(report)
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
-    seconds = sum(length_s for _, length_s in _DAYS) / arguments.speed
-    print_words([filled(_PLOT.format(speed=arguments.speed, minutes=1 + seconds / 60)), ''])
+    print_words([filled(_PLOT), ''])
     play(arguments, folder)
     store = ModelStore(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]
@@ -138,18 +129,15 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
         'calibration.reference': 'payload' if arguments.at_work else 'recorded',
         'gravity.source': 'imu' if arguments.at_work else 'none',
     }  # fmt: skip
-    heard: list[Any] = []
     with (
         NamedTemporaryFile('wb', dir=folder, prefix='log_', suffix='.txt', delete=False) as log,
         operating() as operator,
     ):
-        operator.hear('temperature', heard.append)
         for number, (duty, length_s) in enumerate(_DAYS):
             parameters: dict[str, object] = {
-                'run': number, 'seed': arguments.seed, 'speed': arguments.speed,
-                'start_stamp_s': float(heard[-1].header.stamp.sec + _NIGHT_S) if heard else 0.0,
+                'run': number, 'speed': _SPEED, 'start_stamp_s': 86_400.0 * (number + 1),
                 'wrench_rate': 500.0,
-                'temperature_rate': arguments.speed,  # one for every thermal cell of 1 s
+                'temperature_rate': _SPEED,  # one for every thermal cell of 1 s
                 'tool_mass': _TOOL_KG if arguments.at_work else 0.0,
                 'duty_cycle.start_s': [*duty], 'duty_cycle.level': [*duty.values()],
             }  # fmt: skip
@@ -161,7 +149,7 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
                 with process('simulated_sensor', parameters, log) as sensor:
                     programs = {'compensator': compensator, 'sensor': sensor}
                     with progress_bar(f'recording day {number + 1} of 2') as progress:
-                        listen(operator, heard, length_s, programs, progress)
+                        listen(operator, watch, length_s, programs, progress)
                 ask(operator, name, 'stop', watch)
                 if not number:
                     with waiting('the node calibrates'):
@@ -170,27 +158,31 @@ def play(arguments: argparse.Namespace, folder: Path) -> None:
 
 def listen(
     operator: 'Operator',
-    heard: list[Any],
+    watch: 'Watch',
     length_s: float,
     programs: Mapping[str, _Process],
     progress: Progress,
 ) -> None:
-    """Wait until a day has passed in the stamps, as long as both programs are alive."""
-    first_s, passed_s = 0, 0
-    while passed_s < length_s:
-        heard.clear()
-        operator.wait_for(lambda: heard, _SILENCE_S)
-        for program, started in programs.items():
-            if started.poll() is not None:
-                raise RecordingError(
-                    f'The {program} of the demonstration ended early, with exit code '
-                    f'{started.returncode}; see its log.'
-                )
-        if not heard:
-            raise RecordingError(f'The sensor has been silent for {_SILENCE_S:.0f} s.')
-        first_s = first_s or heard[0].header.stamp.sec
-        passed_s = heard[-1].header.stamp.sec - first_s
-        progress(min(passed_s / length_s, 1.0))
+    """Wait until the node has recorded a day, as long as both programs are alive."""
+
+    def ended() -> list[str]:
+        return [name for name, program in programs.items() if program.poll() is not None]
+
+    def is_over() -> bool:
+        status = watch.statuses.get('calibration')
+        recorded_s = float(status.values.get('recording_s', 0.0)) if status else 0.0
+        progress(min(recorded_s / length_s, 1.0))
+        return recorded_s >= length_s
+
+    if operator.wait_for(lambda: is_over() or ended(), _PATIENCE * length_s / _SPEED):
+        if is_over():
+            return
+        raise RecordingError(
+            f'The {" and the ".join(ended())} of the demonstration ended early; see its log.'
+        )
+    raise RecordingError(
+        f'The node did not record a day within {_PATIENCE * length_s / _SPEED:.0f} s; see its log.'
+    )
 
 
 def own_domain() -> dict[str, str]:

@@ -19,12 +19,12 @@ from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
-from wrist_ft_comp.report.advice import SAME_K
+from wrist_ft_comp.report.advice import IMU_TOPIC, SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
+from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.offline import thermometer_doubts
 
 HELP = 'judge a model on recordings'
@@ -85,10 +85,13 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     Gives what its report shows, and the numbers for scripts.
     """
     stored, judged = load_model(model), list[report_content.EvaluatedRecording]()
-    period_s, known = stored.model.period_ns / NANOSECONDS, stored.path.with_name(PAYLOADS)
+    period_s, topics = stored.model.period_ns / NANOSECONDS, topics or stored.topics
+    learnt: Learnt = {}
+    if 'payload' in {wanted, stored.reference}:
+        learnt = load_payloads(stored.path.with_name(PAYLOADS))
     for number, path in enumerate(paths):
         recording = read_recording(
-            path, period_s=period_s, topics=topics or stored.topics,
+            path, period_s=period_s, topics=topics,
             progress=part_of(progress, number, len(paths)))  # fmt: skip
         # What the model was learnt with, where the recording holds it, too.
         reference: Reference = wanted or 'unloaded'
@@ -104,7 +107,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         if reference == 'payload':
             work = learn_at_work([recording])
             compared, true = work.separation.drift[0], 'recorded'
-            others = [payload for payload, _ in load_payloads(known).values()]
+            others = [payload for payload, _ in learnt.values()]
             warnings += work.warnings
             warnings += tuple(
                 f'{recording.name} holds a payload of {payload.mass_kg:.2f} kg that is not in '
@@ -117,7 +120,15 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         warnings += range_warnings(stored, recording)  # of a recording that fits the model
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
-    content = report_content.evaluation_content(stored, judged, tare_s, paths)
+    # A node that runs this model needs the IMU by which its payloads were learnt.
+    sources = {
+        frame.source
+        for name, (_, frame) in learnt.items()
+        if name.startswith(f'{stored.path.stem}-')
+    }
+    if 'imu' in sources and not topics.force_source:
+        topics = replace(topics, imu=IMU_TOPIC)
+    content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     document = {
         'model': str(stored.path),
         'sha256': stored.sha256,

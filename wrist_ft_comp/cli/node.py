@@ -40,12 +40,7 @@ EXAMPLES = """\
 examples:
   wrist_ft_comp node record
   wrist_ft_comp node stop
-  wrist_ft_comp node calibrate
   wrist_ft_comp node tare --name left
-  wrist_ft_comp node reset_tare
-  wrist_ft_comp node identify_payload
-  wrist_ft_comp node adopt
-  wrist_ft_comp node rollback
   wrist_ft_comp node status
 """
 _LEVELS = {b'\0': 'ok', b'\1': 'WARNING', b'\2': 'ERROR', b'\3': 'STALE'}

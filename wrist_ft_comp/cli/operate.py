@@ -8,14 +8,13 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.errors import NodeError
 from wrist_ft_comp.ros.diagnostics import Status
-from wrist_ft_comp.ros.running import make_executor
-from wrist_ft_comp.ros.topics import OUTPUT, SLOW_SENSOR
+from wrist_ft_comp.ros.topics import OUTPUT
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0
@@ -34,7 +33,7 @@ class Operator:
 
     def __init__(self, context: Context, name: str = 'wrist_ft_comp_operator') -> None:
         self.node: Any = Node(name, context=context, use_global_arguments=False)
-        self.executor = make_executor(context)
+        self.executor = EventsExecutor(context=context)
         self.executor.add_node(self.node)
 
     def close(self) -> None:
@@ -98,10 +97,6 @@ class Operator:
                 f'{len(several)} compensators run: {", ".join(several)}. Choose one with --name.'
             )
         return several[0]
-
-    def hear(self, topic: str, take: Callable[[Any], None]) -> None:
-        """Hand the messages of a thermometer's topic over."""
-        self.node.create_subscription(Temperature, topic, take, SLOW_SENSOR)
 
     def introduce(self, name: str) -> None:
         """Ask a node something harmless until it answers: it drops answers to who is unknown."""

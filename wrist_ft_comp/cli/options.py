@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 import re
 import shlex
-from typing import Any, get_args, NoReturn, TypeVar
+from typing import Any, get_args, NoReturn
 
 from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.ranges import range_words
@@ -20,7 +20,6 @@ from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-Number = TypeVar('Number', int, float)
 RECORDING_HELP = (
     'a rosbag2 folder, a bare .mcap or .db3, or a table such as CSV; two tables with one clock '
     'are force.csv+temperature.csv (docs/files.md)'
@@ -48,17 +47,16 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f'{sentence} See {self.prog} --help.')
 
 
-def number(low: Number, high: float = math.inf, *, above: bool = False) -> Callable[[str], Number]:
-    """Make a parser, for ``add_argument``, of numbers from (or above) low to high: as low is."""
+def number(low: float, high: float = math.inf, *, above: bool = False) -> Callable[[str], float]:
+    """Make a parser, for ``add_argument``, of numbers from (or above) low to high."""
 
-    def parse(text: str) -> Number:
+    def parse(text: str) -> float:
         with suppress(ValueError):
-            value = type(low)(text)
+            value = float(text)
             if low <= value <= high and value < math.inf and not (above and value == low):
                 return value
-        what = 'a whole number' if isinstance(low, int) else 'a number'
-        what += f' {range_words(low, high, above=above)}'
-        raise argparse.ArgumentTypeError(f'expected {what}, got {text!r}')
+        words = range_words(low, high, above=above)
+        raise argparse.ArgumentTypeError(f'expected a number {words}, got {text!r}')
 
     return parse
 

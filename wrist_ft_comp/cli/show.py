@@ -11,29 +11,21 @@ import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
-from wrist_ft_comp.cli import options
+from wrist_ft_comp.cli import describe, options
 from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import RecordingError, StateFileError
-from wrist_ft_comp.fit.data_checks import silent_stretches
+from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
+from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
-from wrist_ft_comp.recordings import describe
+from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.log_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
+from wrist_ft_comp.report import days as figures
 from wrist_ft_comp.report.advice import run_command
-from wrist_ft_comp.report.days import (
-    date_of,
-    drift_left,
-    event_line,
-    events,
-    figures,
-    PICTURE,
-    summary,
-)
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.series import NANOSECONDS
@@ -75,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     path, folders = arguments.file, diaries.node_folders(arguments.file)
     if arguments.picture:
-        PICTURE.check_target(arguments.picture, [path])
+        figures.PICTURE.check_target(arguments.picture, [path])
         from wrist_ft_comp.report import pictures  # noqa: PLC0415 -- matplotlib
     figure, code = None, 0
     refusal = f'{path} is no recording, and no folder of a node that learns.'
@@ -124,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture:
         if figure is None:
             raise RecordingError(f'There is nothing to draw. {refusal}')
-        PICTURE.write(arguments.picture, pictures.png(figure))
+        figures.PICTURE.write(arguments.picture, pictures.png(figure))
     print_result(lines, document, as_json=arguments.json)
     return code
 
@@ -140,7 +132,7 @@ def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     warnings = [*filter(None, warnings)]
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
     node = {**vars(memory), 'change': diaries.last_change(diary.history)}
-    return {**figures(diary), 'node': node, 'warnings': warnings}, words
+    return {**figures.figures(diary), 'node': node, 'warnings': warnings}, words
 
 
 def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
@@ -165,22 +157,14 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
         low, high = thermometer['range_c']
         name = names[j] if j < len(names) else ''
         yield f'thermometer {j + 1}: calibrated from {low:.1f} to {high:.1f} °C{name}'
-    header = ['axis', 'unit', 'RMS before', 'after (held out)', 'drift of', 'time constants, s']
+    header = ['axis', 'unit', 'before', 'left', 'removes drift of', 'chosen']
     rows = [
         [axis, axis_unit(axis), rounded(entry['rms_before'], 4), rounded(entry['rms_after'], 4),
-         drifts_removed(stored.model.axes.get(axis)),
-         ', '.join(f'{tau:.0f}' for tau in entry['time_constants_s']) or '-']
+         drifts_removed(stored.model.axes.get(axis)), entry['chosen']]
         for axis, entry in axes.items()
     ]  # fmt: skip
     yield ''
     yield table(header, rows)
-    yield ''
-    said: dict[str, list[str]] = {}  # what is said of several axes is said once
-    for axis, entry in axes.items():
-        for words in (entry['chosen'], *entry['notes']):
-            said.setdefault(words, []).append(axis)
-    for words, named in said.items():
-        yield filled(words, f'{", ".join(named) if len(named) < len(axes) else "all axes"}: ')
     yield from (f'warning: {warning}' for warning in document['warnings'])
 
 
@@ -206,14 +190,10 @@ def _recording_lines(
         source = f' of {topics.imu}' if topics.imu else ''
         if topics.gravity_frame:
             source = f' by TF, if z of {topics.gravity_frame} is up'
-        moved = ', '.join(f'{spread:.2f}' for spread in force.spread)
-        yield (
-            f'specific force{source}: norm {force.norm:.4g} m/s²; along three directions gravity '
-            f'moved by {moved} m/s² (RMS), so {("none", "one", "two", "all")[force.seen]} of them '
-            f'{"was" if force.seen == 1 else "were"} seen'
+        yield filled(
+            f'specific force{source}: norm {force.norm:.4g} m/s². Gravity moved along '
+            f'{force.seen} of 3 directions; a payload needs 2: tilt the tool about two axes.'
         )
-        if force.seen < 2:
-            yield 'A payload needs gravity along two directions: tilt the tool about two axes.'
     yield from _use(summary, path, refusal)
     yield from (f'warning: {warning}' for warning in summary.warnings)
 
@@ -223,17 +203,14 @@ def _range(reads: tuple[float, float] | None) -> str:
     return '{:.1f} to {:.1f}'.format(*reads) if reads and reads[0] <= reads[1] else ''
 
 
-def _candidate_lines(candidates: Sequence[describe.Candidate]) -> Iterator[str | Table]:
+def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
     """Say how good the topics are that may be used; their names come last, whole, to be copied."""
     if not candidates:
         return
     yield '\nWhat could be used, with the values of temperatures as they are read:'
     yield table(
-        ['as', 'per second', 'values', 'topic'],
-        [
-            [c.role, rounded(c.rate_hz, 4) if c.rate_hz else '-', _range(c.reads), c.entry]
-            for c in candidates
-        ])  # fmt: skip
+        ['as', 'values', 'topic'], [[c.role, _range(c.reads), c.entry] for c in candidates]
+    )
     yield ''
     for candidate in candidates:
         if candidate.reads and (suffix := suffix_of(*candidate.reads)):
@@ -247,25 +224,18 @@ def _refusal(summary: describe.RecordingSummary, recording: Recording | None) ->
     if summary.is_open:
         return summary.refusal
     held = [channel.role for channel in summary.channels if channel.samples]
-    if lacks := [
-        part
-        for part in (describe.RAW_WRENCH, describe.TEMPERATURE)
-        if not any(part in h for h in held)
-    ]:
+    if lacks := [part for part in (RAW_WRENCH, TEMPERATURE) if not any(part in h for h in held)]:
         named = ' of that name' if any(c.role in lacks for c in summary.candidates) else ''
-        words = {describe.RAW_WRENCH: 'raw wrench in a form that can be read'}
+        words = {RAW_WRENCH: 'raw wrench in a form that can be read'}
         what = ' and no '.join(words.get(role, role) for role in lacks)
         return f'It holds no {what}{named}, so nothing can be learnt from it.'
     if summary.refusal or not recording:
         which = ' with these topics' if summary.candidates else ''
         return f'Nothing can be learnt from it{which}. {summary.refusal}'
-    present = recording.measured, np.isfinite(recording.wrench)
-    cells = [np.flatnonzero(samples.any(axis=1)) for samples in present]
-    if not all(map(len, cells)) or max(c[0] for c in cells) > min(c[-1] for c in cells):
-        return (
-            'Nothing can be learnt from it: wrenches and temperatures have no time in common. '
-            'Their drivers stamp by two clocks; let both stamp by that of ROS, and record again.'
-        )
+    try:
+        check_recordings([recording], 'unloaded', 0.0)
+    except CalibrationRefusedError as error:
+        return f'Nothing can be learnt from it. {error}'
     return ''
 
 
@@ -276,7 +246,7 @@ def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterat
         yield from _commands(summary, path)[:1] if summary.is_open else ()
         return
     if not summary.candidates:
-        yield f'Learn from it: {_commands(summary, path)[0]}'
+        yield f'\nLearn from it: {_commands(summary, path)[0]}'
         yield f'Judge it on another day: {_commands(summary, path)[1]}'
         # How a log's columns were understood, and how that is written once for all.
         topics = summary.topics or Topics()
@@ -284,8 +254,8 @@ def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterat
             said = 'It was read with the map of --columns.'
             if summary.guessed:
                 said = (
-                    'Its columns have names of another program; the map is a guess, above all the '
-                    'units. Put another one behind a column, such as :kN, :Nmm, :F or *9.81.'
+                    'Its columns have names of another program, so what they are is a guess. Look '
+                    'at the units. Write another one behind a column: :kN, :Nmm, :F, *9.81.'
                 )
             yield (
                 f'\n{said} Written once, into {MAP_FILE} beside the recordings, it needs no '
@@ -342,22 +312,21 @@ def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
     """Sum days up, put them into a table, and list what happened, and temperatures they saw."""
-    days, happened = diary.days[-MOST_DAYS:], events(diary)
+    days, happened = diary.days[-MOST_DAYS:], figures.events(diary)
     rows = []
     for day in days:
-        drift = drift_left(day)
+        drift = figures.drift_left(day)
         drifts = (*drift, 100 * drift.share)
         rows.append([
-            day.name.removesuffix('.csv'), date_of(day),
+            day.name.removesuffix('.csv'), figures.date_of(day),
             f'{day.hours:.1f}' if day.first_ns else '-',
             ' to '.join(f'{value:.1f}' for value in (*day.temperature_c, ())[0]) or '-',
             *('-' if np.isnan(value) else rounded(value) for value in drifts),
         ])  # fmt: skip
     header = ['day', 'date', 'hours', 'temperature, °C', 'drift, N', 'left, N', 'left, %']
-    newest = f' (newest {MOST_DAYS} of {len(happened)})' if len(happened) > MOST_DAYS else ''
     lines = [
-        f'What happened{newest}:' if happened else '',
-        *(event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
+        'What happened:' if happened else '',
+        *(figures.event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
         *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
         f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
@@ -366,7 +335,7 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     newest = f', of which the newest {MOST_DAYS}' if len(diary.days) > MOST_DAYS else ''
     head = [
         f'{directory}: days of a node that learns, {len(diary.days)}{newest}',
-        *map(filled, summary(diary)),
+        filled(figures.summary(diary)),
     ]
     return [*head, table(header, rows), '', *map(filled, filter(None, lines))]
 

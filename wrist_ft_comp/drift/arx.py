@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrist_ft_comp.errors import ModelFileError
+from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.series import FloatArray
+
+#: Most coefficients and longest first lag, cells, of a file's filter: poles and states are
+#: computed from them before it can run.
+_MOST_COEFFICIENTS = 100
+_LONGEST_LAG = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +31,12 @@ class Arx:
     b: FloatArray
     #: g, in cells; 0 is a direct term.
     first_lag: int = 0
+
+    def __post_init__(self) -> None:
+        if self.a.ndim != 1 or self.b.ndim != 1 or not len(self.b):
+            raise ModelFileError('a and b must be lists of numbers, b not empty.')
+        check_range('first_lag', self.first_lag, 0, _LONGEST_LAG)
+        check_range('number of coefficients', max(len(self.a), len(self.b)), 1, _MOST_COEFFICIENTS)
 
     @property
     def longest_lag(self) -> int:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx
+from wrist_ft_comp.drift.arx import Arx, static_gain
 from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
@@ -95,59 +95,57 @@ class AxisModel:
         return np.concatenate([part.poles for part in parts])
 
     @cached_property
-    def _thermometer_features(self) -> Features:
-        """Features of the thermometers themselves, to clamp them before a filter remembers."""
-        return replace(
-            self.features,
-            reference_c=self.reference_c,
-            lower_c=self.features.lower_c[: self.thermometers],
-            upper_c=self.features.upper_c[: self.thermometers],
-            knots_c=self.features.knots_c[: self.thermometers],
-        )
-
-    @cached_property
-    def _filter_bank(self) -> ArxPls | None:
-        """Write the filters as latents whose loadings only copy."""
-        if not self.filters:
-            return None
+    def _filter_bank(self) -> ArxPls:
+        """Write the filters, or else a gain of 1, as latents whose loadings only copy."""
         thermometers, filtered = self.thermometers, self.features.thermometers
+        filters = self.filters or (static_gain(),)
         return ArxPls(
             input_mean=np.zeros(thermometers), input_weight=np.ones(thermometers),
-            rotations=np.tile(np.eye(thermometers), len(self.filters)),  # (J, K·J)
-            latents=tuple(dynamics for dynamics in self.filters for _ in range(thermometers)),
+            rotations=np.tile(np.eye(thermometers), len(filters)),  # (J, K·J)
+            latents=tuple(dynamics for dynamics in filters for _ in range(thermometers)),
             output_loadings=np.eye(filtered), output_weight=np.ones(filtered),
             output_mean=np.zeros(filtered))  # fmt: skip
 
     def start(self, temperature_c: FloatArray) -> FloatArray:
         """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""
-        clamped = self._thermometer_features.clamp(temperature_c)
-        if self._filter_bank is None:
-            return self.dynamics.start(self.features.expand_within(clamped)).ravel()
-        before = self._filter_bank.start(clamped)
-        x = self.features.expand_within(np.tile(clamped, len(self.filters)))
-        return np.concatenate((before.ravel(), self.dynamics.start(x).ravel()))
+        clamped = self.features.clamp(temperature_c)
+        x = self.features.expand_within(np.tile(clamped, max(len(self.filters), 1)))
+        states = self._filter_bank.start(clamped), self.dynamics.start(x)
+        return np.concatenate([state.ravel() for state in states])
 
-    def run(
-        self, state: FloatArray, temperature_c: FloatArray, *, last_only: bool = False
-    ) -> tuple[FloatArray, FloatArray]:
-        """Advance by N cells, temperatures (N, J), drift (N, M), or (1, M) of the last."""
-        bank = self._filter_bank
-        before: FloatArray = state[:0]
-        filtered = self._thermometer_features.clamp(temperature_c)
-        if bank is not None:
-            size = int(np.prod(bank.state_shape))
-            before, filtered = bank.run(state[:size].reshape(bank.state_shape), filtered)
-            state = state[size:]
-        behind: FloatArray = state.reshape(self.dynamics.state_shape)
-        if last_only and not behind.size:  # what has no memory need not see the cells before
-            filtered = filtered[-1:]
+    def run(self, state: FloatArray, temperature_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Advance by N cells, temperatures (N, J), drift (N, M)."""
+        before, behind = self._split(state)
+        # Temperatures are clamped before a filter remembers them.
+        before, filtered = self._filter_bank.run(before, self.features.clamp(temperature_c))
         behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
-        after = np.concatenate((before.ravel(), behind.ravel()))
-        return after, outputs[-1:] if last_only else outputs
+        return np.concatenate((before.ravel(), behind.ravel())), outputs
+
+    def skip(self, state: FloatArray, temperature_c: FloatArray, cells: int = 1) -> FloatArray:
+        """Advance by N temperatures, (N, J), each for some cells; the state alone, quickly."""
+        before, behind = self._split(state)
+        if before.size and behind.size:  # the latents need every cell of the filters
+            return self.run(state, np.repeat(temperature_c, cells, axis=0))[0]
+        clamped = self.features.clamp(temperature_c)
+        before = self._filter_bank.skip(before, clamped, cells)
+        if behind.size:
+            behind = self.dynamics.skip(behind, self.features.expand_within(clamped), cells)
+        return np.concatenate((before.ravel(), behind.ravel()))
+
+    def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Split a state into those of the filters and of the latents, (R, L) each."""
+        shape = self._filter_bank.state_shape
+        size = int(np.prod(shape))
+        return state[:size].reshape(shape), state[size:].reshape(self.dynamics.state_shape)
+
+    @property
+    def range_c(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest calibrated temperature of each thermometer, °C, (J,)."""
+        features, count = self.features, self.thermometers
+        return features.lower_c[:count], features.upper_c[:count]
 
     def beyond_range(self, temperature_c: FloatArray) -> FloatArray:
         """Distance of each thermometer from its calibrated range, in ranges, (..., J)."""
-        calibrated = self._thermometer_features
-        low_c, high_c = calibrated.lower_c, calibrated.upper_c
+        low_c, high_c = self.range_c
         excess_k = temperature_c - np.clip(temperature_c, low_c, high_c)
         return np.asarray(np.abs(excess_k) / np.maximum(high_c - low_c, LEAST_RANGE_K))

@@ -54,9 +54,12 @@ class DriftModel:
                 'A model needs a positive thermal period and at least one thermometer; got '
                 f'{self.period_ns} ns and {self.thermometers}.'
             )
-        for name, axis in self.axes.items():
+        if self.prediction and len(self.prediction.constant_c) != self.thermometers:
+            raise ModelFileError('The prediction must be of as many thermometers.')
+        for name in (*self.axes, *self.deviation):
             if name not in AXES:
                 raise ModelFileError(f'Unknown axis {name!r}; expected one of {", ".join(AXES)}.')
+        for name, axis in self.axes.items():
             if axis.thermometers != self.thermometers:
                 raise ModelFileError(
                     f'{name} expects {axis.thermometers} thermometers, the model has '
@@ -239,16 +242,25 @@ def step(
 
 
 def run(
-    model: DriftModel, state: DriftState, temperature_c: FloatArray, *, last_only: bool = False
+    model: DriftModel, state: DriftState, temperature_c: FloatArray
 ) -> tuple[DriftState, Drift]:
-    """Advance by N cells, temperatures (N, J), drift (N, 6), or (1, 6) of the last."""
+    """Advance by N cells, temperatures (N, J), drift (N, 6)."""
     after: dict[str, FloatArray] = {}
-    drift = no_drift(1 if last_only else len(temperature_c))
+    drift = no_drift(len(temperature_c))
     for name, axis in model.axes.items():
-        after[name], outputs = axis.run(state[name], temperature_c, last_only=last_only)
+        after[name], outputs = axis.run(state[name], temperature_c)
         for part, values in zip(drift, outputs.T, strict=False):
             part[:, AXES.index(name)] = values
     return after, drift
+
+
+def skip(
+    model: DriftModel, state: DriftState, temperature_c: FloatArray, cells: int = 1
+) -> DriftState:
+    """Advance by N temperatures, (N, J), each for some cells; the state alone, quickly."""
+    return {
+        name: axis.skip(state[name], temperature_c, cells) for name, axis in model.axes.items()
+    }
 
 
 def correct(raw: FloatArray, drift: Drift, tare: FloatArray | float = 0.0) -> FloatArray:

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.series import FloatArray
 
 #: Clamped features follow temperatures up to this share of the calibrated span beyond it: drift
@@ -17,6 +18,8 @@ MARGIN = 0.2
 _FAR_MARGIN = 3.0
 #: Squares keep their curvature for this share of the calibrated span before they become tangents.
 _CURVED_SHARE = 0.33
+#: Highest power of a file's features.
+_HIGHEST_DEGREE = 10
 
 FeatureKind = Literal['powers', 'hats']
 #: How features go on outside the calibrated range.
@@ -47,10 +50,10 @@ class Features:
     beyond: Beyond = 'clamped'
 
     def __post_init__(self) -> None:
-        if self.kind == 'powers' and self.degree < 1:
-            raise SettingsError(
-                f'The degree of the features must be at least 1; got {self.degree}.'
-            )
+        check_range('degree', self.degree, 1, _HIGHEST_DEGREE)
+        for name in ('reference_c', 'lower_c', 'upper_c'):
+            if getattr(self, name).shape != (len(self.reference_c),):
+                raise SettingsError(f'{name} must hold a number for each thermometer.')
         if self.kind == 'hats':
             if len(self.knots_c) != len(self.reference_c):
                 raise SettingsError(
@@ -79,10 +82,11 @@ class Features:
         return len(self.expand_within(self.reference_c))
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
-        """Hold temperatures, °C, shape (..., J), within a margin of the calibrated range."""
-        share = MARGIN if self.beyond == 'clamped' else _FAR_MARGIN
-        margin = share * (self.upper_c - self.lower_c)
-        return np.asarray(np.clip(temperature_c, self.lower_c - margin, self.upper_c + margin))
+        """Hold temperatures of the first thermometers, °C, (..., J), near the calibrated range."""
+        count = temperature_c.shape[-1]
+        lower_c, upper_c = self.lower_c[:count], self.upper_c[:count]
+        margin = (MARGIN if self.beyond == 'clamped' else _FAR_MARGIN) * (upper_c - lower_c)
+        return np.asarray(np.clip(temperature_c, lower_c - margin, upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """

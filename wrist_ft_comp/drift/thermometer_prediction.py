@@ -34,6 +34,7 @@ class ThermometerPrediction:
     def __post_init__(self) -> None:
         count, thermometers = len(self.time_constants_s), len(self.constant_c)
         for name, shape in (
+            ('time_constants_s', (count,)),
             ('gains', (thermometers, count, thermometers)),
             ('still_k', (thermometers,)),
             ('silence_s', (thermometers,)),
@@ -44,6 +45,8 @@ class ThermometerPrediction:
                     f'{name} of the predicted thermometers must have shape {shape}; got '
                     f'{getattr(self, name).shape}. Restore the file.'
                 )
+            if name != 'gains' and not (getattr(self, name) >= 0).all():
+                raise ModelFileError(f'{name} of the predicted thermometers must not be negative.')
 
     def relax(self, relaxed_c: FloatArray, temperature_c: FloatArray, time_s: float) -> FloatArray:
         """Let relaxed temperatures, (K, J), follow constant ones, °C, (J,), for some time, s."""

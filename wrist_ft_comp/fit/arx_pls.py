@@ -149,8 +149,8 @@ def fit_one_step(segments: Sequence[Segment], orders: Orders) -> tuple[Arx, floa
         parts.append(values - values.mean(axis=0) if len(values) else values)
     if sum(map(len, parts)) <= orders.n + orders.m:
         raise TooShortError(
-            f'An ARX with {orders.n + orders.m} coefficients needs more runs of {longest + 1} '
-            'consecutive cells with samples than that. Record without gaps, use a longer thermal '
+            f'An ARX with {orders.n + orders.m} coefficients needs more than as many stretches of '
+            f'{longest + 1} consecutive thermal cells. Record without gaps, use a longer thermal '
             'period, or choose a static method.'
         )
     target, phi = np.split(np.concatenate(parts), [1], axis=1)

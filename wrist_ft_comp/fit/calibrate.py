@@ -7,6 +7,7 @@ This is the story; what each step decides is in the file that it is named after.
 from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -30,17 +31,13 @@ from wrist_ft_comp.fit.named_methods import (
 )
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.ridge_average import identify_auto
-from wrist_ft_comp.fit.segments import segment
+from wrist_ft_comp.fit.segments import MOVING, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, require_recordings
 from wrist_ft_comp.series import IntArray, Progress
-
-#: Readings that are off by more, RMS, are not those of a still sensor, N, and N m at a lever of
-#: 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-_MOVING = {'N': 1.0, 'N m': 0.1}
 
 
 def calibrate(
@@ -90,9 +87,8 @@ def calibrate(
     # Learn every axis; at work twice: with a model, drift is separated from payloads better.
     work = None
     if reference == 'payload':
-        work = learn_at_work(recordings)
-        _, model, _ = _learn(work.separation.drift, axes, folds, settings, lambda _: None)
-        work = learn_at_work(recordings, (work, model))
+        learn = partial(_learn, axes=axes, folds=folds, settings=settings, progress=lambda _: None)
+        work = learn_at_work(recordings, lambda drift: learn(drift)[1])
     learnt_from = work.separation.drift if work else recordings
     fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
@@ -109,7 +105,7 @@ def calibrate(
         unexplained = [
             f'{axis} {rounded(fit.rms_after, 2)} {fit.unit}'
             for axis, fit in fits.items()
-            if fit.rms_after > max(fit.rms_before / 2, _MOVING[fit.unit])
+            if fit.rms_after > max(fit.rms_before / 2, MOVING[fit.unit])
         ]
         if unexplained:
             warnings.append(
@@ -161,7 +157,7 @@ def _learn(
                 'auto.'
             )
         if data.tared:
-            limit = day_limit(data, fit.stated_rms)
+            limit = day_limit(data, fit.expected_rms)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))
@@ -174,7 +170,7 @@ def _learn(
     model = DriftModel(
         period_ns=recordings[0].period_ns, thermometers=recordings[0].thermometers,
         axes={axis: fit.model for axis, fit in fits.items() if fit.model is not None},
-        deviation={axis: fit.stated_rms for axis, fit in fits.items()},
+        deviation={axis: fit.expected_rms for axis, fit in fits.items()},
         day_limits={
             axis: fit.day_limit for axis, fit in fits.items() if np.isfinite(fit.day_limit)
         },

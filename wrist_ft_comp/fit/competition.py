@@ -83,18 +83,11 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
         model = anchor(data, model)
     weights = np.eye(len(names))[first + winner]
     fit = state_fit(data, model, chosen, left, names, weights, notes)
-    reason = f'{chosen} leaves {fit.rms_after:.3g} {fit.unit} RMS on held-out data'
-    if chosen != 'none':
-        reason += f', no compensation {fit.rms_before:.3g} {fit.unit}'
-    if len(squares) == 1:
-        reason += '; nothing else competed.'
-    elif best == chosen:
-        reason += f'; of {len(squares)} candidates it is the best.'
-    else:
-        reason += (
-            f'; of {len(squares)} candidates {best} is better, but by less than '
-            f'{100 * WORTHWHILE:.0f} % in mean square, and it is less simple.'
-        )
+    reason = (
+        f'{chosen} leaves {fit.rms_after:.3g} {fit.unit} RMS on held-out data, no compensation '
+        f'{fit.rms_before:.3g} {fit.unit}. Of {len(squares)} candidates it is the simplest within '
+        f'{100 * WORTHWHILE:.0f} % of the best in mean square, which is {best}.'
+    )
     return replace(fit, reason=reason)
 
 

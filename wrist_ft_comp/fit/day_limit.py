@@ -68,7 +68,7 @@ def largest_drift(data: AxisData) -> float:
     return max(drifts)
 
 
-def day_limit(data: AxisData, stated_rms: float) -> float:
+def day_limit(data: AxisData, rms: float) -> float:
     """Limit that the largest error of another day stays below; NaN where drift does so, too."""
-    limit = stated_rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
+    limit = rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     return limit if limit <= largest_drift(data) else np.nan

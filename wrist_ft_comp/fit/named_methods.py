@@ -20,16 +20,17 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
-from wrist_ft_comp.fit.binned_sums import (
-    bin_axis_data,
-    BinnedData,
-    build_axis_model,
-    sum_by_fold,
-)
 from wrist_ft_comp.fit.competition import compete, Fitted, Refit
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit
-from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, POOL_S
+from wrist_ft_comp.fit.ridge_average import (
+    bin_axis_data,
+    BinnedData,
+    build_axis_model,
+    LONG_BANK_S,
+    POOL_S,
+    sum_by_fold,
+)
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 

@@ -9,7 +9,7 @@ from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.payload.separation import Separation
+from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.series import FloatArray, IntArray
 
@@ -82,6 +82,9 @@ class AxisFit:
     rms_before: float
     #: The same of the winner, as it is stated of a day (``day_over_blocks``).
     rms_after: float
+    #: Root mean square that another day is expected to keep. It is larger where the averaged fits
+    #: disagree, and where a day goes further than the recordings.
+    expected_rms: float
     #: Time constants that were searched, increasing, s, ...
     time_constants_s: tuple[float, ...] = ()
     #: What had to be mended, and what could not be learnt, in sentences.
@@ -96,19 +99,11 @@ class AxisFit:
     held_out: HeldOut | None = None
     #: N or N m.
     unit: str = ''
-    #: Root mean square that another day is expected to keep; None is rms_after. It is larger where
-    #: the averaged fits disagree, and where a day goes further than the recordings.
-    expected_rms: float | None = None
     #: Error that another day stays below on 95 of 100 days; NaN where nothing can be promised.
     day_limit: float = np.nan
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
     #: where nothing is tared, as for a chamber test.
     largest_drift: float = np.nan
-
-    @property
-    def stated_rms(self) -> float:
-        """Root mean square that is stated of another day."""
-        return self.rms_after if self.expected_rms is None else self.expected_rms
 
     @property
     def harmful(self) -> bool:

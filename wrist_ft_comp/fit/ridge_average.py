@@ -2,24 +2,34 @@
 Method ``auto``: an average of 30 ridge fits, weighted by what they leave of recordings held out.
 
 Picking the best of many fits on three or four recordings is itself an overfit, so none is picked.
-All fits are vectors of gains of one pool of columns: powers of temperature behind relaxations,
-with load also a temperature behind a relaxation times the load, and the load (``binned_sums``). So
-their average is such a vector, too.
+All fits are vectors of gains of one pool of columns, so their average is such a vector, too:
+
+    r - w = Σ_τ Σ_f g_τf x_f(H_τ T)  +  w · Σ_τ Σ_f k_τf x_f(H_τ T)  +  s_0 w  +  c_segment
+
+with powers x_f of temperature behind relaxations H_τ; a segment is a recording, or what is between
+two of its tares. Samples are summed over bins first, within which features hardly change and loads
+do, and then over every fold of every segment, once for all fits. Columns are
+
+    [ 1 | x_f(H_τ T) … | r - w ]                              without load
+    [ 1 | x_f(H_τ T) … | w | w x_f(H_τ T) … | r - w ]         with load
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.drift.arx import free_run, relaxation, static_gain
+from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.axis_model import AxisModel
+from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
-from wrist_ft_comp.fit.binned_sums import bin_axis_data, build_axis_model, sum_by_fold
 from wrist_ft_comp.fit.competition import is_worth_running, state_fit
 from wrist_ft_comp.fit.folds import bin_means, HeldOutFold, tare
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.settings import IdentificationSettings
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
 COMBINATION = 'combination'
 #: Time constants of all banks of relaxations, s; 0 has no memory. With the longest alone 1.18
@@ -135,13 +145,13 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     names = ['none', *(fit.name for fit in fits)]
     fit = state_fit(data, model, COMBINATION if used else 'none', left, names, weights)
     before = f'no compensation leaves {fit.rms_before:.3g} {fit.unit} RMS'
-    reason = f'Nothing that was tried holds on held-out data: {before}.'
+    reason = f'No fit was better than none on data that it had not seen: {before}.'
     if used:
         heaviest = sorted(fit.candidates, key=lambda candidate: -candidate.weight)[:2]
         both = ' and '.join(f'{one.name} ({100 * one.weight:.0f} %)' for one in heaviest)
         reason = (
             f'An average of {len(fits)} fits leaves {fit.rms_after:.3g} {fit.unit} on held-out '
-            f'data, {before}; most weight have {both}.'
+            f'data, {before}. The largest shares: {both}.'
         )
     return replace(fit, reason=reason)
 
@@ -173,3 +183,138 @@ def weigh(left: Sequence[HeldOutFold], compared: Sequence[FloatArray]) -> FloatA
     weights /= weights.sum()
     none: FloatArray = np.eye(len(weights))[0]
     return weights if is_worth_running(left, weights) else none
+
+
+@dataclass(frozen=True, eq=False)
+class BinnedData:
+    """One axis over several recordings in bins: the tuples hold an array for every recording."""
+
+    #: Length of a cell, s, and how many cells a bin has.
+    period_s: float
+    cells: int
+    #: Means of each bin, °C, shape (n_i, J).
+    temperature_c: tuple[FloatArray, ...]
+    #: Sums over the samples of each bin of the products of 1, w (with load) and r - w, shape
+    #: (n_i, 3, 3) or (n_i, 2, 2): moments[:, 0, 0] counts samples.
+    moments: tuple[FloatArray, ...]
+    folds: tuple[IntArray, ...]
+    #: Number of the segment that each bin is in, (n_i,), counted through all recordings.
+    segments: tuple[IntArray, ...]
+
+    def relaxed(self, time_constants_s: FloatArray) -> list[FloatArray]:
+        """Run the bins' temperatures behind relaxations, as they run cell by cell: (n_i, K, J)."""
+        lags = [relaxation(tau, self.period_s, self.cells) for tau in time_constants_s]
+        return [
+            np.stack([free_run(lag, means_c) for lag in lags], axis=1)
+            for means_c in self.temperature_c
+        ]
+
+    def mean_columns(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
+        """Put all columns together, means of some bins of a recording: x is (n, K·F)."""
+        means = self.moments[recording][rows, 0] / self.moments[recording][rows, 0, :1]
+        products = means[:, :, np.newaxis] * _with_constant(x)[:, np.newaxis]
+        return np.asarray(products.reshape(len(x), -1)[:, : -x.shape[1]])  # no x (r - w)
+
+
+def _with_constant(x: FloatArray) -> FloatArray:
+    """Put the column 1 before others."""
+    return np.concatenate((np.ones((len(x), 1)), x), axis=1)
+
+
+def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
+    """Sum an axis over bins of some cells."""
+    moments, segments, means_c, first_segment = [], [], [], 0
+    for i, residual in enumerate(data.residual):
+        load = () if data.load is None else (data.load[i],)
+        values = np.stack((np.ones_like(residual), *load, residual), axis=1)
+        values[~np.isfinite(values).all(axis=1)] = 0.0
+        starts = np.arange(0, len(values), cells)
+        products = values[:, :, np.newaxis] * values[:, np.newaxis]
+        moments.append(np.add.reduceat(products, starts))
+        temperature_sums = np.add.reduceat(data.temperature_c[i], starts, axis=0)
+        means_c.append(temperature_sums / np.diff(starts, append=len(values))[:, np.newaxis])
+        middle = starts + (cells - 1) / 2
+        segments.append(first_segment + np.searchsorted(sorted(data.steps[i]), middle, 'right'))
+        first_segment += len(data.steps[i]) + 1
+    return BinnedData(
+        data.period_s, cells, tuple(means_c), tuple(moments),
+        folds=tuple(folds[::cells] for folds in data.folds), segments=tuple(segments))  # fmt: skip
+
+
+class SumsByFold(NamedTuple):
+    """Sums over the samples of B pairs of segment and fold, of products of all P columns."""
+
+    #: Shape (B, P, P); the first row holds sums of the columns, and first of all their count.
+    products: FloatArray
+    #: Shape (B,).
+    segment: IntArray
+    fold: IntArray
+
+    def centred(self, keep: BoolArray) -> FloatArray:
+        """Sum the products of some pairs, each segment centred by itself: (P, P)."""
+        whole = total = np.asarray(self.products[keep].sum(axis=0))
+        for segment in np.unique(self.segment[keep]):
+            inside = self.products[keep & (self.segment == segment)].sum(axis=0)
+            count, sums = inside[0, 0], inside[0]
+            total = total - np.outer(sums, sums) / count
+        # A column that is constant within each segment holds nothing; rounding must not pretend.
+        silent = np.diagonal(total) <= ROUNDING * np.diagonal(whole)
+        total[silent] = 0.0
+        total[:, silent] = 0.0
+        return total
+
+
+def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
+    """Sum products of all columns over every fold of every segment; features are (n_i, K·F)."""
+    products, pairs = [], []
+    for i, x in enumerate(features):
+        used = data.moments[i][:, 0, 0] > 0
+        pair_of_bin = np.stack((data.segments[i], data.folds[i]), axis=1)
+        for pair in np.unique(pair_of_bin[used], axis=0):
+            rows = used & (pair_of_bin == pair).all(axis=1)
+            moments, columns = data.moments[i][rows], _with_constant(x[rows])
+            # 1, w and r - w, each times 1 and x; the last of these, x (r - w), are no columns.
+            weighed = moments[..., np.newaxis] * columns[:, np.newaxis, np.newaxis]
+            parts, width = moments.shape[1], columns.shape[1]
+            whole = (weighed.reshape(len(columns), -1).T @ columns).reshape(
+                parts, parts, width, width
+            )
+            whole = whole.swapaxes(1, 2).reshape(parts * width, parts * width)
+            products.append(whole[: -x.shape[1], : -x.shape[1]])
+            pairs.append(pair)
+    segment, fold = np.transpose(pairs)
+    return SumsByFold(np.array(products), segment, fold)
+
+
+def build_axis_model(
+    features: Features, time_constants_s: FloatArray, gains: FloatArray, period_s: float
+) -> AxisModel | None:
+    """
+    Write gains of all columns but r - w in the form that runs; all gains zero give None.
+
+    Relaxations become filters, and all filtered temperatures one set of features. Soaked at T_ref
+    there is no zero drift.
+    """
+    count = len(time_constants_s)
+    by_output = gains.reshape(-1, 1 + count * features.width)  # (M, 1 + K·F)
+    of_features = by_output[:, 1:]
+    if not of_features.any():
+        return None
+    if features.kind == 'powers':  # from relaxation, power, thermometer to power first
+        shape = len(of_features), count, features.degree, features.thermometers
+        of_features = of_features.reshape(shape).swapaxes(1, 2).reshape(len(of_features), -1)
+    joined = replace(
+        features, reference_c=np.tile(features.reference_c, count),
+        lower_c=np.tile(features.lower_c, count), upper_c=np.tile(features.upper_c, count),
+        knots_c=features.knots_c * count)  # fmt: skip
+    outputs, inputs = of_features.shape
+    # Each output is a static latent (eq. 10): rotations are its gains, and loadings copy it.
+    dynamics = ArxPls(
+        input_mean=np.zeros(inputs), input_weight=np.ones(inputs),
+        rotations=np.ascontiguousarray(of_features.T), latents=(static_gain(),) * outputs,
+        output_loadings=np.eye(outputs), output_weight=np.ones(outputs),
+        output_mean=np.zeros(outputs))  # fmt: skip
+    bank = tuple(relaxation(tau, period_s) for tau in time_constants_s.tolist())
+    model = AxisModel(joined, dynamics, bank if time_constants_s.any() else ())
+    x = np.tile(features.expand(features.reference_c), count)
+    return model.anchored([0.0, *(by_output[1:, 0] + by_output[1:, 1:] @ x)])

@@ -20,18 +20,15 @@ from wrist_ft_comp.recording import Recording, Reference, time_in
 from wrist_ft_comp.series import noise_level, ROUNDING
 from wrist_ft_comp.steps import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
 
-#: What is shorter than half of this is no level of a reading, but a contact or a spike, s. Of a
-#: longer touch both ends are steps.
-_LEVEL_S = BESIDE_S
-#: In a log of a row in up to half of that, a level is at least this many samples: three of them
-#: may be a contact.
+#: In a log of a row in up to a minute, a level is at least this many samples: three of them may be
+#: a contact.
 _LEVEL_SAMPLES = 7
 #: A reading stands out by this share of the axis' range (and as a step does, by its noise): sudden
 #: heat bends less within two minutes.
 _OUTLYING_SHARE = 0.2
-#: Readings that scatter by more around their level are not those of a still sensor, N; torques at
-#: a lever of 0.1 m. The noise of the worst that was seen is 0.2 N in means over a second.
-_MOVING_N = 1.0
+#: Readings that scatter by more are not those of a still sensor, N, and N m at a lever of 0.1 m.
+#: The noise of the worst that was seen is 0.2 N in means over a second.
+MOVING = {'N': 1.0, 'N m': 0.1}
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
@@ -49,24 +46,27 @@ def segment(
     Every step is kept in ``Recording.steps``, for a constant of its own, and named. The sentences
     say what was found. CalibrationRefusedError where a load moves, or steps too often.
     """
+    if reference in {'recorded', 'payload'}:  # the load is known
+        return list(recordings), []
     segmented, sentences = list[Recording](), list[str]()
     for recording in recordings:
-        still = recording
-        weighed = reference == 'payload' and recording.specific_force is not None
-        if reference != 'recorded' and not weighed:
-            still, outliers = _without_outliers(recording, reference)
-            still, steps = _without_steps(still)
-            sentences += outliers + steps
+        still, outliers = _without_outliers(recording, reference)
+        still, steps = _without_steps(still)
+        sentences += outliers + steps
         segmented.append(still)
     return segmented, sentences
 
 
 def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recording, list[str]]:
-    """Make readings NaN that stand out from the level of minutes, and say so."""
+    """
+    Make readings NaN that stand out from the level of two minutes, and say so.
+
+    What is shorter than half of that is no level, but a contact or a spike. Of a longer touch both
+    ends are steps.
+    """
     wrench, sentences, swings = recording.wrench.copy(), list[str](), list[str]()
-    declared = reference.replace('payload', 'constant, as there is no specific force')
-    least = _LEVEL_SAMPLES if recording.period_s <= _LEVEL_S / 2 else 3
-    width = max(2 * round(_LEVEL_S / 2 / recording.period_s) + 1, least)
+    least = _LEVEL_SAMPLES if recording.period_s <= BESIDE_S / 2 else 3
+    width = max(2 * round(BESIDE_S / 2 / recording.period_s) + 1, least)
     for axis in recording.axes_present:
         column = AXES.index(axis)
         at = np.flatnonzero(np.isfinite(recording.wrench[:, column]))
@@ -82,7 +82,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         )
         outlying = distance > limit
         # A sample of a slow log may stand between two that agree, however wide the range is.
-        moving = _MOVING_N * (1.0 if axis_unit(axis) == 'N' else 0.1)
+        moving = MOVING[axis_unit(axis)]
         alone = np.abs(raw[1:-1] - (raw[:-2] + raw[2:]) / 2)
         is_lone = alone > max(SMALLEST_SIGMA * noise_level([raw]), moving)
         outlying[1:-1] |= is_lone & (np.abs(raw[2:] - raw[:-2]) < alone / 2)
@@ -97,7 +97,7 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
         if share > MOST_LEFT_OUT and len(cells) > 1:
             raise CalibrationRefusedError(
                 f'{axis} of {recording.name} moves by up to {size} for {100 * share:.0f} % '
-                f'of the time, although the load was declared {declared}, first at {first}: the '
+                f'of the time, although the load was declared {reference}, first at {first}: the '
                 'robot moved, or something touched the sensor. Record again without, or record '
                 'what makes it known: the specific force (--reference payload) or the load itself '
                 '(--reference recorded).'
@@ -110,10 +110,10 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     if swings:
         sentences.insert(
             0,
-            f'{recording.name} swings around its levels of {_LEVEL_S:.0f} s, RMS: '
-            f'{", ".join(swings)}, although the load was declared {declared}. Did the robot move, '
-            'or does something vibrate? Record again standing still, or with the specific force '
-            '(--reference payload).',
+            f'{recording.name} swings around its levels of {BESIDE_S:.0f} s, RMS: '
+            f'{", ".join(swings)}, although the load was declared {reference}. Did the robot '
+            'move, or does something vibrate? Record again standing still, or with the specific '
+            'force (--reference payload).',
         )
     return replace(recording, wrench=wrench), sentences
 

@@ -61,7 +61,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     for name in sorted(set(names) - set(judged) - {newest}):
         before = [judged[other] for other in sorted(judged) if other < name]
         entry = describe_day(name, look, before, champion_of(name))
-        late = f'{drift_words(entry)}It was judged late, so that no new model was tried.'
+        late = f'{drift_words(entry)}This day was judged late, and no model was learnt after it.'
         judged[name] = replace(entry, verdict=late)
     before = [judged[name] for name in sorted(judged)]
     choice = take(newest, look, before, champion_of(newest), names, since, job.settings)
@@ -71,7 +71,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     answer: dict[str, Any] = {'success': True, 'learnt': False, 'paused': diary.paused}
     troubles, advice = [entry.incident], ''
     if lost:
-        troubles.append(f'{lost} The days are judged anew; diary.json.kept is the first such one.')
+        troubles.append(f'{lost} The days are judged again; the damaged file is diary.json.kept.')
     with _noted(troubles, 'A better model is lost'):
         if choice.better is not None:
             learnt = [path for path in job.recordings if path.name in choice.days]

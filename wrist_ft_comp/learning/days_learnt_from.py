@@ -6,12 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import DayEntry, Diary, TOOL
+from wrist_ft_comp.learning.diary import DayEntry, Diary, LEARNT_FROM
 from wrist_ft_comp.learning.working_day import days, size_of
 from wrist_ft_comp.stored.own_file import writing
-
-#: Days of these kinds are learnt from.
-LEARNT_FROM = ('', TOOL)
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -21,23 +22,22 @@ from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import Kind, to_plain
 
 KIND = Kind(
-    name='diary', says='wrist_ft_comp diary', version=2, keeps=True,
+    name='diary', says='wrist_ft_comp diary', version=2,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then nothing is learnt.')  # fmt: skip
 MEMORY = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
-    keeps=True, max_bytes=1_000_000, error=StateFileError,
+    max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; until then a restart may forget an offered model.')  # fmt: skip
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
-#: Forces and torques, in the axis order.
+#: Forces, in the axis order.
 FORCES = slice(AXES.index('torque_x'))
-TORQUES = slice(FORCES.stop, None)
 #: Coarse temperatures: of the first thermometer, and the differences of the others from it.
 Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.
@@ -45,14 +45,13 @@ NONE = 'none'
 #: Key of what a new model leaves: a fit to the other days that it was learnt from.
 CHALLENGER = 'challenger'
 
-#: Kinds of incidents on days from which nothing is learnt.
-UNREADABLE, CONTACTS, THERMOMETER = 'unreadable', 'contacts', 'thermometer'
-#: Another tool: the drift of that day is learnt all the same.
-TOOL = 'tool'
-#: Kinds of incidents that change the sensor: its zero, its gain or mounting.
-ZERO, SENSOR = 'zero', 'sensor'
-#: Days of these kinds stop learning.
-PAUSING = (ZERO, SENSOR)
+#: What happened on a day: nothing; what only that day cannot be learnt from; another tool, whose
+#: drift is learnt all the same; or what changed the sensor, its zero, or its gain or mounting.
+IncidentKind = Literal['', 'unreadable', 'contacts', 'thermometer', 'tool', 'zero', 'sensor']
+#: Days of these kinds are learnt from, ...
+LEARNT_FROM: tuple[IncidentKind, ...] = ('', 'tool')
+#: ... and days of these kinds stop learning.
+PAUSING: tuple[IncidentKind, ...] = ('zero', 'sensor')
 #: Good days that have to come before learning goes on after an incident, before the noise of days
 #: is usual, and before a model is judged that a person chose.
 DAYS_TO_AGREE = 3
@@ -83,7 +82,7 @@ class DayEntry:
     #: What happened to the sensor, with size and time; empty when nothing did.
     incident: str = ''
     #: Kind of that incident.
-    kind: str = ''
+    kind: IncidentKind = ''
     #: Whether a model was learnt.
     challenged: bool = False
     #: File of the better model that was found after this day; empty where none was.
@@ -108,9 +107,9 @@ class DayEntry:
         drift = np.maximum(self.left.get(NONE, unknown), 1e-12)
         return np.asarray(np.array(self.left.get(model, unknown)) / drift)
 
-    def rms_left(self, model: str, axes: slice = FORCES) -> float:
-        """Compute the RMS that a model left of a force's drift, N, or of a torque's, or NaN."""
-        values = np.array(self.left.get(model, ())[axes])
+    def rms_left(self, model: str) -> float:
+        """Compute the RMS that a model left of a force's drift, N, or NaN."""
+        values = np.array(self.left.get(model, ())[FORCES])
         present = values[np.abs(values) < LARGEST]
         return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
 

@@ -18,20 +18,20 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.axis_model import LEAST_RANGE_K
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import drop_unknown_temperatures, jumping_thermometers
+from wrist_ft_comp.fit.data_checks import (
+    drop_unknown_temperatures,
+    idle_thermometers,
+    jumping_thermometers,
+)
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
-from wrist_ft_comp.learning.days_learnt_from import LEARNT_FROM
 from wrist_ft_comp.learning.diary import (
-    CONTACTS,
     DayEntry,
     DAYS_TO_AGREE,
+    IncidentKind,
+    LEARNT_FROM,
     NONE,
     PAUSING,
-    SENSOR,
-    THERMOMETER,
-    TOOL,
-    ZERO,
 )
 from wrist_ft_comp.learning.separated_day import Day
 from wrist_ft_comp.payload.mass_and_center import LEVER_M, MISFIT
@@ -39,7 +39,7 @@ from wrist_ft_comp.payload.minute_of_motion import LEAST_FREE
 from wrist_ft_comp.payload.payload_states import cells_in
 from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording, time_in
-from wrist_ft_comp.series import differ, FloatArray
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import BESIDE_S
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
@@ -58,7 +58,7 @@ _LEAST_JUMP_SIGMA = 50.0
 #: four minutes of contact in a fast warm-up.
 _JUMP_TOLERANCE = 0.25
 #: Kind of the incident, and a sentence.
-Incident = tuple[str, str]
+Incident = tuple[IncidentKind, str]
 
 
 def incident(
@@ -71,10 +71,10 @@ def incident(
     explains of this day; that is no jump of the zero.
     """
     if trouble := _thermometer_trouble(day.recording):
-        return THERMOMETER, trouble
+        return 'thermometer', trouble
     # Simulated days were in contact for 0.20 to 0.30 of the time.
     if day.contact >= 1 - LEAST_FREE or day.unexplained >= MISFIT:
-        return CONTACTS, (
+        return 'contacts', (
             f'Something pushed on the sensor most of the day: {day.contact:.0%} of the time was '
             f'in contact, and no payload explains {day.unexplained:.0%} of the changes between '
             'poses.'
@@ -89,10 +89,10 @@ def incident(
     # On ordinary days it was up to 1.9; half of the limit would refuse such days.
     if ratios[axis] < UNUSUAL:
         return '', ''
-    return CONTACTS, (
+    return 'contacts', (
         f'The scatter of {AXES[axis]} is {entry.noise[axis]:.2g}, {ratios[axis]:.1f} times that '
         'of the days before: noise, or a robot that stands still while its gripper takes parts. '
-        'Drift cannot be told from that.'
+        'No drift can be found in such readings.'
     )
 
 
@@ -114,10 +114,9 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
 
 def _thermometer_trouble(recording: Recording) -> str:
     """Say which thermometer stands still, is silent, or jumps; empty where none does."""
-    spans_k = np.ptp(recording.temperature_c, axis=0)
-    for j, values_c in enumerate(recording.temperature_c.T):
-        if not differ(values_c, values_c[0]).any() and spans_k.max() > LEAST_RANGE_K:
-            return f'Thermometer {j + 1} read {values_c[0]:.1f} °C all day.'
+    moved = np.ptp(recording.temperature_c, axis=0).max() > LEAST_RANGE_K
+    if moved and (idle := idle_thermometers([recording])):
+        return idle[0]
     try:
         _, sentences = drop_unknown_temperatures([recording], CalibrationSettings().max_gap_s)
     except CalibrationRefusedError as error:
@@ -127,13 +126,13 @@ def _thermometer_trouble(recording: Recording) -> str:
 
 def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
     """Compare today's gains with s · R times those of the days before."""
-    past = [gains for other in before if other.kind != CONTACTS for gains in _gains(other)]
+    past = [gains for other in before if other.kind != 'contacts' for gains in _gains(other)]
     today = _gains(entry)
     if not past:
         return None
     if not today:  # one day without a payload may be chance
         lost = f'The weight of the days before is not found any more: {day.doubt}'
-        return (SENSOR, lost) if day.doubt and not before[-1].payloads else None
+        return ('sensor', lost) if day.doubt and not before[-1].payloads else None
     if any(_are_same(one, other) for one in today for other in past):
         return None
     masses = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in entry.payloads)
@@ -146,14 +145,14 @@ def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incid
         scaled = [scale * gains @ rotation for gains in past]
         if all(any(_are_same(one, other) for other in scaled) for one in today):
             angle_deg = np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1)))
-            return SENSOR, (
+            return 'sensor', (
                 f'All payloads weigh {scale:.2f} times what they did ({masses} kg now), and the '
                 f'sensor is turned by {angle_deg:.0f}° against its accelerometer, since the start '
                 'of the day: its gain, its mounting or the frame of the specific force changed.'
             )
     newest = [other.payloads for other in before if other.payloads][-1]
     masses_before = ' and '.join(f'{mass_kg:.2f}' for mass_kg, *_ in newest)
-    return TOOL, f'Another tool: payloads of {masses} kg, before {masses_before} kg.'
+    return 'tool', f'Another tool: payloads of {masses} kg, before {masses_before} kg.'
 
 
 def _gains(entry: DayEntry) -> list[FloatArray]:
@@ -210,13 +209,13 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
             continue  # heat, or a press that ends where nothing is free of contact
         for weight in _changes_of_weight(day, at, near):
             if np.linalg.norm(weight / noise - jump) < tolerated:
-                return CONTACTS, (
+                return 'contacts', (
                     f'The reading stepped at {time_in(recording, at)} by what the payloads of '
                     'the day differ by, as where a robot is parked with a part for long: its '
                     'drift cannot be learnt.'
                 )
         sizes = ', '.join(f'{axis_jump:.2g}' for axis_jump in step.jump)
-        return ZERO, (
+        return 'zero', (
             f'The zero jumped at {time_in(recording, at)} by {sizes} (N and N m), and no tare '
             'of the driver did that: an overload?'
         )

@@ -21,16 +21,8 @@ from wrist_ft_comp.fit.competition import HARMFUL_FOLD
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.days_learnt_from import good_days, LEARNT_FROM, worthiest
-from wrist_ft_comp.learning.diary import (
-    CHALLENGER,
-    CONTACTS,
-    DayEntry,
-    DAYS_TO_AGREE,
-    NONE,
-    THERMOMETER,
-    UNREADABLE,
-)
+from wrist_ft_comp.learning.days_learnt_from import good_days, worthiest
+from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, NONE
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
@@ -89,7 +81,7 @@ def describe_day(
         entry = replace(describe(day), name=name, live=champion.key)
         if not day.drift.axes_present:
             sentence = 'No cell of the day was free of contact: its drift is unknown.'
-            return replace(entry, kind=CONTACTS, incident=sentence)
+            return replace(entry, kind='contacts', incident=sentence)
         drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
@@ -100,10 +92,10 @@ def describe_day(
                 entry = replace(entry, left={**entry.left, champion.key: by_live})
         kind, sentence = incident(day, entry, before, drift)
         if distrusted and not kind:
-            kind, sentence = THERMOMETER, f'On this day {"; ".join(distrusted)}.'
+            kind, sentence = 'thermometer', f'On this day {"; ".join(distrusted)}.'
     except WristFtCompError as error:
         sentence = f'This day cannot be judged: {error}'
-        return DayEntry(name, live=champion.key, kind=UNREADABLE, incident=sentence)
+        return DayEntry(name, live=champion.key, kind='unreadable', incident=sentence)
     return replace(entry, kind=kind, incident=sentence)
 
 
@@ -226,8 +218,8 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     new = sum(day.name > chosen for day in good)
     if chosen and new < DAYS_TO_AGREE:
         return False, (
-            f'A person chose the live model; it is kept for {DAYS_TO_AGREE} more good days ({new} '
-            'so far).'
+            'A person chose the live model; it is kept until '
+            f'{DAYS_TO_AGREE} good days have passed ({new} so far).'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
     grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS
@@ -241,7 +233,9 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     for day in good[last + 1 :]:
         if shares.get(day.name, 0.0) > bad_share:
             return True, f'the live model did badly on {day.name}'
+    more = int(np.ceil(awaited)) - grown
     return False, (
-        f'No new model was learnt: a new one is tried after {np.ceil(awaited):.0f} more good days '
-        f'({grown} so far), or after a day with a bad result.'
+        f'No new model was learnt. The next one is learnt after {more} more good '
+        f'{"day" if more == 1 else "days"}, or after a day on which the live model leaves more '
+        f'than {_BAD_RATIO:g} times its usual share of the drift.'
     )

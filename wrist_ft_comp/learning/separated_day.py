@@ -1,17 +1,24 @@
 """A day at work, separated into payload, contacts and drift; what models leave of the drift."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
+from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
+from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.learn_at_work import payloads_of
+from wrist_ft_comp.payload.learn_at_work import (
+    payloads_of,
+    separate,
+    separate_again,
+)
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
-from wrist_ft_comp.payload.separation import separate, separate_again, slow_drift, SLOW_S
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
@@ -51,8 +58,10 @@ class Day:
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
     separation = separate([recording])
-    if recording.duration_s > SLOW_S:  # without a model, a press of over a minute looks like drift
-        separation = separate_again(separation, slow_drift(separation))
+    # Without a model, a press of over a minute looks like drift.
+    with suppress(CalibrationRefusedError):
+        model = calibrate(separation.drift, CalibrationSettings('recorded')).model
+        separation = separate_again(separation, [simulate_drift(model, recording).zero])
     cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
     doubts = bodies.doubts()
     # Gravity has to move enough in the sensor's frame to tell weight from drift.

@@ -6,6 +6,7 @@ A day ends by its stamps alone: after DAY_NS, a silence of SILENCE_NS, or where 
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from decimal import Decimal
 from math import isnan
 import os
 from pathlib import Path
@@ -15,13 +16,9 @@ from typing import NamedTuple
 from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.drift.drift_model import differences
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import origin_column, sensor_in
-from wrist_ft_comp.recordings.table_form import (
-    CsvRecordingWriter,
-    nanoseconds,
-)
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning, writing
+from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column, sensor_in
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS
@@ -74,7 +71,8 @@ def span_of(path: Path) -> Span | None:
     whole = tail[: tail.rfind(b'\n') + 1]
     rows = whole.split(b'\n')
     try:
-        first, last = (nanoseconds(row.split(b',')[0].decode()) for row in (head[1], rows[-2]))
+        stamps = (Decimal(row.split(b',')[0].decode()) for row in (head[1], rows[-2]))
+        first, last = (round(stamp * NANOSECONDS) for stamp in stamps)
         return Span(head[0].decode(), first, last, start + len(whole))
     except (ArithmeticError, IndexError, ValueError):
         return None

@@ -11,11 +11,11 @@ from geometry_msgs.msg import WrenchStamped
 
 from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
-from wrist_ft_comp.node.jobs import CalibrateService, IdentifyService
+from wrist_ft_comp.node.external_wrench import ExternalWrench
+from wrist_ft_comp.node.jobs import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recorder import Recorder, RecordService
+from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
@@ -36,9 +36,9 @@ from wrist_ft_comp.wire.temperature_source import parse_sources
 #: taken and the first model goes live (LiveModel) before its thermal state goes on (StateKeeper).
 #: Their constructors are called in ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
-    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder, RecordService,
-    CalibrateService, DriftTopic, TareService, SpecificForceInput,
-    ExternalWrench, IdentifyService, Learner,
+    WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder,
+    Jobs, DriftTopic, TareService, SpecificForceInput,
+    ExternalWrench, Learner,
 )  # fmt: skip
 _STREAM = StreamSettings()
 #: Parameters of the stream itself, which all parts share, and of all parts.
@@ -133,8 +133,7 @@ class CompensatorNode(Hub):
     def _make_parts(self, chosen: dict[str, Any]) -> tuple[Part, ...]:
         """Make one of each of PARTS; they meet here, and start in ``run``."""
         store, stream, counts = self.store, self.compensator, self.counts
-        source, writer = chosen['gravity.source'], FileWriter()
-        self.writer = writer
+        self.writer = writer = FileWriter()
         self.live = live = LiveModel(
             store=store, sensor=self.sensor, compensator=stream, counts=counts, writer=writer
         )
@@ -148,28 +147,25 @@ class CompensatorNode(Hub):
             thermometers=self.thermometers, compensator=stream, counts=counts,
             specific_force=self.specific_force, live=live, state_keeper=self.state_keeper,
         )  # fmt: skip
-        self.recorder = Recorder(stream, self.sensor, with_force=source != 'none')
-        self.recording = RecordService(recorder=self.recorder, store=store, writer=writer)
-        files = PayloadFiles(store.directory / 'models', live, source)
-        self.external = ExternalWrench(
-            compensator=stream, files=files, specific_force=self.specific_force, counts=counts
+        self.recorder = Recorder(
+            stream, self.sensor, store, writer, with_force=chosen['gravity.source'] != 'none'
         )
-        self.identification = IdentifyService(
-            compensator=stream, external=self.external, files=files, full_topics=self.full_topics
+        self.external = ExternalWrench(
+            compensator=stream, live=live, specific_force=self.specific_force, counts=counts
         )
         self.tare = TareService(
             compensator=stream, external=self.external, wrenches=self.wrench_input,
             state_keeper=self.state_keeper,
         )  # fmt: skip
-        self.calibration = CalibrateService(
-            live=live, recording=self.recording, full_topics=self.full_topics
+        self.jobs = Jobs(
+            live=live, recorder=self.recorder, external=self.external, full_topics=self.full_topics
         )
-        self.learning = Learner(live=live, calibration=self.calibration, recorder=self.recorder)
+        self.learning = Learner(live=live, jobs=self.jobs, recorder=self.recorder)
         self.drift_topic = DriftTopic(stream, counts)
         return (
             self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,
-            self.recording, self.calibration, self.drift_topic, self.tare,
-            self.specific_force, self.external, self.identification, self.learning,
+            self.jobs, self.drift_topic, self.tare,
+            self.specific_force, self.external, self.learning,
         )  # fmt: skip
 
     def _on_wrench(self, data: bytes) -> None:

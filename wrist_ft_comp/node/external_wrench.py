@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollecto
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
 from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
@@ -43,40 +44,14 @@ _NORM_DEVIATION = 0.03
 #: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
 #: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
 _LEAP_RAD_S = 30.0
-
-
-class PayloadFiles:
-    """
-    The files of learnt payloads: in the node's own folder, and beside the live model.
-
-    ``source`` is the parameter gravity.source.
-    """
-
-    def __init__(self, models: Path, live: LiveModel, source: str) -> None:
-        self.own_path, self._live, self.source = models / PAYLOADS, live, source
-
-    def payloads(self) -> Learnt:
-        """Read all payloads, oldest first; of two with the same name, the node's own one."""
-        stored, own = self._live.stored, load_payloads(self.own_path)
-        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**beside, **own}
-
-    def frames(self, here: FrameIds) -> dict[str, ForceFrame]:
-        """
-        Find the frames that were learnt with this source and this sensor, oldest first.
-
-        Those are the frames learnt with the live model, or by this node under the same frame_ids.
-        An empty frame_id is not compared.
-        """
-        stored, own = self._live.stored, load_payloads(self.own_path)
-        stem = None if stored is None else stored.path.stem
-        return {
-            name: frame
-            for name, (_, frame) in self.payloads().items()
-            if frame.source == self.source
-            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
-            and not changed_frames(frame, here)
-        }
+#: More of the wrenches than this share without fresh specific force are a warning.
+_MISSED_SHARE = 0.1
+#: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
+#: one of the frame on the robot.
+_UNSEEN_DEG = 3.0
+#: The weight is in doubt where it changes by more than this share in the time by which specific
+#: force is behind the wrench.
+_BEHIND_SHARE = 0.05
 
 
 def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
@@ -91,16 +66,16 @@ class ExternalWrench(Part):
     """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
     compensator: Compensator
-    files: PayloadFiles
+    live: LiveModel
     specific_force: SpecificForceInput
     counts: Counts
-    #: Wrenches that were not published because specific force was too old.
+    #: Wrenches that came, and those that were not published because specific force was too old.
+    came: int = 0
     missed: int = 0
     #: What is mounted and taken off; None when no payload is active.
     payload: LivePayload | None = None
     #: Averages the minute in which a payload is being identified; None when none is.
     collector: MotionCollector | None = None
-    hub: Hub = field(init=False)
     #: Whether the wrench moves with the weight of the payload.
     check: WeightCheck = field(default_factory=WeightCheck)
     #: The payload before the present one.
@@ -108,6 +83,8 @@ class ExternalWrench(Part):
     #: Whether a payload was identified, and so carried, while none was active.
     _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
+    #: By how much specific force was behind the wrenches since the last report, ns, together.
+    _behind_ns: int = 0
     #: The specific forces of the last reports, while new ones come.
     _felt: deque[Force] = field(default_factory=lambda: deque(maxlen=_REPORTS))
 
@@ -135,6 +112,34 @@ class ExternalWrench(Part):
         self.output, self.publish = output, output.publish
         self._hold(self._choose(self.hub.chosen()))
 
+    @property
+    def own_path(self) -> Path:
+        """The file of the payloads that this node has learnt; others lie beside the live model."""
+        return self.live.store.directory / 'models' / PAYLOADS
+
+    def payloads(self) -> Learnt:
+        """Read all payloads, oldest first; of two with the same name, the node's own one."""
+        stored, own = self.live.stored, load_payloads(self.own_path)
+        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
+        return {**beside, **own}
+
+    def frames(self) -> dict[str, ForceFrame]:
+        """
+        Find the frames that were learnt with this source and this sensor, oldest first.
+
+        Those are the frames learnt with the live model, or by this node under the same frame_ids.
+        An empty frame_id is not compared.
+        """
+        stored, own = self.live.stored, load_payloads(self.own_path)
+        stem, here = '' if stored is None else stored.path.stem, self.specific_force.frames()
+        return {
+            name: frame
+            for name, (_, frame) in self.payloads().items()
+            if frame.source == self.specific_force.source
+            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
+            and not changed_frames(frame, here)
+        }
+
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
         self._unnamed |= collector is not None and self.payload is None
@@ -148,13 +153,14 @@ class ExternalWrench(Part):
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], data: bytes, layout: Layout) -> None:
         """Subtract the payload from one wrench and publish it; its header stays as it is."""
-        forces = self.specific_force.forces
+        forces, self.came = self.specific_force.forces, self.came + 1
         if stamp_ns - forces.newest_ns > _FRESH_NS:
             self.hub.do(self.specific_force, self.specific_force.poll)
         force = forces.at(stamp_ns)
         if force is None:
             self.missed += 1
             return
+        self._behind_ns += stamp_ns - forces.newest_ns
         external = self.compensator.correct(stamp_ns, raw, external=True)
         if self.payload is not None:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
@@ -163,11 +169,18 @@ class ExternalWrench(Part):
 
     def on_specific_force(self, _stamp_ns: int, _force: Force, speed: float | None) -> None:
         """Find a frame of the wrench that was moved on the robot; only TF shows it."""
-        if self.files.source == 'tf' and speed is not None and speed > _LEAP_RAD_S:
+        if self.specific_force.source != 'tf':
+            return
+        how, unseen_deg = '', self.specific_force.turned_unseen_deg()
+        if speed is not None and speed > _LEAP_RAD_S:
+            how = f'turned at {speed:.0f} rad/s'
+        elif unseen_deg > _UNSEEN_DEG:
+            how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
+        if how:
             self.compensator.doubt_zero(
-                f'by TF the frame of the wrench turned at {speed:.0f} rad/s: it was moved on the '
-                'robot, perhaps by another TCP. Drift, payload and tare are those of the frame '
-                'before; go back to it, or call ~/tare'
+                f'by TF the frame of the wrench {how}: if it was moved on the robot, perhaps by '
+                'another TCP, then drift, payload and tare are those of the frame before; go back '
+                'to it, or call ~/tare'
             )
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
@@ -237,9 +250,9 @@ class ExternalWrench(Part):
                 )
             # With TF no rotation is needed. That of an IMU is the newest learnt one.
             frames = self.specific_force.frames()
-            if self.files.source == 'tf':
+            if self.specific_force.source == 'tf':
                 return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
-            if found := list(self.files.frames(frames).items()):
+            if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
             if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
                 said = f'because both frame_ids are {frames.wrench_frame}'
@@ -252,14 +265,14 @@ class ExternalWrench(Part):
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
                 'differ. Call ~/identify_payload first; that takes a minute of motion.'
             )
-        learnt = self.files.payloads()
+        learnt = self.payloads()
         if name not in learnt:
             raise SettingsError(
                 f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        source, frame = self.files.source, learnt[name][1]
+        source, frame = self.specific_force.source, learnt[name][1]
         # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
         learnt_by = frame.source
         if not learnt_by:
@@ -267,8 +280,8 @@ class ExternalWrench(Part):
         if learnt_by != source:
             raise SettingsError(
                 f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '
-                f'is {source}: another frame. Learn it again with ~/identify_payload, or start '
-                'the node with the source of then.'
+                f'is {source}, which has another frame. Learn the payload again with '
+                '~/identify_payload, or start the node with the old gravity.source.'
             )
         turned = f'learnt with it by {frame.source or "an unknown source"}'
         return LivePayload(name, *learnt[name], turned)
@@ -276,7 +289,7 @@ class ExternalWrench(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
         payload, count = self.payload, self.specific_force.forces.count
-        grown, elapsed_s = self._growth.since(forces=count, missed=self.missed)
+        grown, elapsed_s = self._growth.since(forces=count, came=self.came, missed=self.missed)
         numbers = {
             'active': str(payload or 'none'),
             'turn': 'none' if payload is None else payload.turn,
@@ -306,15 +319,24 @@ class ExternalWrench(Part):
             self._felt.append(newest[1])
         else:
             self._felt.clear()
-        if grown['missed'] and wrench is not None:
+        if grown['missed'] > _MISSED_SHARE * grown['came'] and wrench is not None:
             apart_s = abs(wrench[0] - newest[0]) / NANOSECONDS
             if apart_s > _APART_S and grown['forces']:
                 yield f'wrench and specific force are {apart_s:.0f} s apart: two clocks; {rests}'
             else:
                 yield f'specific force is older than gravity.timeout, or stays away; {rests}'
+        weighed = max(grown['came'] - grown['missed'], 1)
+        behind_ns, self._behind_ns = self._behind_ns // weighed, 0
+        before = forces.at(newest[0] - behind_ns) if behind_ns > 0 else None
+        if before is not None and math.dist(newest[1], before) > _BEHIND_SHARE * GRAVITY:
+            yield (
+                f'specific force is {behind_ns / NANOSECONDS:.3f} s behind the wrench, and '
+                f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
+                'wrong in motion; mend its clock, or let it come faster'
+            )
         frame = ForceFrame() if payload is None else payload.frame
         if len(self._felt) == _REPORTS:
-            if len(set(self._felt)) == 1 and self.files.source == 'imu':
+            if len(set(self._felt)) == 1 and self.specific_force.source == 'imu':
                 yield 'specific force has not changed by a bit for seconds; is the IMU frozen?'
             off = np.linalg.norm(frame.turn(np.array(self._felt)), axis=1) / GRAVITY - 1
             if min(off) > _NORM_DEVIATION or max(off) < -_NORM_DEVIATION:

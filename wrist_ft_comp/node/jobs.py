@@ -1,7 +1,7 @@
 """What runs in a process of its own: how jobs are made and awaited, and the parts that ask."""
 
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 import sys
 import time
@@ -9,23 +9,23 @@ from typing import Any, get_args
 
 import numpy as np
 
+from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.jobs.job_process import CalibrationJob, JobProcess, Minute
-from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
+from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import LiveModel
-from wrist_ft_comp.node.recorder import RecordService
+from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.payload.live_weight import CELL_S, MotionCollector
 from wrist_ft_comp.payload.weight import ForceFrame
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.payload_file import IDENTIFIED
-from wrist_ft_comp.stream.compensator import Compensator
 
 #: The process that runs a job.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.entry')
@@ -53,17 +53,17 @@ def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
 
 
 @dataclass(eq=False, kw_only=True)
-class CalibrateService(Part):
+class Jobs(Part):
     """
-    Runs a calibration in a process of its own, and makes the jobs of learning, too.
+    Runs calibrations and identifications of payloads, and makes the jobs of learning, too.
 
     ``full_topics`` gives the full names of topics.
     """
 
     live: LiveModel
-    recording: RecordService
+    recorder: Recorder
+    external: ExternalWrench
     full_topics: Callable[[], Topics]
-    hub: Hub = field(init=False)
 
     title = 'calibration'
     parameters = (
@@ -112,40 +112,6 @@ class CalibrateService(Part):
             )
         return self.make_job(recordings, skip_unusable=not named)
 
-    def statuses(self) -> Iterator[Status]:
-        """Report recording, running calibration, and last outcome."""
-        recording = self.recording.current
-        answer, is_refused = self.hub.answers.get('~/calibrate', ('none yet', False))
-        numbers = {'last': answer}
-        level, message = OK, 'recording' if recording else 'idle'
-        if recording is not None:
-            numbers['recording'] = str(self.recording.path)
-            numbers |= {'recorded_cells': str(recording.rows), **self.recording.spans()}
-        if (running_s := self.hub.running_s('~/calibrate')) is not None:
-            message = f'running for {running_s:.0f} s'
-        elif trouble := self.recording.failure or self.recording.recorder.doubt():
-            level, message = WARN, trouble
-        elif is_refused:
-            level, message = WARN, f'the last one was refused: {answer}'
-        yield Status(self.title, level, message, numbers)
-
-
-@dataclass(eq=False, kw_only=True)
-class IdentifyService(Part):
-    """
-    Collects a minute of wrenches, lets a job identify the payload, and answers its name.
-
-    ``full_topics`` gives the full names of topics.
-    """
-
-    compensator: Compensator
-    external: ExternalWrench
-    files: PayloadFiles
-    full_topics: Callable[[], Topics]
-    hub: Hub = field(init=False)
-
-    title = 'identification'
-
     @service(
         '~/identify_payload',
         'learns what is mounted from a minute of motion, while the drift model runs; answers with '
@@ -153,13 +119,13 @@ class IdentifyService(Part):
     )
     def identify(self, _: Any) -> Work:
         """Collect a minute of stamps, let a job identify the payload, and say how to use it."""
-        external = self.external
+        external, stream = self.external, self.live.compensator
         if external.specific_force.forces.newest is None:
             raise CalibrationRefusedError(
                 'No specific force has come. Set gravity.source to imu or tf, and look whether '
                 'that is published.'
             )
-        if not self.compensator.compensating:
+        if not stream.compensating:
             raise CalibrationRefusedError(
                 'No drift model runs, and drift would be taken for weight. Calibrate first, or '
                 'wait for the first temperature.'
@@ -167,8 +133,8 @@ class IdentifyService(Part):
         collector = MotionCollector()
         external.collect(collector)
         try:
-            tare, share, heard_s = self.compensator.external_tare, 0.0, time.monotonic()
-            while collector.share < 1 and self.compensator.external_tare is tare:
+            tare, share, heard_s = stream.external_tare, 0.0, time.monotonic()
+            while collector.share < 1 and stream.external_tare is tare:
                 if collector.share != share:
                     share, heard_s = collector.share, time.monotonic()
                 if time.monotonic() - heard_s > _PATIENCE_S:
@@ -177,17 +143,17 @@ class IdentifyService(Part):
                         'Look at the diagnostics, input and payload, then call again.'
                     )
                 yield
-            if self.compensator.external_tare is not tare:  # the wrenches made a step
+            if stream.external_tare is not tare:  # the wrenches made a step
                 raise CalibrationRefusedError(
                     'The tare or the model changed meanwhile. Call again.'
                 )
             # The accelerometer is as a calibration found it, which a minute can do no better.
-            frames, calibrated = self.files.frames(external.specific_force.frames()), None
+            frames, calibrated = external.frames(), None
             for name, frame in frames.items():
                 if not name.startswith(f'{IDENTIFIED}-'):
                     calibrated = frame.bias.tolist(), frame.scale.tolist()
-            minute = Minute(collector.cells, CELL_S, tuple(self.files.payloads()), calibrated)
-            job = CalibrationJob((), self.files.own_path, topics=self.full_topics(), minute=minute)
+            minute = Minute(collector.cells, CELL_S, tuple(external.payloads()), calibrated)
+            job = CalibrationJob((), external.own_path, topics=self.full_topics(), minute=minute)
             outcome = yield from run_job(job)
         finally:
             external.collect(None)
@@ -197,3 +163,24 @@ class IdentifyService(Part):
             f'param set {self.hub.get_fully_qualified_name()} payload.active {outcome["name"]}'
         )
         return '\n'.join([use, *outcome['driver_lines']])
+
+    def statuses(self) -> Iterator[Status]:
+        """Report recording, running calibration, and last outcome."""
+        recorder, recording = self.recorder, self.recorder.current
+        answer, is_refused = self.hub.answers.get('~/calibrate', ('none yet', False))
+        numbers = {'last': answer}
+        level, message = OK, 'recording' if recording else 'idle'
+        if recording is not None:
+            numbers['recording'] = str(recorder.path)
+            numbers['recorded_cells'] = str(recording.rows)
+            numbers['recording_s'] = f'{recording.rows * recorder.period_s:g}'
+            for j in range(self.live.compensator.thermometers):
+                if span := recording.spans.get(temperature_channel(j)):
+                    numbers[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
+        if (running_s := self.hub.running_s('~/calibrate')) is not None:
+            message = f'running for {running_s:.0f} s'
+        elif trouble := recorder.failure or recorder.doubt():
+            level, message = WARN, trouble
+        elif is_refused and recording is None:
+            level, message = WARN, f'the last one was refused: {answer}'
+        yield Status(self.title, level, message, numbers)

@@ -19,11 +19,11 @@ from wrist_ft_comp.errors import (
 from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.learning.working_day import DayFiles, SILENCE_NS
-from wrist_ft_comp.node.jobs import CalibrateService, run_job
+from wrist_ft_comp.node.jobs import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.series import NANOSECONDS
@@ -84,9 +84,8 @@ class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
 
     live: LiveModel
-    calibration: CalibrateService
+    jobs: Jobs
     recorder: Recorder
-    hub: Hub = field(init=False)
     mode: str = 'off'
     #: Why parameters do not allow learning; empty when they do.
     why_not: str = ''
@@ -142,8 +141,8 @@ class Learner(Part):
             memory = load_memory(directory)
         except StateFileError as error:
             broken = (
-                'It is forgotten what the newest day said, and which model was offered: '
-                f'{error} learning.json.kept is the first such file.'
+                'The verdict on the newest day and the offered model are lost: '
+                f'{error} The damaged file is kept as learning.json.kept.'
             )
             self.hub.log.warning(broken)
         self.memory = memory or Memory(self.live.sha256, incident=broken)
@@ -214,7 +213,7 @@ class Learner(Part):
         """Let a job judge the newest day, remember what it says, and offer the model it found."""
         newest, log = days[-1].name, self.hub.log
         kept_mb = 0.8 * self.hub.chosen()['learning.max_mb']  # leaves room for the present day
-        job = self.calibration.make_job(
+        job = self.jobs.make_job(
             days, reference='payload', skip_unusable=True,
             learning=Learning(tuple(self.live.history), kept_mb),
         )  # fmt: skip

@@ -12,7 +12,7 @@ from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredMode
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stored.model_file import load_model
@@ -37,7 +37,6 @@ class LiveModel(Part):
     compensator: Compensator
     counts: Counts
     writer: FileWriter
-    hub: Hub = field(init=False)
     #: Why the right model is not live, or will not be live after a restart.
     problem: str = ''
     #: The live model; None is no compensation.
@@ -87,11 +86,16 @@ class LiveModel(Part):
             elif self.sha256 != given.sha256:
                 now = 'no model' if self.stored is None else self.stored.path
                 log.warning(
-                    f'model_file is {given.path} as at the last start, and {now} was made live '
-                    'after that: the latter goes on. Call ~/rollback, or set model_file while '
-                    'running, to go back.'
+                    f'model_file is {given.path} as at the last start. After that {now} was made '
+                    'live, and goes on. Call ~/rollback, or set model_file while running, to go '
+                    'back.'
                 )
         if self.stored is not None:
+            if self.stored.sha256 != self.history[-1].sha256:
+                self.problem = (
+                    f'{self.stored.path} has changed since it was live, and runs as it is now; '
+                    'set model_file to it if that is right, or call ~/rollback'
+                )
             self._make_live(self.stored)
 
     def end(self) -> None:

@@ -1,11 +1,11 @@
-"""The parts that average what the node's own recordings get, and that answer ~/record."""
+"""The part that averages what the node's own recordings get, and that answers ~/record."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
@@ -16,16 +16,17 @@ from wrist_ft_comp.channels import (
     LARGEST,
     REFERENCE_CHANNELS,
     SensorNames,
-    temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
-from wrist_ft_comp.ros.hub import Hub, Part, Vector
+from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
+from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import (
     CellAverager,
@@ -39,6 +40,8 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
 LACKING_S = 60.0
+#: The answer of ~/record warns where more than this share of the rows holds no wrench.
+_LACKING_SHARE = 0.1
 
 
 @dataclass(eq=False)
@@ -51,8 +54,9 @@ class OwnRecording:
     rows: int = 0
     #: Why the disk refused; nothing more is written after that. None while all is well.
     error: RecordingError | None = None
-    #: By channel, how many of the newest rows have no value of it.
+    #: By channel, how many of the newest rows, and of all, have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
+    lacked: Counter[str] = field(default_factory=Counter)
     #: By channel, its least and its largest value.
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -65,6 +69,7 @@ class OwnRecording:
                 for channel, value in zip(channels, values, strict=True):
                     if math.isnan(value):
                         self.lacking[channel] += 1
+                        self.lacked[channel] += 1
                         continue
                     self.lacking[channel] = 0
                     least, most = self.spans.get(channel, (value, value))
@@ -75,27 +80,33 @@ class OwnRecording:
 
 class Recorder(Part):
     """
-    Feeds all recordings that run; while there is none, it hears no wrenches.
+    Feeds all recordings that run, and starts and ends the one of ``~/record``.
 
-    Its cells have the length that thermal cells have without a model, and keep it, whichever model
-    goes live. ``sensor`` gives the names of the sensor.
+    While none runs, it hears no wrenches, and no reference wrench while that of ``~/record`` does
+    not. Its cells have the length that thermal cells have without a model, and keep it, whichever
+    model goes live. ``sensor`` gives the names of the sensor; ``writer`` waits for the disk.
     """
 
-    title = 'recorder'
-    hub: Hub
+    title = 'recording'
+    topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
     def __init__(
-        self, compensator: Compensator, sensor: Callable[[], SensorNames], *, with_force: bool
-    ) -> None:
-        self.thermometers = thermometers = compensator.thermometers
+        self, compensator: Compensator, sensor: Callable[[], SensorNames], store: ModelStore,
+        writer: FileWriter, *, with_force: bool,
+    ) -> None:  # fmt: skip
+        self._compensator, self._with_force = compensator, with_force
+        self._store, self._writer, self.sensor = store, writer, sensor
         #: Names of a row's values.
-        self.channels = row_channels(thermometers, with_force=with_force)
-        self.sensor = sensor
+        self.channels = row_channels(compensator.thermometers, with_force=with_force)
         #: Length of a row's cell, s and ns.
         self.period_s = compensator.settings.thermal_period_s
         self.period_ns = round(NANOSECONDS * self.period_s)
-        self._compensator, self._with_force = compensator, with_force
         self._running: list[OwnRecording] = []
+        #: That of ``~/record``, its file, or that of the last one, and its subscription.
+        self.current: OwnRecording | None = None
+        self.path, self._reference = Path(), cast('Any', None)
+        #: Why the last one ended early; empty when it did not.
+        self.failure = ''
 
     def doubt(self) -> str:
         """Say what a recording lacks that it needs, or had before, for LACKING_S; else empty."""
@@ -115,7 +126,8 @@ class Recorder(Part):
 
     def begin_recording(self, writer: Any) -> OwnRecording:
         """Feed a new recording from now on, until ``finish`` or until its disk refuses."""
-        averager = CellAverager(self.period_ns, self.thermometers, with_force=self._with_force)
+        thermometers = self._compensator.thermometers
+        averager = CellAverager(self.period_ns, thermometers, with_force=self._with_force)
         recording = OwnRecording(averager, writer)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
@@ -123,9 +135,9 @@ class Recorder(Part):
 
     def finish(self, recording: OwnRecording) -> None:
         """Write all that a recording gets, and let go of it; its owner closes its writer."""
-        if recording in self._running:
-            self._running.remove(recording)
+        if recording.error is None:
             recording.write(self.channels, recording.averager.rows(final=True))
+        self._running = [other for other in self._running if other is not recording]
         self.hub.listen(self, wanted=bool(self._running))
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
@@ -139,6 +151,16 @@ class Recorder(Part):
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         for recording in self._running:
             recording.averager.add_force(stamp_ns, specific_force, speed)
+
+    def on_reference(self, data: bytes) -> None:
+        """Take one reference wrench."""
+        try:
+            stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
+        except RecordingError:
+            return
+        # The comparison is false for NaN.
+        if self.current is not None and math.hypot(*reference) < LARGEST:
+            self.current.averager.add(REFERENCE, stamp_ns or self.hub.now_ns(), reference)
 
     def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
@@ -159,32 +181,13 @@ class Recorder(Part):
         """Write the rows there are; a full disk ends a recording, not the stream."""
         for recording in tuple(self._running):
             recording.write(self.channels, recording.averager.rows())
-            if recording.error is not None:
-                self._running.remove(recording)
-                self.hub.listen(self, wanted=bool(self._running))
-
-
-@dataclass(eq=False, kw_only=True)
-class RecordService(Part):
-    """
-    Starts and ends the node's own recording, and hears the reference wrench meanwhile.
-
-    ``writer`` waits for the disk at its end, so that no wrench does.
-    """
-
-    recorder: Recorder
-    store: ModelStore
-    writer: FileWriter
-    hub: Hub = field(init=False)
-    #: The recording that runs, and its file, or that of the last one.
-    current: OwnRecording | None = None
-    path: Path = Path()
-    #: Why the last one ended early; empty when it did not.
-    failure: str = ''
-    _reference: Any = None
-
-    title = 'recording'
-    topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
+            if recording.error is None:
+                continue
+            self.finish(recording)
+            if recording is self.current:
+                self.failure = self._ended(str(recording.error), recording.rows)
+                self.hub.log.error(self.failure)
+                self._close()
 
     @service(
         '~/record', "starts (data: true) or ends (data: false) the node's own recording", SetBool
@@ -194,23 +197,22 @@ class RecordService(Part):
         if request.data:
             return self.begin()
         if (recording := self.current) is None:
-            raise RecordingError(self.failure or 'No recording runs. Start one with data: true.')
+            raise RecordingError(self.failure or 'No recording runs. Start one with ~/record.')
         problems: list[str] = []
         self._close(problems.append)
         while not problems:
             yield
         if problem := str(recording.error or problems[0]):
             raise RecordingError(self._ended(problem, recording.rows))
-        return (
-            f'recorded {recording.rows} thermal cells '
-            f'({recording.rows * self.recorder.period_s:.0f} s) into {self.path}'
-        )
+        rows, lacks = recording.rows, ''
+        lost = min(recording.lacked[axis] for axis in AXES)
+        if not rows or lost > max(_LACKING_SHARE * rows, 1):
+            lacks = f'{rows - lost} of {rows} cells hold wrench and temperature; see the status'
+        said = f'recorded {rows} thermal cells ({rows * self.period_s:.0f} s) into {self.path}'
+        return warned(said, lacks)
 
     def begin(self) -> str:
-        """Start recording; say where to."""
-        from wrist_ft_comp.recordings import table_form  # noqa: PLC0415 -- rare
-        from wrist_ft_comp.recordings.read_options import origin_column  # noqa: PLC0415
-
+        """Start the recording of ``~/record``; say where to."""
         if self.current is not None:
             raise RecordingError(
                 f'A recording runs already, into {self.path}. End it first, with data: false.'
@@ -220,58 +222,31 @@ class RecordService(Part):
         take = self.hub.guarded(self, self.on_reference)
         reference = self.hub.subscribe(WrenchStamped, 'wrench_reference', take, FAST_SENSOR)
         try:
-            with writing(self.store.directory):
-                path = self.store.new_recording_path()
-                origin = origin_column(self.recorder.sensor())
-                writer = table_form.CsvRecordingWriter(path, (*self.recorder.channels, origin))
+            with writing(self._store.directory):
+                path = self._store.new_recording_path()
+                columns = *self.channels, origin_column(self.sensor())
+                writer = CsvRecordingWriter(path, columns)
         except RecordingError as error:
             self.hub.destroy_subscription(reference)
             remedy = 'Make room or choose another data_directory.'
             raise RecordingError(f'{error} {remedy}') from error
         self._reference, self.path, self.failure = reference, path, ''
-        self.current = self.recorder.begin_recording(writer)
+        self.current = self.begin_recording(writer)
         return f'recording into {path}'
 
     def _close(self, then: Callable[[str], None] | None = None) -> None:
-        """End the recording that runs; ``then`` gets why its file could not be closed, or ''."""
+        """End the recording of ``~/record``; ``then`` gets why its file could not be closed."""
         recording, self.current = self.current, None
         if recording is not None:
             self.hub.destroy_subscription(self._reference)
-            self.recorder.finish(recording)
-            self.writer.put(str(self.path), recording.writer.close, then)
+            self.finish(recording)
+            self._writer.put(str(self.path), recording.writer.close, then)
 
     def _ended(self, problem: str, rows: int) -> str:
         return (
             f'{problem} The recording has ended after {rows} thermal cells. See that its file '
             'stays and the disk has room, or choose another data_directory, then record again.'
         )
-
-    def poll(self) -> None:
-        """End a recording that the disk refuses."""
-        if self.current is not None and (error := self.current.error):
-            self.failure = self._ended(str(error), self.current.rows)
-            self.hub.log.error(self.failure)
-            self._close()
-
-    def on_reference(self, data: bytes) -> None:
-        """Take one reference wrench."""
-        try:
-            stamp_ns, reference = locate(data, WRENCH_DOUBLES).decode(data)
-        except RecordingError:
-            return
-        # The comparison is false for NaN.
-        if self.current is not None and math.hypot(*reference) < LARGEST:
-            self.current.averager.add(REFERENCE, stamp_ns or self.hub.now_ns(), reference)
-
-    def spans(self) -> dict[str, str]:
-        """Give how long the present recording is, and which temperatures it spans."""
-        if self.current is None or not self.current.rows:
-            return {}
-        values = {'recording_s': f'{self.current.rows * self.recorder.period_s:g}'}
-        for j in range(self.recorder.thermometers):
-            if span := self.current.spans.get(temperature_channel(j)):
-                values[f'recording_thermometer_{j + 1}_c'] = '{:.1f} to {:.1f}'.format(*span)
-        return values
 
     def end(self) -> None:
         """Close the recording that runs, if one does, and log what it holds."""

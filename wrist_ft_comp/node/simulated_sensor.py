@@ -12,7 +12,7 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from math import floor
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 import sys
 import time
 from typing import Any, cast
@@ -32,10 +32,11 @@ from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import opening, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, NOMINAL_C
-from wrist_ft_comp.simulation.run import (
+from wrist_ft_comp.simulation.ft_sensor import (
     draw_run,
     drive,
+    FtSensorSettings,
+    NOMINAL_C,
     room_temperature,
     RunSettings,
     true_wrench,
@@ -83,21 +84,15 @@ _FRAME, _IMU_FRAME = 'wrist_ft', 'wrist_ft_imu'
 
 
 class _Topic:
-    """A topic and its message, of which only the stamp and some numbers change."""
+    """A topic and its message, of which only the stamp and numbers at some places change."""
 
-    def __init__(self, node: Node, name: str, message: Any, *numbers: str) -> None:
+    def __init__(self, node: Node, name: str, message: Any, *places: tuple[Any, str]) -> None:
         with opening(name):  # best effort as real drivers', and deep enough for one wake-up
             self.publisher: Any = node.create_publisher(
                 type(message), name, copy(SLOW_SENSOR),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )  # fmt: skip
-        self._message = message
-        self._stamp = message.header.stamp
-        paths = (path.rpartition('.') for path in numbers)
-        self._places = [
-            (attrgetter(owner)(message) if owner else message, number)
-            for owner, _, number in paths
-        ]
+        self._message, self._stamp, self._places = message, message.header.stamp, places
 
     def send(self, stamp_ns: int, numbers: Sequence[float]) -> None:
         """Publish numbers."""
@@ -107,8 +102,13 @@ class _Topic:
         self.publisher.publish(self._message)
 
 
-def _xyz(*fields: str) -> list[str]:
-    return [f'{field}.{component}' for field in fields for component in 'xyz']
+def _xyz(*vectors: Any) -> list[tuple[Any, str]]:
+    return [(vector, component) for vector in vectors for component in 'xyz']
+
+
+def _wrench_topic(node: Node, name: str) -> _Topic:
+    message = WrenchStamped(header=Header(frame_id=_FRAME))
+    return _Topic(node, name, message, *_xyz(message.wrench.force, message.wrench.torque))
 
 
 class SimulatedSensor(Node):
@@ -151,16 +151,12 @@ class SimulatedSensor(Node):
 
     def _open_topics(self) -> None:
         """Open the topics of a sensor, with or without a robot."""
-        header, six = Header(frame_id=_FRAME), _xyz('wrench.force', 'wrench.torque')
-        self._raw, self._reference = (
-            _Topic(self, name, WrenchStamped(header=header), *six)
-            for name in ('wrench_raw', 'wrench_reference')
-        )
-        heat = partial(Temperature, variance=self._sensor.settings.thermometer_noise_k**2)
-        self._thermometers = [
-            _Topic(self, name, heat(header=header), 'temperature')
-            for name in ('temperature', 'temperature_2')
-        ]
+        self._raw = _wrench_topic(self, 'wrench_raw')
+        self._reference = _wrench_topic(self, 'wrench_reference')
+        noise_k, self._thermometers = self._sensor.settings.thermometer_noise_k, list[_Topic]()
+        for name in ('temperature', 'temperature_2'):
+            heat = Temperature(header=Header(frame_id=_FRAME), variance=noise_k**2)
+            self._thermometers.append(_Topic(self, name, heat, (heat, 'temperature')))
 
     def _begin_work(self, tool_kg: float, seeds: Sequence[int]) -> None:
         """Draw a robot's program, the noise of its IMU, and what else it publishes."""
@@ -172,10 +168,8 @@ class SimulatedSensor(Node):
         self._work = draw_work(WorkSettings(tool_kg), program, tools)
         imu = Imu(header=Header(frame_id=_IMU_FRAME))
         imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
-        self._imu = _Topic(self, 'imu', imu, *_xyz('linear_acceleration', 'angular_velocity'))
-        wrench = WrenchStamped(header=Header(frame_id=_FRAME))
-        fields = _xyz('wrench.force', 'wrench.torque')
-        self._contact = _Topic(self, 'wrench_external_reference', wrench, *fields)
+        self._imu = _Topic(self, 'imu', imu, *_xyz(imu.linear_acceleration, imu.angular_velocity))
+        self._contact = _wrench_topic(self, 'wrench_external_reference')
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""

@@ -10,13 +10,14 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.payload.weight import FrameIds
-from wrist_ft_comp.ros.hub import Hub, Part, Vector
+from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
-from wrist_ft_comp.wire.tf_tree import GravityByTf, Layouts
+from wrist_ft_comp.wire.message_layout import Layouts
+from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
@@ -89,11 +90,9 @@ class SpecificForceInput(Part):
             's', 0.01, 10.0),
     )  # fmt: skip
     topics = (('imu', 'specific force at the sensor; by gravity.source tf, /tf and /tf_static'),)
-    hub: Hub
 
     def __init__(self, chosen: dict[str, Any]) -> None:
-        self._source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
-        self._by_tf = self._source == 'tf'
+        self.source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
         self.forces = RecentForces(chosen['gravity.timeout'])
         #: Speed of rotation at the newest of them, rad/s; NaN where it is not known.
         self.speed = math.nan
@@ -110,16 +109,16 @@ class SpecificForceInput(Part):
 
     def start(self) -> None:
         """Subscribe; SettingsError when what is asked for cannot be had."""
-        if self._source == 'imu':
+        if self.source == 'imu':
             self._imu = self.hub.subscribe_unserved(Imu, 'imu', FAST_SENSOR)
-        elif self._by_tf:
+        elif self.source == 'tf':
             if not self._upper:
                 raise SettingsError(
                     'gravity.source is tf, and gravity.frame is empty; expected the frame whose z '
                     'is up. Set it at start-up with -p gravity.frame:=base_link or the like.'
                 )
             for topic, qos in (('/tf', FAST_SENSOR), ('/tf_static', LATCHED)):
-                take = partial(self.on_tf, Layouts(), static=qos is LATCHED)
+                take = partial(self.on_tf, tf_layouts(), static=qos is LATCHED)
                 kind = load_type(topic, TF)
                 self.hub.subscribe(kind, topic, self.hub.guarded(self, take), qos)
 
@@ -143,7 +142,7 @@ class SpecificForceInput(Part):
         With TF, that of specific force is the frame whose z is up.
         """
         wrench = self.hub.hardware_id()
-        if self._by_tf:
+        if self.source == 'tf':
             return FrameIds(self._upper, wrench)
         newest = self._newest
         return FrameIds(locate(newest, IMU_DOUBLES).frame_id(newest) if newest else '', wrench)
@@ -163,7 +162,7 @@ class SpecificForceInput(Part):
         else:
             self.unreadable += 1
 
-    def on_tf(self, layouts: Layouts, data: bytes, *, static: bool) -> None:
+    def on_tf(self, layouts: Layouts[Layout], data: bytes, *, static: bool) -> None:
         """Take one tf2_msgs/TFMessage; ``layouts`` are those of its topic."""
         self._tree.lower = self.frames().wrench_frame
         try:
@@ -172,7 +171,7 @@ class SpecificForceInput(Part):
             self.unreadable += 1
             return
         needed = self._tree.needed(layout.frames, static=static)
-        for transforms in layout.decode([data], needed):
+        for transforms in layout.decode(np.frombuffer(data, np.uint8)[np.newaxis], needed):
             self._tree.add(transforms, static=static)
         self._tf_messages += 1
         if self._tf_messages % _TIDY_MESSAGES == 0:
@@ -208,12 +207,16 @@ class SpecificForceInput(Part):
                 return f'{topic} has {publishers} publishers; their readings are mixed'
         if self.unreadable == unreadable:
             return ''
-        what = 'transforms' if self._by_tf else 'messages of the IMU'
+        what = 'transforms' if self.source == 'tf' else 'messages of the IMU'
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
+
+    def turned_unseen_deg(self) -> float:
+        """Say by how much TF turned the wrench's frame, degrees, while nobody could see it."""
+        turned, self._tree.turned_unseen_rad = self._tree.turned_unseen_rad, 0.0
+        return math.degrees(turned)
 
     def problem(self) -> str:
         """Say why TF gives no specific force; empty where it does, or is not used."""
-        self._tree.lower = lower = self.frames().wrench_frame
-        return (
-            self._tree.missing() if self._by_tf and self._handed_out_ns is None and lower else ''
-        )
+        self._tree.lower = self.frames().wrench_frame
+        is_waiting = self.source == 'tf' and self._handed_out_ns is None and self._tree.lower
+        return self._tree.missing() if is_waiting else ''

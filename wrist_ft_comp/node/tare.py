@@ -13,7 +13,7 @@ from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import WrenchInput
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stream.compensator import Compensator
@@ -21,6 +21,8 @@ from wrist_ft_comp.stream.tare import TareCollector
 
 #: A tare is refused where the stamps of wrenches do not go on for this time, s.
 _PATIENCE_S = 2.0
+#: Specific force has to be fresh for this share of the wrenches of a tare: a sample may be late.
+_FRESH_SHARE = 0.9
 #: A tare is answered when it is saved, or after this time, s.
 _DISK_S = 5.0
 
@@ -41,7 +43,6 @@ class TareService(Part):
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
-    hub: Hub = field(init=False)
 
     title = 'tare'
     parameters = (
@@ -93,7 +94,7 @@ class TareService(Part):
         if sick := self.wrenches.sickness():
             raise TareRefusedError(
                 f'The sensor gives nothing to tare: {sick} Look at the status input, and call '
-                'again when the sensor lives.'
+                'again when the sensor works.'
             )
         mean, stamp_ns = collector.result()
         if collector.unchanged:
@@ -109,7 +110,7 @@ class TareService(Part):
             why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
         elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'
-        elif payload is not None and len(weights) < len(self._weights):
+        elif payload is not None and len(weights) < _FRESH_SHARE * len(self._weights):
             why = f'specific force was fresh for {len(weights)} of {len(self._weights)} wrenches'
         elif payload is not None:
             weight = np.asarray(np.mean(weights, axis=0))

@@ -1,7 +1,7 @@
 """Thermometers: sensor_msgs/Temperature, or numbers in messages of any type, taken and judged."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
 import time
@@ -34,10 +34,6 @@ from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.message_layout import define_installed, Definitions, follow, NumberReader
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
-#: Takes a thermometer, counted from 0, a stamp, ns, 0 if it was not filled and None where the type
-#: has none, and a temperature, °C.
-Take = Callable[[int, int | None, float], None]
-
 
 class TemperatureTopic:
     """
@@ -48,16 +44,14 @@ class TemperatureTopic:
     woken costs much: its newest message is taken ten times a second.
     """
 
-    def __init__(
-        self, part: Part, topic: str, sources: dict[int, TemperatureSource], take: Take
-    ) -> None:
+    def __init__(self, part: Any, topic: str, sources: dict[int, TemperatureSource]) -> None:
         self.sources = sources
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
         #: Why temperatures cannot be read, by thermometer, and whether none can be.
         self.problems, self._is_deaf = dict[int, str](), False
         self._hub: Hub = part.hub
-        self._part, self._topic, self._take = part, topic, take
+        self._part, self._topic = part, topic
         self._is_plain = not all(source.path for source in sources.values())
         #: Of the messages that are subscribed to; empty while none are.
         self._type = ''
@@ -129,7 +123,7 @@ class TemperatureTopic:
                     self.problems[thermometer] = source.missing(layout).rstrip('.')
                     continue
             self.problems.pop(thermometer, None)
-            self._take(thermometer, stamped, source.celsius(number))
+            self._part.take(thermometer, stamped, source.celsius(number))
 
 
 @dataclass
@@ -155,7 +149,6 @@ class TemperatureInput(Part):
     specific_force: SpecificForceInput
     live: LiveModel
     state_keeper: StateKeeper
-    hub: Hub = field(init=False)
     #: Usable temperatures of all thermometers, and those that no sensor reads.
     usable: int = 0
     unusable: int = 0
@@ -177,12 +170,15 @@ class TemperatureInput(Part):
         for j, thermometer in enumerate(self.thermometers):
             by_topic[thermometer.topic][j] = thermometer.source
         self.by_topic = [
-            TemperatureTopic(self, topic, sources, self.take)
-            for topic, sources in by_topic.items()
+            TemperatureTopic(self, topic, sources) for topic, sources in by_topic.items()
         ]
 
     def take(self, thermometer: int, stamp_ns: int | None, temperature_c: float) -> None:
-        """Give one temperature, °C, to the thermal grid; stamps, ns, are as for Take."""
+        """
+        Give one temperature, °C, to the thermal grid.
+
+        Its stamp, ns, is 0 where it was not filled, and None where the type has none.
+        """
         if not is_plausible(temperature_c):
             self.unusable += 1
             self._last_unusable = thermometer, temperature_c
@@ -254,6 +250,7 @@ class TemperatureInput(Part):
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
         yield from self._tracker.thermometer_doubts
+        yield from self.compensator.frozen_doubts()
         yield from self.compensator.seldom_doubts()
         yield from self.compensator.gap_doubts()
         yield from self._silence()
@@ -273,8 +270,8 @@ class TemperatureInput(Part):
             unit = other_unit(float(temperature_c[out[0]]), low_c, high_c)
             hint = f'. In {unit} it would be inside: check the unit' if unit else ''
             yield (
-                f'thermometer {_numbers(out)} outside the calibrated range; drift is less certain '
-                f'there, and held further out{hint}'
+                f'thermometer {_numbers(out)} outside the calibrated range; the correction is '
+                f'extrapolated, and held further out{hint}'
             )
         lately = self._growth.lately()
         for j, spikes in enumerate(self._tracker.spikes):
@@ -309,7 +306,7 @@ class TemperatureInput(Part):
                 why = self.hub.incompatible.get(thermometer.source.topic, '')
                 if not self.hub.count_publishers(topic):
                     why = unpublished(self.hub, topic, TEMPERATURE)
-                why = why or f'{topic} has a publisher that sends none'
+                why = why or f'the publisher of {topic} sends nothing'
                 yield f'thermometer {j + 1} has not reported: {why}; {drift}'
             else:
                 spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS

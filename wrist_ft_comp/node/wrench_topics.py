@@ -4,16 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import time
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Hub, Part
+from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import unpublished, wrench_message, wrong_type
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
@@ -26,6 +26,8 @@ Newest: TypeAlias = tuple[int, Sequence[float], bytes]
 _DEAD_LOOKS = 50
 #: ... unless more than this share of its other looks repeat the one before, as coarse steps do.
 _COARSE_SHARE = 0.1
+#: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
+_AWAY_S = 5.0
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
@@ -66,20 +68,19 @@ class WrenchInput(Part):
     """Judges the raw wrenches, by the node's counts and its newest wrench."""
 
     title, logged = 'input', True
-    hub: Hub
 
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator
         self.sensor = SensorWatch()
         self._heard_s: float | None = None
+        #: Stamp of the wrench that was looked at last, ns, and the first frame_id.
+        self._stamp_ns, self._frame = 0, ''
         #: By axis, how many looks in a row read exactly 0, how many others there were, and how
         #: many of those were the same as the one before.
         self._zeros, self._others, self._repeats = np.zeros((3, len(AXES)), np.int64)
         self._last_raw: FloatArray = np.full(len(AXES), np.nan)
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
-        #: The frame before the present one and the present one, and how often it changed.
-        self._frames, self._frame_changes = ('', ''), 0
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
@@ -106,13 +107,21 @@ class WrenchInput(Part):
         newest, number = self._counts.newest, self._counts.wrenches
         if newest is None or number == self._looked_at:
             return
-        self._looked_at, self._heard_s = number, time.monotonic()
-        stamp_ns, raw, data = newest
-        is_stamped = locate(data, WRENCH_DOUBLES).decode(data)[0] != 0
-        before, frame = self._frames[1], self.hub.hardware_id()
-        if frame != before:
-            self._frames = before, frame
-            self._frame_changes += before != ''
+        heard_s, (stamp_ns, raw, data) = time.monotonic(), newest
+        away_s = 0.0 if self._heard_s is None else heard_s - self._heard_s
+        # By the stamps, too: a simulation that was held up goes on with the next one.
+        passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
+        if away_s > _AWAY_S and not 0 <= passed_s <= _AWAY_S:
+            if abs(passed_s - away_s) < 1:  # no clock was set
+                self.sensor = SensorWatch()
+            self._compensator.doubt_zero(
+                f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
+                'off, its zero may be another one; call ~/tare'
+            )
+        self._looked_at, self._heard_s, self._stamp_ns = number, heard_s, stamp_ns
+        layout = locate(data, WRENCH_DOUBLES)
+        self._frame = self._frame or layout.frame_id(data)
+        is_stamped = layout.decode(data)[0] != 0
         reading = np.array(raw)
         self._zeros = np.where(reading == 0, self._zeros + 1, 0)
         self._others += reading != 0
@@ -123,15 +132,12 @@ class WrenchInput(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
-        counts, sensor, topic = (
-            self._counts,
-            self.sensor,
-            self.hub.resolve_topic_name('wrench_raw'),
-        )
-        publishers = self.hub.count_publishers(topic)
-        drivers = {
-            bytes(end.endpoint_gid).hex() for end in self.hub.get_publishers_info_by_topic(topic)
-        }
+        counts, sensor = self._counts, self.sensor
+        topic = self.hub.resolve_topic_name('wrench_raw')
+        ends, publishers = (
+            self.hub.get_publishers_info_by_topic(topic), self.hub.count_publishers(topic),
+        )  # fmt: skip
+        drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(counts.drivers):
             if counts.drivers:
                 self._compensator.doubt_zero(
@@ -141,7 +147,7 @@ class WrenchInput(Part):
             counts.drivers = drivers
         grown, elapsed_s = self._growth.since(
             wrenches=counts.wrenches, dropped=counts.dropped, back=sensor.ran_back,
-            leapt=sensor.leapt, frame=self._frame_changes,
+            leapt=sensor.leapt,
         )  # fmt: skip
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
@@ -160,7 +166,7 @@ class WrenchInput(Part):
         elif not rate_hz:
             why = self.hub.incompatible.get('wrench_raw') or wrong_type(self.hub, topic, WRENCH)
             if publishers and not why:
-                why = f'{topic} has a publisher that sends none; is the sensor running?'
+                why = f'the publisher of {topic} sends nothing; is the sensor running?'
             why = why or unpublished(self.hub, topic, WRENCH)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
@@ -169,7 +175,7 @@ class WrenchInput(Part):
                 well += f'; {absent} never had a number'
             if unused := ', '.join(self._dead(lived=False)):
                 well += f'; {unused} never read anything but 0'
-            yield doubtful(self.title, self._doubts(publishers), well, numbers)
+            yield doubtful(self.title, self._doubts(topic, ends), well, numbers)
 
     def _absent(self) -> list[str]:
         """List axes of which the newest wrench had no number."""
@@ -182,30 +188,39 @@ class WrenchInput(Part):
         return [AXES[i] for i in np.flatnonzero(is_dead)]
 
     def sickness(self) -> str:
-        """Say that the sensor is frozen or saturated; empty where it lives."""
+        """Say that the sensor is frozen, or an axis stuck; empty where it lives."""
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
-        if axes := self.sensor.saturated:
-            return f'{", ".join(axes)} stays at its extreme; is the sensor saturated?'
+        if axes := ', '.join(self.sensor.stuck):
+            return f'{axes} repeats one value to the last bit; is it saturated, or broken?'
         return ''
 
-    def _doubts(self, publishers: int) -> Iterator[str]:
+    def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
         sensor, lately, model = self.sensor, self._growth.lately(), self._compensator.model
-        if publishers > 1:
-            yield f'{publishers} publishers share the topic; their readings are mixed'
+        if len(publishers) > 1:
+            yield f'{len(publishers)} publishers share the topic; their readings are mixed'
+        for end in publishers:
+            name = f'{end.node_namespace.rstrip("/")}/{end.node_name}'
+            if self.hub.count_publishers(f'{name}/drift'):
+                yield (
+                    f'{topic} comes from another compensator, {name}: drift is taken off twice; '
+                    "remap wrench_raw to the driver's topic"
+                )
+        if self._frame and (frame := self.hub.hardware_id()) != self._frame:
+            yield (
+                f'frame_id was {self._frame} and is {frame or "empty"} now; is it another sensor, '
+                f'or turned? Drift, payload and tare are those of {self._frame}'
+            )
         if sick := self.sickness():
             yield sick
         elif dead := ', '.join(self._dead(lived=True)):
             yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
         elif model and (lost := model.axes.keys() & (*self._absent(), *self._dead(lived=False))):
             yield (
-                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, and the model knows '
-                'it as an axis that lives; is it dead?'
+                f'{", ".join(sorted(lost))} never read anything but 0 or NaN, but worked when the '
+                'model was learnt; is it broken?'
             )
-        if 'frame' in lately:
-            before, frame = self._frames
-            yield f'the frame changed from {before} to {frame}; is it another sensor?'
         if sensor.stamps_stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'back' in lately:
@@ -230,7 +245,6 @@ class DriftTopic(Part):
         ('~/drift', 'zero drift being subtracted, once per thermal cell'),
         ('~/correction', 'compensated minus raw, ten times a second: what controllers add'),
     )
-    hub: Hub
 
     def __init__(self, compensator: Compensator, counts: Counts) -> None:
         self._compensator, self._counts, self._growth = compensator, counts, Growth()

@@ -1,30 +1,81 @@
 """
-What a calibration learns from recordings at work: drift, payloads, and doubts about them.
+What is learnt from recordings at work: payloads, apart from contacts, tares and drift.
 
-Doubts are sentences with numbers, so that nothing fails in silence. Learnt payloads can be taken
-off the recordings again, which leaves the external wrench.
+1. Bias and scale of the accelerometer are fitted to its norm at rest.
+2. Payload states, gains of specific force and robust weights of cells are fitted.
+3. Steps that no payload explains are tares of the driver (``steps.py``), and are taken out. Each
+   gives the later fit of the drift a constant of its own, so a wrong suspicion costs little.
+4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
+   payload's weight is the reference, from which gain drift is learnt.
+
+Steps 2 to 4 are done again when the drift is roughly known, by a model of the first result: sudden
+heat does not look like a step then, nor a long press like drift. Doubts are sentences with
+numbers, so that nothing fails in silence. Learnt payloads can be taken off the recordings again,
+which leaves the external wrench.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.accelerometer import CONTRAST
+from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm, CONTRAST
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
-from wrist_ft_comp.payload.payload_states import unexplained_contrast
-from wrist_ft_comp.payload.separation import separate, separate_again, Separation
+from wrist_ft_comp.payload.payload_states import (
+    BLOCK_S,
+    bodies_of,
+    Cells,
+    cells_in,
+    CELLS_PER_POWER,
+    COUNTS,
+    cut,
+    find_states,
+    Fit,
+    fit_again,
+    of_state,
+    POWERS,
+    ROUNDS,
+    unexplained_contrast,
+)
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.steps import find_steps, Step
 from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
+
+#: Time on either side of a step that does not count, s, because the step's place may be wrong.
+_UNSURE_S = 2.0
 
 #: Above this share of changes between poses that do not turn with the specific force, no payload
 #: is identified, and above three times this share nothing is learnt at all. Poses in a cone of 30°
 #: reach 0.59 on drawn days that are well.
 _MOST_UNEXPLAINED = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Recordings at work, and what was found in them; lists have one entry per recording."""
+
+    #: As they were recorded.
+    recordings: list[Recording]
+    #: Without steps; the wrench is NaN where it does not count, and the weight is the reference.
+    drift: list[Recording]
+    accelerometer: Accelerometer
+    cells: Cells
+    fit: Fit
+    steps: list[list[Step]]
+
+    @property
+    def states(self) -> list[IntArray]:
+        """Number of the payload in every cell, (N,) per recording; -1 where none counts."""
+        return self.cells.join(np.where(self.fit.weights > COUNTS, self.fit.states, -1))
+
+    def bodies(self) -> RigidBodies:
+        """Fit rigid bodies, which RigidBodies.doubts judges."""
+        return bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,26 +90,40 @@ class AtWork:
 
 
 def learn_at_work(
-    recordings: Sequence[Recording], first: tuple[AtWork, DriftModel] | None = None
+    recordings: Sequence[Recording],
+    learn_drift: Callable[[list[Recording]], DriftModel] | None = None,
 ) -> AtWork:
     """
     Separate payloads and drift; CalibrationRefusedError where neither can be learnt.
 
-    The second time, ``first`` is the result for the same recordings and the drift model that was
-    fitted to it. That drift is taken off, so that weight and contacts are separated better.
+    With ``learn_drift``, which fits a model to recordings without payload, the drift of a first
+    separation is taken off, so that weight and contacts are separated better.
     """
-    if first:
-        drift = [simulate_drift(first[1], recording).zero for recording in recordings]
-        separation = separate_again(first[0].separation, drift)
-    else:
-        separation = separate(recordings)
+    separation = separate(recordings)
+    if learn_drift is not None:
+        model = learn_drift(separation.drift)
+        drift = [simulate_drift(model, recording).zero for recording in recordings]
+        separation = separate_again(separation, drift)
     bodies, warnings = separation.bodies(), []
-    objections = doubts(separation, bodies)
+    objections = bodies.doubts()
+    share = unexplained_contrast(separation.cells, separation.fit)
+    if bodies.contrast[0] >= CONTRAST and share > _MOST_UNEXPLAINED:
+        what = (
+            f'{share:.0%} of the changes between poses do not follow gravity; at most '
+            f'{_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame or of '
+            'another clock than the wrench, or a cable pulls.'
+        )
+        if share > 3 * _MOST_UNEXPLAINED:
+            raise CalibrationRefusedError(
+                f'{what} Neither payload nor drift can be learnt. Record the specific force of a '
+                'frame fixed to the sensor, by its clock.'
+            )
+        objections = [f'{what} No payload was identified.', *objections]
     if not separation.accelerometer.rested:
         warnings.append(
-            f'No thermal cell of {", ".join(r.name for r in recordings)} is at rest, so that the '
+            f'The robot never rests in {", ".join(r.name for r in recordings)}, so that the '
             'accelerometer could not be compared with gravity: masses may be some per cent off. '
-            'Let the robot rest for some thermal cells in several poses.'
+            'Let the robot rest for some seconds in several poses.'
         )
     payloads = None if objections else payloads_of(separation, bodies)
     return AtWork(separation, payloads, (*warnings, *objections))
@@ -75,28 +140,85 @@ def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
     return LearntPayloads(frame, numbered)
 
 
-def doubts(separation: Separation, bodies: RigidBodies) -> list[str]:
+def separate(recordings: Sequence[Recording]) -> Separation:
     """
-    List the reasons why no payload can be identified; empty where payloads can.
+    Separate payload, contacts, steps and drift.
 
-    CalibrationRefusedError when nothing can be learnt, because most of the wrench does not turn
-    with the specific force.
+    CalibrationRefusedError where a recording lacks an axis or specific force, or where too few
+    cells hold both.
     """
-    objections = bodies.doubts()
-    share = unexplained_contrast(separation.cells, separation.fit)
-    if bodies.contrast[0] < CONTRAST or share <= _MOST_UNEXPLAINED:
-        return objections
-    what = (
-        f'{share:.0%} of what changes between poses does not turn with the specific force; at '
-        f'most {_MOST_UNEXPLAINED:.0%} are allowed. The specific force is of another frame, or of '
-        'another clock than the wrench, or a cable pulls.'
-    )
-    if share > 3 * _MOST_UNEXPLAINED:
+    for recording in recordings:
+        lacking = [axis for axis in AXES if axis not in recording.axes_present]
+        if recording.specific_force is None:
+            lacking.append('specific force')
+        if lacking:
+            raise CalibrationRefusedError(
+                f'{recording.name} holds no {" and no ".join(lacking)}; the reference payload '
+                'needs six axes and specific force. Look whether the IMU, or TF, was recorded, '
+                'stamped by the clock of the wrench.'
+            )
+    accelerometer = calibrated_by_norm(recordings)
+    cells, least = cut(recordings, accelerometer.forces), 4 * CELLS_PER_POWER * POWERS
+    if cells.usable.sum() < least:
         raise CalibrationRefusedError(
-            f'{what} Neither payload nor drift can be learnt. Record the specific force of a '
-            'frame fixed to the sensor, by its clock.'
+            f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
+            f'have wrench and specific force while the robot turns slowly; at least {least} are '
+            'needed for the reference payload. Record both at the same time, and more often than '
+            'in each thermal cell, or set a longer thermal period.'
         )
-    return [f'{what} No payload was identified.', *objections]
+    start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
+    nothing = [np.zeros_like(recording.wrench) for recording in recordings]
+    return separate_again(replace(start, steps=[[] for _ in recordings]), nothing, BLOCK_S)
+
+
+def separate_again(
+    start: Separation, drift: Sequence[FloatArray], block_s: float = 3 * BLOCK_S
+) -> Separation:
+    """Find steps, states and weights by turns, with the estimated drift, (N, 6), taken off."""
+    cells, fit, steps, forces = start.cells, start.fit, start.steps, start.accelerometer.forces
+    recordings = start.recordings
+    wrenches = [r.wrench - d for r, d in zip(recordings, drift, strict=True)]
+    for number in range(1, ROUNDS + 1):
+        # How far a step goes is not known well before contacts are found: a block ends at it.
+        cells_before, ends = cells, [[step.cell for step in found] for found in steps]
+        stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
+        cells = cut(recordings, forces, ends, block_s, stepless)
+        states, weights, levels = (
+            np.concatenate(cells_before.join(part))[cells.rows]
+            for part in (fit.states, fit.weights, fit.levels)
+        )
+        weights = weights * cells.usable
+        fit = fit_again(cells, replace(fit, states=states, weights=weights, levels=levels))
+        mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
+        if number == ROUNDS:
+            break  # states and contacts have to be those of the last steps
+        # All steps are judged anew, by the contacts that are known by now.
+        steps = [
+            find_steps(wrench - force @ fit.gains, state, count, fit.noise, recording.period_s)
+            for recording, wrench, force, state, count in zip(
+                recordings, wrenches, forces, mounted, counts, strict=True
+            )
+        ]
+        if ends == [[step.cell for step in found] for found in steps]:
+            break
+    drifts = []
+    for n, recording in enumerate(recordings):
+        unsure = cells_in(_UNSURE_S, recording.period_s)
+        for step in steps[n]:
+            counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
+        wrench = np.where(counts[n][:, None], _without_steps(recording.wrench, steps[n]), np.nan)
+        weight = of_state(forces[n] @ fit.gains, mounted[n])
+        cells_of_steps = tuple(step.cell for step in steps[n])
+        drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
+    return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)
+
+
+def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
+    """Take steps out of a wrench, (N, 6)."""
+    stepless = wrench.copy()
+    for step in steps:
+        stepless[step.cell :] -= step.jump
+    return stepless
 
 
 def external_correction(separation: Separation, model: DriftModel, fine: Recording) -> Correction:

@@ -77,10 +77,10 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     slow = finite & plausible & (speed < FASTEST)
     if slow.sum() * period_s < _LEAST_SLOW_S:
         raise CalibrationRefusedError(
-            f'The tool turned slower than {FASTEST:g} rad/s for {slow.sum() * period_s:.0f} s '
-            f'only, as far as wrench and gravity were felt; at least {_LEAST_SLOW_S:.0f} s are '
-            'needed. Move more slowly, or rest in every pose, and look whether the specific force '
-            'is about 9.8 m/s² at rest.'
+            f'For {slow.sum() * period_s:.0f} s only did wrench and gravity arrive while the tool '
+            f'turned slower than {FASTEST:g} rad/s; at least {_LEAST_SLOW_S:.0f} s are needed. '
+            'Move more slowly, or rest in every pose, and look whether the specific force at rest '
+            'is about 9.8 m/s².'
         )
     wrench, force = wrench[slow], force[slow]
     fitted, _, scale = fit_norm(force, np.empty((len(force), 0)))
@@ -97,8 +97,8 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     if free < LEAST_FREE and found.contrast[1] > CONTRAST:
         raise CalibrationRefusedError(
             f'In {1 - free:.0%} of the time the wrench did not follow gravity; at least '
-            f'{LEAST_FREE:.0%} have to be free. Move without contact, and look whether gravity '
-            'is of this sensor.'
+            f'{LEAST_FREE:.0%} have to be free of contact. Move without contact, and look whether '
+            'the accelerometer is that of this sensor.'
         )
     if doubts := found.doubts():
         raise CalibrationRefusedError(doubts[0])

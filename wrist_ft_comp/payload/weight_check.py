@@ -65,14 +65,24 @@ class WeightCheck:
         best = int(np.argmin(medians))
         free = np.linalg.norm(force - moved[best], axis=1) <= max(3 * medians[best], 1e-9)
         (turn,) = _fit_turns(force[free][None], weight[free][None])
-        scale = float(np.cbrt(np.linalg.det(turn)))
-        # Along one line, a turn about that line cannot be seen.
-        spread = np.linalg.svd(weight[free], compute_uv=False)
-        if spread[1] < MOVED_N or free.sum() < _FEWEST / 2:
+        if free.sum() < _FEWEST / 2:
             return None
+        # Between two poses, a turn cannot be told from a contact in one of them; in one plane, a
+        # mirror cannot be seen.
+        _, spread, directions = np.linalg.svd(weight[free])
+        beside_n = np.linalg.norm(weight[free] @ directions[1:].T, axis=1)
+        is_line = np.sum(beside_n >= MOVED_N) < _FEWEST / 2
+        if is_line:
+            turn = np.eye(3) * np.sum(force[free] * weight[free]) / np.sum(weight[free] ** 2)
+        elif spread[2] < MOVED_N and np.linalg.det(turn) < 0:
+            turn = turn @ (np.eye(3) - 2 * np.outer(directions[2], directions[2]))
+        scale = float(np.cbrt(np.linalg.det(turn)))
         off_n = np.median(np.linalg.norm(force[free] - weight[free], axis=1))
         rest = np.median(np.linalg.norm(force[free] - weight[free] @ turn.T, axis=1))
-        if rest < _UNEXPLAINED_SHARE * off_n:
+        reach = np.median(np.linalg.norm(weight[free], axis=1))
+        limit_n = np.radians(_LEAST_TURN_DEG) * reach
+        # Half of it: where the weight points along the axis of a turn it does not move.
+        if off_n > limit_n / 2 and rest < _UNEXPLAINED_SHARE * off_n:
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
             if scale < 0 or turn_deg > _LEAST_TURN_DEG:
@@ -87,6 +97,8 @@ class WeightCheck:
                     'its unit, payload.mass, or the payload is another one; mend that, or call '
                     '~/identify_payload'
                 )
+        if is_line:
+            return None
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
         x, y, z = weight[free].T
@@ -102,9 +114,7 @@ class WeightCheck:
                 f'that of {self._name}; was the frame of the wrench moved, such as by another '
                 'TCP? Move it back, or call ~/identify_payload'
             )
-        reach = np.median(np.linalg.norm(weight[free], axis=1))
-        agrees = off_n < np.radians(_LEAST_TURN_DEG) * reach and off < _LEAST_SHIFT_M * reach
-        return '' if agrees else None
+        return '' if off_n < limit_n and off < _LEAST_SHIFT_M * reach else None
 
 
 def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:

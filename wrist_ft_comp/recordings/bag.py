@@ -10,26 +10,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from wrist_ft_comp.channels import (
-    AXES,
-    FORCE_CHANNELS,
-    REFERENCE_CHANNELS,
-    ROTATION_CHANNEL,
-    SensorNames,
-    temperature_channel,
-)
+from wrist_ft_comp import channels
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire import cdr, temperature_source
 from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader, Path
-from wrist_ft_comp.wire.temperature_source import (
-    parse_sources,
-    path_text,
-    temperatures_in,
-    TemperatureSource,
-)
+from wrist_ft_comp.wire.temperature_source import path_text, TemperatureSource
 from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: Storage plugin by suffix.
@@ -196,7 +185,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
     for stream, times_ns, messages in bag.grouped(streams, progress):
-        connection, channels = stream.connection, stream.channels
+        connection, named = stream.connection, stream.channels
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
         is_first, stream.is_read = not stream.is_read, True
         stream.is_stamped |= bool(stamps_ns.any())
@@ -208,9 +197,9 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
                 yield Samples(FORCE_CHANNELS, stamps_ns, values[:, cdr.ACCELERATION])
                 speed = np.linalg.norm(values[:, cdr.ROTATION], axis=1, keepdims=True)
                 measured = speed[:, 0] > 0  # an accelerometer alone leaves it empty
-                yield Samples((ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
+                yield Samples((channels.ROTATION_CHANNEL,), stamps_ns[measured], speed[measured])
             else:
-                yield Samples(channels, stamps_ns, values[:, : len(channels)])
+                yield Samples(named, stamps_ns, values[:, : len(named)])
             continue
         for source, column in zip(stream.sources, values.T, strict=True):
             if is_first and not np.isfinite(column).any():
@@ -229,7 +218,7 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         else:  # in simulated time, many may arrive at once
             stamps_ns, first = np.unique(times_ns, return_index=True)
             values = values[first]
-        for channel, source, column in zip(channels, stream.sources, values.T, strict=True):
+        for channel, source, column in zip(named, stream.sources, values.T, strict=True):
             yield Samples((channel,), stamps_ns, source.celsius(column[:, np.newaxis]))
     for stream in streams.values():
         if not stream.sources and not stream.is_stamped:
@@ -247,9 +236,9 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     axes: tuple[str, ...] = AXES
     named = [(topics.wrench, cdr.WRENCH, 'raw wrench', axes)]
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
-    sources = parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
+    sources = temperature_source.parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
-        channel = temperature_channel(number)
+        channel = channels.temperature_channel(number)
         if source.path:
             fields[source.topic.strip('/')].append((channel, source))
             continue
@@ -264,20 +253,20 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
         named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
-        named.append((topics.reference, cdr.WRENCH, 'reference', REFERENCE_CHANNELS))
+        named.append((topics.reference, cdr.WRENCH, 'reference', channels.REFERENCE_CHANNELS))
     if topics.imu:
         named.append((topics.imu, cdr.IMU, 'IMU', FORCE_CHANNELS))
     streams = [
-        _TopicStream(connection, channels)
-        for topic, message_type, role, channels in named
+        _TopicStream(connection, group)
+        for topic, message_type, role, group in named
         for connection in bag.find(topic, message_type, role)
     ]
     for topic, parts in fields.items():
-        channels, of_topic = zip(*parts, strict=True)
+        read_as, of_topic = zip(*parts, strict=True)
         for connection in bag.find(topic, None, 'temperature'):
             paths = [source.path for source in of_topic]
             reader = NumberReader(bag.define(connection), connection.msgtype, paths)
-            streams.append(_TopicStream(connection, channels, of_topic, reader))
+            streams.append(_TopicStream(connection, read_as, of_topic, reader))
     topics_read = Counter(stream.connection.id for stream in streams)
     for stream in streams:
         if topics_read[stream.connection.id] > 1:
@@ -292,7 +281,7 @@ def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
     with suppress(RecordingError):  # a message that cannot be decoded shows none
         if content := bag.first(connection):
             layout = follow(bag.define(connection), connection.msgtype, content)
-            return temperatures_in(layout, connection.topic)
+            return temperature_source.temperatures_in(layout, connection.topic)
     return []
 
 
@@ -351,7 +340,7 @@ def gravity_samples(bag: Bag, topics: Topics) -> Iterator[Samples]:
         linked, turned = np.isfinite(force[:, 0]), np.isfinite(speed)
         found |= bool(linked.any())
         yield Samples(FORCE_CHANNELS, times_ns[linked], force[linked])
-        yield Samples((ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
+        yield Samples((channels.ROTATION_CHANNEL,), times_ns[turned], speed[turned, np.newaxis])
     if not found:
         raise RecordingError(
             f'{bag.name}: {gravity.missing()} Name another --gravity-frame; of a split bag, name '

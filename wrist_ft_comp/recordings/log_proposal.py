@@ -17,31 +17,13 @@ from unicodedata import normalize
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, is_plausible, temperature_channel
-from wrist_ft_comp.recordings.read_options import (
-    CHANNELS,
-    COMPENSATED,
-    DAYS_TO_1970,
-    KINDS,
-    listed,
-    ORIGIN,
-    Placed,
-    ROW_NUMBER,
-    STAMP_COLUMNS,
-    STAMP_DATE,
-    STAMP_NANOSEC,
-)
-from wrist_ft_comp.recordings.table_form import (
-    epoch_unit,
-    exact_ns,
-    find_form,
-    Header,
-    MISSING,
-    number_in,
-    unit_of_times,
-)
-from wrist_ft_comp.recordings.units import known_unit, STAMP, TIME_UNITS_NS
+from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
+from wrist_ft_comp.recordings import read_options, table_form
+from wrist_ft_comp.recordings.read_options import KINDS, Placed, STAMP_COLUMNS
+from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, MISSING
+from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
+from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -70,7 +52,6 @@ _TIME_WORD = re.compile(
     'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
-_DATE_WORD = re.compile('dat(e|um)|fecha|日期|日付')
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
     't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
@@ -85,23 +66,21 @@ _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
     'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
 )
-#: What has six or three numbers that are no wrench of the sensor.
-_NO_WRENCH = re.compile('joint|motor|current|target|tau')
-_NUMBERED = (
-    (AXES, re.compile('wrench|force|torque|(^|_)(ft|f)(_|$)')),
-    (AXES[:3], re.compile('force')),
-    (AXES[3:], re.compile('torque')),
+#: Six numbers are a wrench by their names, unless they are of joints or motors.
+_WRENCH = re.compile(
+    '(?!.*(joint|motor|current|target|tau)).*(wrench|force|torque|(^|_)(ft|f)(_|$))'
 )
 #: Names of temperatures of what heats the sensor, or of its surroundings.
 FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
-_NO_THERMOMETER_OF_METAL = re.compile('cpu|battery|batt|gpu|soc')
+#: What has a temperature and is no metal near a sensor, and what was made of a thermometer's.
+_NO_THERMOMETER = {'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance'}
+#: Between which readings a day may begin in °F, and hardly in °C.
+_COLD_START_F = 55.0, 120.0
 _NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
 #: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
 _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
-#: Between which readings a day may begin in °F, and hardly in °C.
-_COLD_START_F = 55.0, 120.0
 #: Readings of a wrist in kelvins, the most that they are apart, and those in tenths of °C.
 _KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
@@ -110,8 +89,8 @@ _SMOOTH = 0.2
 _MOST_BACK = 0.05
 #: When a log was probably written: from 1982 to 2118, days since 1970.
 _LIKELY_DAYS = 4_400, 54_000
-#: Most entries of a proposed map.
-_MOST_ENTRIES = 30
+#: Numbers in this range that grow by less are days, and no seconds.
+_MOST_DAYS = 30.0
 
 
 @dataclass(frozen=True)
@@ -147,15 +126,15 @@ class Proposal:
         form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
         sentence = (
             f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
-            f'{listed(names)}. Rename them, or say what they are, such as --columns '
+            f'{read_options.listed(names)}. Rename them, or say what they are, such as --columns '
             f"'{self.columns}'{form}."
         )
         if OPEN in self.columns:
             sentence += f' Put the name or the number of a column in the place of {OPEN}.'
         if f'{STAMP}={OPEN}' in self.columns:
             sentence += (
-                f' Where no column is a time, and rows come at a fixed rate, stamp={ROW_NUMBER}*'
-                '0.01 is a hundred of them a second.'
+                ' Where no column is a time, and rows come at a fixed rate, '
+                f'stamp={read_options.ROW_NUMBER}*0.01 is a hundred of them a second.'
             )
         if f'temperature_c={OPEN}' in self.columns:
             sentence += (
@@ -174,15 +153,19 @@ def suffix_of(low: float, high: float) -> str:
 
 def warn_of_unused(placed: Placed) -> list[str]:
     """Warn, in one sentence, of columns that are not used, and say what their names mean."""
-    used, ours = {column.place for column in placed.columns.values()}, (ORIGIN, COMPENSATED)
+    used, ours = (
+        {column.place for column in placed.columns.values()},
+        (ORIGIN, read_options.COMPENSATED),
+    )
     unused = [
         name
-        for place, name in enumerate(placed.names)
+        for place, name in enumerate(placed.header.names)
         if name and place not in used and not name.startswith(ours)
     ]
     if not unused:
         return []
-    sentence = f'{placed.table} has columns that are not understood and not used: {listed(unused)}'
+    names = read_options.listed(unused)
+    sentence = f'{placed.table} has columns that are not understood and not used: {names}'
     meant = Proposal.of([propose(placed)], ()).columns
     return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
 
@@ -190,7 +173,9 @@ def warn_of_unused(placed: Placed) -> list[str]:
 class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
-    def __init__(self, place: int, name: str, unit: str, cells: Sequence[str], sign: str) -> None:
+    def __init__(
+        self, place: int, name: str, unit: str, cells: Sequence[str], header: Header
+    ) -> None:
         self.place, self._name, self._unit = place, name, unit
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
@@ -201,25 +186,28 @@ class _Looks:
         numbers = []
         for cell in self.filled:
             with suppress(ValueError):
-                numbers.append(number_in(cell, ''))
+                numbers.append(header.number_in(cell))
         self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
         self._steps = steps = np.diff(self.numbers)
-        self._is_constant = len(steps) > 1 and not steps.any()
+        is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
+        #: Whether its values may be those of a sensor.
+        self.is_measured = self._is_number and not is_constant and not self._counts
         # t is a time, and T is a temperature.
         is_short = self.plain in _SHORT_TIME and not name.strip().startswith('T')
         self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
         #: What --time has to say where it is a time.
-        self.form = find_form(self.filled, month_first=sign == ',')
+        self.form = find_form(self.filled, month_first=header.delimiter == ',')
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
-            self.form = self.unit_of(STAMP) or own or unit_of_times(self.numbers)
+            self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
             first, last = self.numbers[0], self.numbers[-1]
             for form, day in DAYS_TO_1970.items():
                 likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
-                self.form = form if likely and _DATE_WORD.search(self.plain) else self.form
+                is_short_time = likely and last - first < _MOST_DAYS
+                self.form = form if is_short_time and self._is_time_word else self.form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -228,8 +216,9 @@ class _Looks:
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
         others = ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
-        is_other = not self.unit_of(channel) and any(map(self.unit_of, others))
-        return self._is_number and not self._is_constant and not self._counts and not is_other
+        return self.is_measured and bool(
+            self.unit_of(channel) or not any(map(self.unit_of, others))
+        )
 
     def time_score(self) -> float:
         """Tell how well it is a time; 0 where it is none."""
@@ -238,7 +227,7 @@ class _Looks:
         has_unit = bool(self.unit_of(STAMP))
         is_clock = not self._is_number or self.form in DAYS_TO_1970
         if self._is_number and len(self.numbers):
-            is_clock |= bool(epoch_unit(float(self.numbers[0])))
+            is_clock |= bool(table_form.epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):
             return 0.0
         try:
@@ -260,7 +249,8 @@ class _Looks:
             and not any(map(_AXIS.fullmatch, self.words))
             and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )
-        if not (unit or is_named) or not self.may_be('temperature_c'):
+        is_other = not _NO_THERMOMETER.isdisjoint(self.words)
+        if is_other or not (unit or is_named) or not self.may_be('temperature_c'):
             return None
         if not len(self.numbers):
             return unit
@@ -287,49 +277,49 @@ class _Looks:
             quantity = next((q for q, channel in units if self.unit_of(channel)), '')
         if not quantity or not axis or self.words[0] == 'external':
             return ''
-        return f'{"reference_" * (not _TRUE.isdisjoint(self.words))}{quantity}_{axis}'
+        name = f'{quantity}_{axis}'
+        return name if _TRUE.isdisjoint(self.words) else f'reference_{name}'
 
 
-def propose(
-    placed: Placed, rows: Sequence[Sequence[str]] = (), header: Header | None = None
-) -> tuple[dict[str, str], str]:
+def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[str, str], str]:
     """
     Propose what columns are that are not understood, by names, units and some rows of texts.
 
     By the names of ours: columns, with their factors and units, as ``--columns`` has them; and
     the form of the times, as ``--time`` has it.
     """
-    units = (*placed.units, *[''] * len(placed.names))
-    cells = list(zip(*rows, strict=True)) if rows else [()] * len(placed.names)
+    header, names = placed.header, placed.header.names
+    units = (*header.units, *[''] * len(names))
+    cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
     used = {column.place for column in placed.columns.values()}
-    sign = header.delimiter if header else ''
     free = [
-        _Looks(place, name, units[place], cells[place], sign)
-        for place, name in enumerate(placed.names)
+        _Looks(place, name, units[place], cells[place], header)
+        for place, name in enumerate(names)
         if place not in used and (name or any(cells[place]))
     ]
-    found, time = _find_times(free, sign) if STAMP not in placed.columns else ({}, '')
-    _find_channels(free, found, [c for c in CHANNELS if c not in placed.columns], placed)
+    found, time = dict[str, _Looks](), ''
+    if STAMP not in placed.columns:
+        found, time = _find_times(free, header)
+    found |= _find_channels(free, [c for c in CHANNELS if c not in placed.columns], placed)
 
     proposed = {}
-    order = STAMP_DATE, STAMP, STAMP_NANOSEC, *AXES, *map(temperature_channel, range(100))
-    for channel in [c for c in dict.fromkeys([*order, *CHANNELS]) if c in found]:
+    thermometers = [channel for channel in found if channel.startswith('temperature')]
+    order = dict.fromkeys([*STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS])
+    for channel in [c for c in order if c in found]:
         looks, factor, quantity = found[channel], '', channel.split('_')[0]
         unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
         if channel.startswith('temperature'):
             unit = looks.temperature_unit() or ''
             factor, unit = (unit, '') if unit.startswith('*') else ('', unit)
-        if channel in AXES and header:
+        if channel in AXES:
             unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
             counts = header.said_counts.get(quantity, 1.0)
             factor = f'*{1 / counts:g}' if counts > 1 else ''
         # A map names a column by its number where its name is none for a map.
-        name = placed.names[looks.place]
-        by_number = not name or _MAP_SIGNS.search(name) or placed.names.count(name) > 1
+        name = names[looks.place]
+        by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
         name = str(looks.place + 1) if by_number else name
         proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
-        if len(proposed) == _MOST_ENTRIES:
-            break
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
     if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
@@ -337,7 +327,7 @@ def propose(
     return proposed, time
 
 
-def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
+def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:
     """Take the columns of the stamps from those that are free, and their form."""
     scores = {looks: score for looks in free if (score := looks.time_score())}
     if not scores:
@@ -347,58 +337,55 @@ def _find_times(free: list[_Looks], sign: str) -> tuple[dict[str, _Looks], str]:
     is_time_of_day = time.startswith(('%H', '%I'))
     for looks in free:
         if _NANOSEC.fullmatch(looks.plain) and time == 's':
-            found.setdefault(STAMP_NANOSEC, looks)
+            found.setdefault(read_options.STAMP_NANOSEC, looks)
         is_date = looks.form == 'iso' or looks.form.startswith('%')
         if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
-            found.setdefault(STAMP_DATE, looks)
-    if date := found.get(STAMP_DATE):
+            found.setdefault(read_options.STAMP_DATE, looks)
+    if date := found.get(read_options.STAMP_DATE):
         joined = map(' '.join, zip(date.filled, best.filled, strict=False))
-        time = find_form([*joined], month_first=sign == ',')
+        time = find_form([*joined], month_first=header.delimiter == ',')
     others = {looks for looks, score in scores.items() if score > 1}
     free[:] = [looks for looks in free if looks not in others | {*found.values()}]
     return found, time
 
 
-def _find_channels(
-    free: list[_Looks], found: dict[str, _Looks], absent: list[str], placed: Placed
-) -> None:
+def _find_channels(free: list[_Looks], absent: Sequence[str], placed: Placed) -> dict[str, _Looks]:
     """Take the columns of thermometers, forces and torques from those that are free."""
-
-    def take(channel: str, looks: _Looks) -> None:
-        found[channel] = looks
-        free.remove(looks)
-        if channel in absent:
-            absent.remove(channel)
-
-    if set(AXES) <= set(absent):
-        # Six numbered columns of a wrench, the raw one first, or three and three.
-        groups: dict[str, list[_Looks]] = {}
-        for looks in free:
-            base = '_'.join(looks.words[:-1])
-            if looks.words and looks.words[-1].isdecimal() and not _NO_WRENCH.search(base):
-                groups.setdefault(base, []).append(looks)
-        ranked = sorted(groups.items(), key=lambda item: 'raw' not in item[0])
-        for axes, pattern in _NUMBERED:
-            named = (g for name, g in ranked if len(g) == len(axes) and pattern.search(name))
-            for channel, looks in zip(axes, next(named, ()), strict=False):
-                if channel in absent:
-                    take(channel, looks)
-    thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     hot = [looks for looks in free if looks.temperature_unit() is not None]
-    metal = [looks for looks in hot if not _NO_THERMOMETER_OF_METAL.search(looks.plain)]
-    for looks in sorted(metal or hot, key=lambda looks: bool(FAR.search(looks.plain))):
-        take(next(thermometers), looks)
+    hot.sort(key=lambda looks: bool(FAR.search(looks.plain)))
+    thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
+    found = dict(zip(thermometers, hot, strict=False))
+
+    # Six numbered columns, such as ft_raw_wrench_0 to ft_raw_wrench_5, are a wrench.
+    numbered: dict[str, list[_Looks]] = {}
+    for looks in free:
+        base = '_'.join(looks.words[:-1])
+        if looks.words and looks.words[-1].isdecimal() and _WRENCH.match(base):
+            numbered.setdefault(base, []).append(looks)
+    axes = {
+        looks: axis
+        for group in numbered.values()
+        for looks, axis in zip(group, AXES, strict=False)
+        if len(group) == len(AXES)
+    }
 
     def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
         words = {*looks.words}
         return not words.isdisjoint(_TREATED), 'raw' not in words, len(looks.words), looks.place
 
-    for looks in sorted((looks for looks in free if looks not in hot), key=rank):
-        channel = looks.channel()
+    cold = sorted((looks for looks in free if looks not in hot), key=rank)
+    for looks in cold:
+        channel = axes.get(looks) or looks.channel()
         if channel in absent and looks.may_be(channel):
-            take(channel, looks)
-    for looks in free if set(AXES) <= set(absent) else ():
-        is_force = looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain)
-        if looks not in hot and is_force and looks.may_be('force_z'):
-            take('force_z', looks)
-            break
+            found.setdefault(channel, looks)
+    # The only force of a log is taken for the one along z; of several, a person knows the axes.
+    forces = [
+        looks
+        for looks in cold
+        if (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
+        and looks.may_be('force_z')
+    ]
+    if len(forces) == 1 and {*AXES} <= {*absent} - {*found}:
+        found['force_z'] = forces[0]
+    free[:] = [looks for looks in free if looks not in found.values()]
+    return found

@@ -10,7 +10,6 @@ from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,8 +21,6 @@ from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.log_proposal import Proposal, propose, warn_of_unused
 from wrist_ft_comp.recordings.read_options import (
-    Column,
-    ColumnMap,
     COMPENSATED,
     KINDS,
     listed,
@@ -32,15 +29,14 @@ from wrist_ft_comp.recordings.read_options import (
     Placed,
     ReadOptions,
     samples_of,
-    sensor_in,
-    STAMP_NANOSEC,
 )
-from wrist_ft_comp.recordings.table import Rows, Table
-from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
+from wrist_ft_comp.recordings.table import Columns, Rows, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
+from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.
@@ -144,23 +140,24 @@ class OpenTable:
     """A table, or several with one clock, and which of their columns are read."""
 
     def __init__(
-        self, tables: Sequence['Table | _MemoryTable'], options: ReadOptions, name: str = ''
+        self, tables: Sequence[Table | TableInMemory], options: ReadOptions, name: str = ''
     ) -> None:
         self.tables, self.options = tables, options
         self.name = name or '+'.join(table.name for table in tables)
         self.sources = ()
-        self.names = names = [name for table in tables for name in table.names]
+        self.names = names = [name for table in tables for name in table.header.names]
         self.columns: list[Placed] = []
         for table in tables:
-            own = ColumnMap().place(table.name, table.names, table.units)
+            own = ReadOptions().place(table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
-            is_ours = options.columns.source != '--columns' and not own.lacks(list(KINDS))
-            named = (table.name, table.names, table.units)
-            self.columns.append(own if is_ours else options.columns.place(*named))
-        for column in options.columns.columns:
+            is_ours = not any(own.columns.keys().isdisjoint(kind) for kind in KINDS.values())
+            is_beside = options.source != '--columns'
+            said = options.place(table.name, table.header)
+            self.columns.append(own if is_ours and is_beside else said)
+        for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
-                    f'{self.name} has no column {column.name!r}, which {options.columns.source} '
+                    f'{self.name} has no column {column.name!r}, which {options.source} '
                     f'names; it has {listed(names)}. Write it as the header does, or give its '
                     'number, from 1 on. If the map is of other tables, give this one its own by '
                     '--columns.'
@@ -180,14 +177,18 @@ class OpenTable:
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
-        missing = [placed.lacks(kinds) for placed in self.columns]
-        least = {kind: 1 if kind == STAMP else len(missing) for kind in kinds}
-        return [kind for kind in kinds if sum(kind in m for m in missing) >= least[kind]]
+        return [
+            kind
+            for kind in kinds
+            if (any if kind == STAMP else all)(
+                placed.columns.keys().isdisjoint(KINDS[kind]) for placed in self.columns
+            )
+        ]
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""
         pairs = zip(self.columns, self.tables, strict=True)
-        found = [propose(placed, table.shown_rows(), table.header) for placed, table in pairs]
+        found = [propose(placed, table.shown_rows()) for placed, table in pairs]
         return Proposal.of(found, self.lacks())
 
     def require(self, *kinds: str) -> None:
@@ -324,63 +325,6 @@ def hash_recording(path: Path) -> str:
     return digest.hexdigest()
 
 
-class Columns(Protocol):
-    """Columns of equal length by name; NaN where a channel has no sample at a stamp."""
-
-    def keys(self) -> Iterable[Any]:
-        """Give the names."""
-
-    def __getitem__(self, name: str, /) -> Any:
-        """Give what numpy makes an array of."""
-
-
-class _MemoryTable:
-    """Columns in memory, as OpenTable has a table in a file."""
-
-    header, units, path, warnings = None, (), Path(), ()
-
-    def __init__(self, columns: Columns, name: str) -> None:
-        self._columns, self.name, self.names = columns, name, tuple(map(str, columns.keys()))
-
-    def shown_rows(self) -> list[list[str]]:
-        """Show no rows: only names are looked at."""
-        return []
-
-    def rows(self, placed: Placed, _progress: Progress | None = None) -> Iterator[Rows]:
-        """Give all rows at once; RecordingError where a column holds something else."""
-        stamp = placed.columns[STAMP]
-        stamps = np.asarray(self._columns[stamp.name])
-        shape = (stamps.size,)
-
-        def numbers(column: Column) -> FloatArray:
-            try:
-                values = np.asarray(self._columns[column.name], dtype=float)
-            except (TypeError, ValueError) as error:
-                raise RecordingError(
-                    f'{column.name} of {self.name} must hold numbers: {error}.'
-                ) from error
-            if values.shape != shape:
-                raise RecordingError(
-                    f'{column.name} of {self.name} must have shape {shape}, as its stamps; got '
-                    f'{values.shape}.'
-                )
-            return values
-
-        is_date = stamps.dtype.kind == 'M'
-        is_whole = is_date or (stamp.unit == 'ns' and stamps.dtype.kind in 'iu')
-        if stamps.ndim == 1 and not is_whole:
-            stamps = np.rint(numbers(stamp) * TIME_UNITS_NS[stamp.unit])
-        if stamps.ndim != 1 or not np.isfinite(stamps).all():
-            raise RecordingError(
-                f'{stamp.name} of {self.name} must be one time per row; leave out rows without it.'
-            )
-        stamps_ns = (stamps.astype('datetime64[ns]') if is_date else stamps).astype(np.int64)
-        if STAMP_NANOSEC in placed.columns:
-            stamps_ns = stamps_ns + numbers(placed.columns[STAMP_NANOSEC]).astype(np.int64)
-        values = {column.channel: column.to_channel(numbers(column)) for column in placed.channels}
-        yield Rows(stamps_ns, values, np.arange(len(stamps_ns)))
-
-
 def recording_from_columns(
     *tables: Columns, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
 ) -> Recording:
@@ -394,7 +338,7 @@ def recording_from_columns(
     The recording's warnings say what was left out. RecordingError when a table cannot be read,
     when more than ``max_bad_share`` of a channel cannot be used, or when a channel is missing.
     """
-    opened = OpenTable([_MemoryTable(table, name) for table in tables], ReadOptions(), name)
+    opened = OpenTable([TableInMemory(table, name) for table in tables], ReadOptions(), name)
     return read_opened(opened, period_s, max_bad_share)
 
 
@@ -409,7 +353,7 @@ def compensate(
     RecordingError as there, or when the thermometers are not those of the model.
     """
     recording = recording_from_columns(table, *others, period_s=model.period_ns / NANOSECONDS)
-    (rows,) = OpenTable([_MemoryTable(table, recording.name)], ReadOptions()).rows()
+    (rows,) = OpenTable([TableInMemory(table, recording.name)], ReadOptions()).rows()
     absent = np.full(len(rows.stamps_ns), np.nan)
     raw = np.stack([rows.values.get(axis, absent) for axis in AXES], axis=1)
     tare = initial_tare(model, recording, tare_s)

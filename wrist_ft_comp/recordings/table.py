@@ -1,5 +1,5 @@
 """
-Tables read by pandas: CSV and its relatives in blocks, workbooks, parquet.
+Tables read by pandas: CSV and its relatives in blocks, workbooks, parquet, columns in memory.
 
 A block of rows that is as it should be is converted by pandas as a whole; any other one is cut by
 csv first, which knows the lines. A last line without a line end may be cut off; where it is
@@ -8,7 +8,7 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -19,32 +19,17 @@ from math import nan
 from pathlib import Path
 import re
 import shlex
-from typing import Any
+from typing import Any, Protocol
 import zlib
 
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.read_options import (
-    Column,
-    Placed,
-    ROW,
-    STAMP_DATE,
-    STAMP_NANOSEC,
-)
-from wrist_ft_comp.recordings.table_form import (
-    COMMENTS,
-    cut_line,
-    DIGITS,
-    exact_ns,
-    find_form,
-    find_header,
-    FIRST_LINES,
-    MISSING,
-    number_in,
-)
-from wrist_ft_comp.recordings.units import STAMP, TIME_UNITS_NS
+from wrist_ft_comp.recordings import read_options, table_form
+from wrist_ft_comp.recordings.read_options import Column, Placed
+from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, Header
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
 
 #: Characters of the longest line that a table may have.
 LONGEST_LINE = 1_000_000
@@ -60,8 +45,6 @@ _SHOWN_ROWS, _SHOWN_LATER = 3000, 100
 #: that were in order before it; fewer are samples that came late.
 _SURE_ROWS = 10
 _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
-#: What pandas reads as a cell without a value.
-_NO_VALUES = [*MISSING, *map(str.upper, MISSING), 'NaN', 'None', 'Null']
 #: What a cell that cannot be converted raises.
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
 #: What is no text, and the library that reads it.
@@ -81,16 +64,13 @@ class Rows:
 
 
 class Table:
-    """A table in a file; ``names`` and ``units`` say what its columns are called."""
+    """A table in a file; ``header`` says how it is laid out."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
-        #: Lines above the first row, which are not read again.
-        self._above = 0
-        #: Whether it is of a terminal that writes a time, an arrow, and what was sent.
-        self._has_arrows = False
+        self.header = Header()
         lines: list[str] = []
         for _, text in self._texts():
             if '\0' in text and text.endswith('\n'):
@@ -99,19 +79,14 @@ class Table:
                     'table, save it as CSV.'
                 )
             lines += text.removesuffix('\n').split('\n')
-            if len(lines) >= FIRST_LINES:
+            if len(lines) >= table_form.FIRST_LINES:
                 break
         if not any(map(str.strip, lines)):
             raise RecordingError(
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
-        self._has_arrows = ' -> ' in next(line for line in reversed(lines) if line.strip())
-        if self._has_arrows:
-            lines = [line.replace(' -> ', ',') for line in lines]
-        self.header = find_header(lines[:FIRST_LINES])
-        self.names, self.units = self.header.names, self.header.units
-        self._above = self.header.lines_above
+        self.header = table_form.find_header(lines[: table_form.FIRST_LINES])
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""
@@ -139,11 +114,10 @@ class Table:
 
         A last line without a line end comes alone.
         """
-        number, rest = 1, ''
+        number, rest, lines_above = 1, '', self.header.lines_above
         try:
             for piece in self._pieces(progress):
-                plain = piece.replace('\u2212', '-')  # a minus as it is printed
-                rest += plain.replace(' -> ', ',') if self._has_arrows else plain
+                rest += self.header.plain_text(piece)
                 end = rest.rfind('\n') + 1
                 if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                     end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
@@ -153,7 +127,7 @@ class Table:
                         f'{self.name} has a line of more than {LONGEST_LINE} characters; '
                         'expected a table, a row on each line.'
                     )
-                above = max(self._above + 1 - number, 0)
+                above = max(lines_above + 1 - number, 0)
                 if below := text.split('\n', above)[-1]:
                     yield number + above, below
                 number += text.count('\n')
@@ -163,7 +137,7 @@ class Table:
             ) from error
         except (EOFError, lzma.LZMAError, zlib.error) as error:
             raise RecordingError(f'{self.path} cannot be unpacked: {error}.') from error
-        if rest and number > self._above:
+        if rest and number > lines_above:
             yield number, rest
 
     def shown_rows(self) -> list[list[str]]:
@@ -175,7 +149,7 @@ class Table:
             for line in lines[:: max(len(lines) // count, 1)]:
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
                 if len(row) >= self.header.width and tuple(row) not in self.header.rows_above:
-                    rows.append([*row, ''][: len(self.names)])
+                    rows.append([*row, ''][: len(self.header.names)])
         return rows
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
@@ -184,14 +158,14 @@ class Table:
 
         RecordingError, naming the line, where a row is bad, or where the clock begins anew.
         """
-        reader, is_empty, n = _RowReader(self, placed), True, _SURE_ROWS
+        convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
         stamps_ns: IntArray = np.empty(0, np.int64)
         lines = stamps_ns
         for number, text in self._texts(progress):
             is_whole, where = text.endswith('\n'), f'Line {number} of {self.name}'
             try:
                 # Zeros are what a power failure may leave; before Python 3.11, csv refuses them.
-                rows = reader.read(text if is_whole else text.replace('\0', '?'), number)
+                rows = self._read(text if is_whole else text.replace('\0', '?'), number, convert)
             except RecordingError:
                 if is_whole:
                     raise
@@ -203,7 +177,7 @@ class Table:
                 cell = cut_line(text, self.header.delimiter)[-1]
                 self.warnings.append(
                     f'{where} has no line end; if it was cut off, its last value '
-                    f'({self.names[-1]} = {cell!r}) is incomplete.'
+                    f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -212,10 +186,11 @@ class Table:
                 in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
                     path, line = shlex.quote(str(self.path)), int(lines[k])
+                    above = self.header.lines_above
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {line}: another recording '
                         f'begins there. Cut it by "head -n {line - 1} {path} > part_1.csv; '
-                        f'(head -n {self._above} {path}; tail -n +{line} {path}) > part_2.csv".'
+                        f'(head -n {above} {path}; tail -n +{line} {path}) > part_2.csv".'
                     )
             is_empty = False
             yield rows
@@ -224,31 +199,24 @@ class Table:
                 f'{self.name} holds a header and no complete row; nothing was recorded.'
             )
 
-
-class _RowReader:
-    """Converts the rows of a table, block by block."""
-
-    def __init__(self, table: Table, placed: Placed) -> None:
-        self._name, self._header, self._most = table.name, table.header, len(table.names)
-        self._values, self._stamp = placed.channels, placed.columns[STAMP]
-        self._nanosec = placed.columns.get(STAMP_NANOSEC)
-        self._date = placed.columns.get(STAMP_DATE)
-        self._stamps = [column for column in placed.stamps if column.place != ROW]
-        #: The unit or form of stamps; empty until it is found.
-        self._form = self._stamp.unit
-        #: How often a time of day passed midnight, and the last one, ns.
-        self._days, self._last_ns = 0, 0
-        #: How many rows were read.
-        self._count = 0
-
-    def read(self, text: str, number: int) -> Rows:
+    def _read(self, text: str, number: int, convert: '_RowConverter') -> Rows:
         """Convert lines, of which the first has a number; RecordingError where one is bad."""
         import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
-        sign, width = self._header.delimiter, self._header.width
-        with suppress(RecordingError, ValueError):
-            if (frame := self._by_pandas(text, number)) is not None:
-                return self._rows_of(frame)
+        sign, width = self.header.delimiter, self.header.width
+        line_ends, signs = text.count('\n'), text.count(sign)
+        cells = len(text.split()) if sign == ' ' else line_ends + signs
+        if line_ends and cells == line_ends * width:
+            used = [place for place in convert.places if place < width]
+            with suppress(RecordingError, ValueError):
+                frame = pandas.read_csv(
+                    StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
+                    names=range(width), usecols=used, index_col=False, skipinitialspace=True,
+                    dtype=dict.fromkeys(set(used) & convert.stamp_places, str),
+                    skip_blank_lines=False, float_precision='high',
+                    decimal=self.header.decimal,
+                    thousands=self.header.thousands or None)  # fmt: skip
+                return convert(frame.set_axis(range(number, number + line_ends)))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
         texts = [
@@ -260,63 +228,87 @@ class _RowReader:
         try:
             for row in reader:
                 found = [cell.strip() for cell in row]
-                if not any(found) or tuple(found) in self._header.rows_above:
+                if not any(found) or tuple(found) in self.header.rows_above:
                     continue
                 line, count = number + reader.line_num - 1, len(found)
-                if not width <= count <= self._most and any(found[width:] or ['x']):
+                if not width <= count <= len(self.header.names) and any(found[width:] or ['x']):
                     raise RecordingError(
-                        f'Line {line} of {self._name} has {count} cells; the others have {width}. '
+                        f'Line {line} of {self.name} has {count} cells; the others have {width}. '
                         'Repair or remove the line.'
                     )
                 rows[line] = found
         except csv.Error as error:
-            raise RecordingError(f'{self._name} is no table: {error}.') from error
-        return self._rows_of(pandas.DataFrame.from_dict(rows, 'index', str).fillna(''))
+            raise RecordingError(f'{self.name} is no table: {error}.') from error
+        return convert(pandas.DataFrame.from_dict(rows, 'index', str).fillna(''))
 
-    def _by_pandas(self, text: str, number: int) -> Any:
-        """Read the columns that are used; None where a line is not as the others are."""
+
+class Columns(Protocol):
+    """Columns of equal length by name; NaN where a channel has no sample at a stamp."""
+
+    def keys(self) -> Iterable[Any]:
+        """Give the names."""
+
+    def __getitem__(self, name: str, /) -> Any:
+        """Give what numpy makes an array of."""
+
+
+class TableInMemory:
+    """Columns in memory, read as a table in a file is: they are a single block of it."""
+
+    def __init__(self, columns: Columns, name: str) -> None:
+        self._columns, self.name, self.warnings = columns, name, list[str]()
+        self.header = Header(names=tuple(map(str, columns.keys())))
+
+    def shown_rows(self) -> list[list[str]]:
+        """Show no rows: only names are looked at."""
+        return []
+
+    def rows(self, placed: Placed, _progress: Progress | None = None) -> Iterator[Rows]:
+        """Give all rows at once; RecordingError where a column holds something else."""
         import pandas  # noqa: PLC0415 -- as above
 
-        sign, width, count = self._header.delimiter, self._header.width, text.count('\n')
-        data = np.frombuffer(text.encode(errors='replace'), np.uint8)
-        ends = np.flatnonzero((data == ord(sign)) | (data == ord('\n')))
-        if not count or (len(text.split()) if sign == ' ' else len(ends)) != count * width:
-            return None
-        used = [c.place for c in (*self._values, *self._stamps) if c.place < width]
-        # Stamps stay texts, of which no digit is lost; numbers of few digits are read faster.
-        kinds: dict[int, type] = {column.place: str for column in self._stamps}
-        longest = np.full(width, LONGEST_LINE)
-        if sign != ' ':
-            longest = np.diff(ends, prepend=-1).reshape(count, width).max(axis=0) - 1
-        is_number = [*kinds] == [self._stamp.place] and self._form in TIME_UNITS_NS
-        if is_number and longest[self._stamp.place] <= DIGITS:
-            kinds[self._stamp.place] = float
-        values = [longest[place] for place in used if place not in kinds]
-        is_short = max(values, default=0) <= DIGITS and 'e' not in text and 'E' not in text
-        frame = pandas.read_csv(
-            StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
-            names=range(width), usecols=used, dtype=kinds, keep_default_na=False,
-            na_values={k: [''] if k in kinds else _NO_VALUES for k in used}, index_col=False,
-            skip_blank_lines=False, skipinitialspace=True,
-            float_precision='high' if is_short else 'round_trip',
-            decimal=',' if sign != ',' and ',' in text else '.')  # fmt: skip
-        return frame.set_axis(range(number, number + count))
+        convert = _RowConverter(placed)
+        cells = {place: self._columns[self.header.names[place]] for place in convert.places}
+        try:
+            frame = pandas.DataFrame({place: np.asarray(cells[place]) for place in cells})
+        except ValueError as error:
+            raise RecordingError(
+                f'The columns of {self.name} must have one value per row: {error}.'
+            ) from error
+        yield convert(frame.set_axis(range(1, len(frame) + 1)))
 
-    def _rows_of(self, frame: Any) -> Rows:
-        """Convert columns by their places: numbers, or the texts of cells."""
-        sign, lines, values = self._header.delimiter, frame.index.to_numpy(), {}
 
-        def numbers(cells: Any) -> FloatArray:
-            return np.array([number_in(str(cell), sign) for cell in cells], float)
+class _RowConverter:
+    """Converts the rows of a table, block by block."""
 
-        for column in self._values:
+    def __init__(self, placed: Placed) -> None:
+        self._name, self._columns = placed.table, placed.columns
+        self._header = placed.header
+        self._channels, self._stamp = placed.channels, placed.columns[STAMP]
+        #: The places of all columns that are used, and those of stamps.
+        self.places = [c.place for c in placed.columns.values() if c.place != read_options.ROW]
+        self.stamp_places = {column.place for column in placed.stamps}
+        #: The unit or form of stamps; empty until it is found.
+        self._form = self._stamp.unit
+        #: How often a time of day passed midnight, and the last one, ns.
+        self._days, self._last_ns = 0, 0
+        #: How many rows were converted.
+        self._count = 0
+
+    def __call__(self, frame: Any) -> Rows:
+        """Convert columns by their places, numbers or texts, of rows by their lines."""
+        lines, values = frame.index.to_numpy(), {}
+        for column in self._channels:
             cells = np.asarray(frame.get(column.place, np.full(len(lines), nan)))
             if cells.dtype.kind not in 'iuf':
-                cells = self._convert(numbers, cells.tolist(), column, lines)
+                cells = self._convert(self._numbers, cells.tolist(), column, lines)
             values[column.channel] = column.to_channel(cells.astype(float))
         stamps_ns = self._stamps_of(frame, lines)
         self._count += len(lines)
         return Rows(stamps_ns, values, lines)
+
+    def _numbers(self, cells: Sequence[Any]) -> FloatArray:
+        return np.array([self._header.number_in(str(cell)) for cell in cells], float)
 
     def _convert(
         self, convert: Callable[[Any], Any], cells: Sequence[Any], column: Column, lines: IntArray
@@ -326,8 +318,8 @@ class _RowReader:
             return convert(cells)
         except _BAD as error:
             if len(cells) > 1:
-                for k, cell in enumerate(cells):
-                    self._convert(convert, [cell], column, lines[k : k + 1])
+                for k in range(len(cells)):
+                    self._convert(convert, cells[k : k + 1], column, lines[k : k + 1])
                 raise RecordingError(
                     f'{self._name} has times in {column.name} that are in no common form. Say '
                     'what they are, such as --time iso.'
@@ -344,28 +336,35 @@ class _RowReader:
                 f'{str(cells[0])[:60]!r}. {remedy}'
             ) from error
 
-    def _stamps_of(self, columns: Any, lines: IntArray) -> IntArray:
+    def _stamps_of(self, frame: Any, lines: IntArray) -> IntArray:
         """Convert the columns of stamps; the form is found where nobody said it."""
         factor, count = self._stamp.factor, len(lines)
-        if not count or self._stamp.place == ROW:
+        if not count or self._stamp.place == read_options.ROW:
             unit_ns = TIME_UNITS_NS[self._form or 's']
             numbers = self._count + np.arange(count)
             return np.asarray(np.rint(numbers * (factor or 1.0) * unit_ns).astype(np.int64))
-        stamps = columns[self._stamp.place].fillna('').to_numpy()
-        stamps = stamps if stamps.dtype == float else stamps.tolist()
-        if self._date:
-            dates = columns[self._date.place]
-            stamps = [f'{date} {time}' for date, time in zip(dates, stamps, strict=True)]
-        month_first = self._header.delimiter == ','
-        self._form = self._form or find_form(stamps, month_first=month_first) or 's'
-        form = self._form
-        stamps_ns = self._convert(lambda cells: exact_ns(cells, form), stamps, self._stamp, lines)
+
+        def cells_of(column: Column) -> Any:
+            cells = frame[column.place]
+            return cells.fillna('').tolist() if cells.dtype == object else cells.to_numpy()
+
+        stamps = cells_of(self._stamp)
+        if date := self._columns.get(read_options.STAMP_DATE):
+            pairs = zip(cells_of(date), stamps, strict=True)
+            stamps = [f'{day} {time}' for day, time in pairs]
+        if not self._form and isinstance(stamps, list):
+            self._form = table_form.find_form(stamps, month_first=self._header.delimiter == ',')
+        form = self._form = self._form or 's'
+        if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
+            stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]
+        stamps_ns = self._convert(
+            lambda cells: table_form.exact_ns(cells, form), stamps, self._stamp, lines
+        )
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
-        if self._nanosec:
-            cells = columns[self._nanosec.place].fillna('').tolist()
+        if nanosec := self._columns.get(read_options.STAMP_NANOSEC):
             stamps_ns = stamps_ns + self._convert(
-                lambda cells: exact_ns(cells, 'ns'), cells, self._nanosec, lines
+                lambda cells: table_form.exact_ns(cells, 'ns'), cells_of(nanosec), nanosec, lines
             )
         if form.startswith(('%H', '%I')):
             stamps_ns = stamps_ns % _DAY_NS

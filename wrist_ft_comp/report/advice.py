@@ -3,27 +3,22 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 import json
 from pathlib import Path
 import shlex
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference, Topics
-from wrist_ft_comp.recordings.describe import survey_bag, TEMPERATURE
+from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 
-#: Temperatures of a robot's wrist, °C: from a hall on a cold morning to hours of hard work.
-WORKING_RANGE_C = (15.0, 50.0)
-#: Temperatures that were not seen over at least this much are named, K: a model that knows both
-#: sides of less does not guess.
-_HOLE_K = 3.0
+#: Where the node hears an IMU, unless it is remapped.
+IMU_TOPIC = 'imu'
 #: Rise and fall are counted between means over this time, s, so that noise does not count.
 _TREND_S = 300.0
 #: A recording should last for this many slowest time constants.
@@ -53,8 +48,6 @@ class Coverage:
     #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
-    #: Parts of the working range that the leading thermometer has not seen, °C.
-    unseen_c: Sequence[tuple[float, float]]
     #: How steeply it rises where a recording begins, at most, K/h.
     begins_k_per_h: float
 
@@ -68,12 +61,6 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     temperature_c = np.concatenate([recording.temperature_c[at] for recording, at in pairs])
     range_c = np.stack((temperature_c.min(axis=0), temperature_c.max(axis=0)), axis=1)
     leading = int(np.argmax(np.ptp(range_c, axis=1)))
-    # Neighbouring readings that are far apart leave a hole; so do the ends of the working range.
-    seen_c = np.unique(temperature_c[:, leading])
-    coldest, hottest = WORKING_RANGE_C
-    inner = pairwise(seen_c.tolist())
-    outer = (coldest, float(seen_c[0])), (float(seen_c[-1]), hottest)
-    unseen = [(low, high) for low, high in (outer[0], *inner, outer[1]) if high - low >= _HOLE_K]
     # Rise and fall, between means of the leading thermometer, and its trend at the beginning.
     cells = max(round(_TREND_S / recordings[0].period_s), 1)
     means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
@@ -81,7 +68,7 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
     begins = [(one.elapsed_s / 3600, one.temperature_c[:, leading]) for one in recordings]
     slopes = [np.polyfit(t[: cells + 1], c[: cells + 1], 1)[0] for t, c in begins if len(t) > 1]
-    return Coverage(range_c, leading, risen_k, fallen_k, unseen, max(slopes, default=0.0))
+    return Coverage(range_c, leading, risen_k, fallen_k, max(slopes, default=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +87,8 @@ class Case:
     thermometers: Sequence[str] = ()
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
-    #: Of an evaluation: the temperatures that the model learnt, °C, and its file.
+    #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
-    model: Path | None = None
     #: And the command that runs it; empty where it was learnt from what it is judged on.
     run: str = ''
     #: Of an evaluation: axes whose errors are above the stated limit, with both.
@@ -118,7 +104,9 @@ def run_command(topics: Topics, model: object) -> str:
     if topics.temperatures != Topics.temperatures:
         words += ['-p', f'temperature_topics:={json.dumps(topics.temperatures)}']
     if topics.imu:
-        words += ['-p', 'gravity.source:=imu', '-r', f'imu:={topics.imu}']
+        words += ['-p', 'gravity.source:=imu']
+        if topics.imu.strip('/') != IMU_TOPIC:
+            words += ['-r', f'imu:={topics.imu}']
     elif topics.gravity_frame:
         words += ['-p', 'gravity.source:=tf', '-p', f'gravity.frame:={topics.gravity_frame}']
     return shlex.join(words)
@@ -150,7 +138,7 @@ def advise(case: Case) -> tuple[str, ...]:
     some_are_good = 'good' in case.levels.values()
     if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
-    return (*steps, *(_judged(case, outside) if case.model else _recorded(case)))
+    return (*steps, *(_judged(case, outside) if case.learnt_c else _recorded(case)))
 
 
 def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
@@ -158,7 +146,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
     count, axes = len(case.coverage.range_c), _enumerate(poor)
     who = 'One thermometer does' if count == 1 else f'The {count} thermometers do'
     what = 'any axis' if len(poor) == len(case.levels) > 1 else axes
-    head = f'{who} not explain {what} well: heat comes from where there is none.'
+    head = f'{who} not explain {what} well: heat enters at a place without one.'
     used = {entry.strip('/') for entry in case.thermometers}
     unused: list[str] = []
     with suppress(WristFtCompError, OSError):  # the recording may be gone
@@ -171,7 +159,7 @@ def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) 
                 and candidate.entry.strip('/') not in used
             ]  # fmt: skip
     if not unused:
-        return f'{head} Put another one at the side of the motor, or of the room.'
+        return f'{head} Put another one at the flange: where the motor heats it, or opposite.'
     options = (f'--temperature-topic {shlex.quote(e)}' for e in (*case.thermometers, *unused))
     return (
         f'{head} {case.paths[0].name} holds {_enumerate(unused)}, too, which was not used. '
@@ -201,19 +189,12 @@ def _recorded(case: Case) -> Iterator[str]:
         )
     if len(durations_s) == 1:
         yield 'Record on a second day: a model is then judged on whole days that it has not seen.'
+    low_c, high_c = coverage.range_c[coverage.leading]
     where = f' at thermometer {coverage.leading + 1}' if len(coverage.range_c) > 1 else ''
-    if unseen := [f'{start:.0f} to {end:.0f}' for start, end in coverage.unseen_c]:
-        yield (
-            f'The recordings have no temperatures of {_enumerate(unseen)} °C{where}: there the '
-            'correction is a guess. If the robot gets there, record it there.'
-        )
-    if missing := [axis for axis in AXES if axis not in case.levels]:
-        yield f'No recording holds {_enumerate(missing)}; what is not recorded is passed through.'
-    if case.reference not in {'recorded', 'payload'}:
-        yield (
-            'The drift of the gain is not known. If the sensor works under large loads, record '
-            'changing loads with a reference beside them (reference "recorded").'
-        )
+    yield (
+        f'The recordings go from {low_c:.0f} to {high_c:.0f} °C{where}. If the robot gets colder '
+        'or hotter, record that, too: outside of this range the correction is a guess.'
+    )
     yield 'Judge this model on a recording that it has not seen: wrist_ft_comp evaluate.'
 
 
@@ -221,8 +202,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     """Say what an evaluation asks for."""
     if outside:
         yield (
-            f'Here {" and ".join(outside)} left the temperatures that the model was learnt at. '
-            'Calibrate again with these recordings among the others.'
+            f'In these recordings {" and ".join(outside)} left the range that the model was '
+            'learnt from. Calibrate again with these recordings among the others.'
         )
     elif case.beyond:
         yield (
@@ -234,12 +215,6 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         )
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
         yield f'The model holds on these recordings. Run it:\n{case.run}'
-    unseen = [f'{start:.0f} to {end:.0f}' for start, end in case.coverage.unseen_c]
-    if unseen and not outside:
-        yield (
-            f'These recordings hold nothing at {_enumerate(unseen)} °C. If the robot gets there, '
-            'evaluate a recording of that, too.'
-        )
 
 
 def _enumerate(words: Sequence[str]) -> str:

@@ -2,28 +2,13 @@
 
 from collections.abc import Sequence
 from datetime import datetime, timezone
-from itertools import pairwise
-import re
 from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.learning.diary import (
-    CONTACTS,
-    DayEntry,
-    Diary,
-    FORCES,
-    NONE,
-    SENSOR,
-    THERMOMETER,
-    TOOL,
-    TORQUES,
-    UNREADABLE,
-    ZERO,
-)
-from wrist_ft_comp.learning.working_day import DAY_NS
+from wrist_ft_comp.learning.diary import DayEntry, Diary, NONE
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import Output
 
 #: What the picture of days names as its software, by which it is known again.
@@ -34,20 +19,17 @@ PICTURE = Output(
     name='picture', endings='.png',
     begins=rf'.PNG\r\n\x1a\n.{{20,80}}tEXtSoftware\x00{PAINTER}')  # fmt: skip
 
-#: A silence of the robot from this length on is one of the things that happened, days.
-_PAUSE_DAYS = 7.0
-#: Of a drift up to this one, N or N m, no share is given: no sensor resolves it.
+#: Of a drift up to this one, N, no share is given: no sensor resolves it.
 _LEAST_DRIFT = 1e-6
 #: Names of incidents; another kind goes by its own name.
 NAMES = {
-    ZERO: 'zero jumped',
-    SENSOR: 'gain or mounting changed',
-    TOOL: 'another tool',
-    CONTACTS: 'pushed all day',
-    UNREADABLE: 'day not readable',
+    'zero': 'zero jumped',
+    'thermometer': 'thermometer out',
+    'sensor': 'gain or mounting changed',
+    'tool': 'another tool',
+    'contacts': 'pushed all day',
+    'unreadable': 'day not readable',
 }
-NO_PAYLOAD = 'no payload found'
-NO_DAYS = 'no days'
 #: Names of changes of the model, which happen after a day.
 LEARNT, OFFERED, CHOSEN, BACK = MODEL_CHANGES = (
     'new model learnt',
@@ -59,7 +41,7 @@ _NAMES_OF_CHANGES: dict[str, str] = {'learnt': LEARNT, 'chosen': CHOSEN, 'back':
 
 
 class DriftLeft(NamedTuple):
-    """RMS of drift, N or N m: without a model, and what the live model left; NaN if unknown."""
+    """RMS of a force's drift, N: without a model, and what the live one left; NaN if unknown."""
 
     without: float
     left: float
@@ -81,96 +63,58 @@ class Event(NamedTuple):
     sentence: str
 
 
-def drift_left(entry: DayEntry, axes: slice = FORCES) -> DriftLeft:
-    """Give what was left of a force's drift on a day, or of a torque's."""
-    return DriftLeft(entry.rms_left(NONE, axes), entry.rms_left(entry.live, axes))
+def drift_left(entry: DayEntry) -> DriftLeft:
+    """Give what was left of a force's drift on a day."""
+    return DriftLeft(entry.rms_left(NONE), entry.rms_left(entry.live))
 
 
-def usual_drift(diary: Diary, axes: slice = FORCES) -> tuple[DriftLeft, FloatArray]:
-    """
-    Take the medians of what was left: one day that was judged wrongly does not move them.
-
-    Gives, too, what was left day by day, (n, 2): of days with a live model, if there are any.
-    """
-    drifts = np.array([drift_left(day, axes) for day in diary.days])
+def usual_drift(diary: Diary) -> DriftLeft:
+    """Take the medians of days with a live model, if there are any, or else of all."""
+    drifts = np.array([drift_left(day) for day in diary.days])
     with_model = np.isfinite(drifts).all(axis=1)
     judged = drifts[with_model if with_model.any() else np.isfinite(drifts[:, 0])]
-    return DriftLeft(*(np.median(judged, axis=0) if len(judged) else (np.nan, np.nan))), judged
+    return DriftLeft(*(np.median(judged, axis=0) if len(judged) else (np.nan, np.nan)))
 
 
-def summary(diary: Diary) -> tuple[str, str]:
-    """Say in one sentence what drifted and what was left of it, and how that was counted."""
-    (force, judged), (torque, _) = usual_drift(diary), usual_drift(diary, TORQUES)
+def summary(diary: Diary) -> str:
+    """Say in one sentence what drifted, and what was left of it."""
+    usual, count = usual_drift(diary), len(diary.days)
     dates = dict.fromkeys(map(when, (diary.days[0], diary.days[-1])))
-    head = f'{_days(len(diary.days))}, {" to ".join(dates)}'
-    if not len(judged):
-        return f'{head}: none is judged yet.', ''
-    counted = f'RMS of a day, tared in its first minute; median of {_days(len(judged))}'
-    sentence = f'{head}: on a usual day a force drifted by {rounded(force.without, 2)} N'
-    if np.isnan(force.left):
-        return f'{sentence}; no model was live.', f'{counted}.'
-    counted += f' with a model; most left {rounded(judged[:, 1].max(), 2)} N.'
-    if np.isfinite(torque.left):
-        counted += (
-            f' A torque drifted by {rounded(torque.without, 2)} N m; the model left '
-            f'{_left_words(torque, "N m")}.'
-        )
-    return f'{sentence}; the model left {_left_words(force, "N")}.', counted
+    head = f'{count} {"day" if count == 1 else "days"}, {" to ".join(dates)}'
+    if np.isnan(usual.without):
+        return f'{head}: none is judged yet.'
+    sentence = f'{head}: on a usual day a force drifted by {rounded(usual.without, 2)} N (RMS)'
+    if np.isnan(usual.left):
+        return f'{sentence}; no model was live.'
+    share = f' ({rounded(100 * usual.share, 2)} %)' if np.isfinite(usual.share) else ''
+    return f'{sentence}; the model left {rounded(usual.left, 2)} N{share}.'
 
 
 def figures(diary: Diary) -> dict[str, object]:
     """Give days, what was left of their drift, and what happened, for scripts."""
-    (force, judged), (torque, _) = usual_drift(diary), usual_drift(diary, TORQUES)
-    sentence, counted = summary(diary)
     names = [day.name for day in diary.days]
     return {
         'days': [{**vars(day), 'known': sorted(day.known)} for day in diary.days],
         'paused': diary.paused,
-        'summary': {
-            'sentence': sentence, 'counted': counted, 'days': len(judged), 'force_n': force,
-            'torque_nm': torque,
-        },
+        'summary': {'sentence': summary(diary), 'force_n': usual_drift(diary)},
         'events': [
             event._asdict() | {'first': names[event.first], 'last': names[event.last]}
             for event in events(diary)
         ],
-    }  # fmt: skip
-
-
-def _days(count: int) -> str:
-    return f'{count} {"day" if count == 1 else "days"}'
-
-
-def _left_words(drift: DriftLeft, unit: str) -> str:
-    """Write what was left, and which share that is."""
-    share = f' ({rounded(100 * drift.share, 2)} %)' if np.isfinite(drift.share) else ''
-    return f'{rounded(drift.left, 2)} {unit}{share}'
+    }
 
 
 def events(diary: Diary) -> list[Event]:
     """List what happened, oldest first: to the sensor, to the robot's days, and to the model."""
-    # Days in a row with the same incident are one event, unless the zero jumped.
-    found: dict[tuple[str, int], Event] = {}  # by name and last day
-    weighed = any(day.payloads for day in diary.days)
+    happened: list[Event] = []
     for n, day in enumerate(diary.days):
-        # The names of the day's incidents: of thermometers, each that was out.
-        thermometers = re.findall(r'hermometer (\d+)', day.incident)
-        names = []
-        if day.kind == THERMOMETER and thermometers:
-            names = [f'thermometer {number} out' for number in dict.fromkeys(thermometers)]
-        elif day.kind or day.incident:
-            names = [NAMES.get(day.kind, day.kind or 'incident')]
-        elif weighed and not day.payloads and np.isfinite(day.rms_left(NONE)):
-            names = [NO_PAYLOAD]
-        for name in names:
-            begun = None if day.kind == ZERO else found.pop((name, n - 1), None)
-            found[name, n] = begun._replace(last=n) if begun else Event(name, n, n, day.incident)
-    happened = list(found.values())
-    for n, (day, after) in enumerate(pairwise(diary.days)):
-        pause_days = (after.first_ns - day.first_ns) / DAY_NS - day.hours / 24
-        if day.first_ns and pause_days >= _PAUSE_DAYS:
-            nothing = f'Nothing was recorded for {pause_days:.0f} days.'
-            happened.append(Event(NO_DAYS, n, n + 1, nothing))
+        name = NAMES.get(day.kind, day.kind)
+        before = happened[-1] if happened else None
+        if before and day.kind != 'zero' and (before.name, before.last) == (name, n - 1):
+            # Days in a row with the same incident are one event, unless the zero jumped.
+            happened[-1] = before._replace(last=n)
+        elif name:
+            happened.append(Event(name, n, n, day.incident))
     numbers = {day.name: n for n, day in enumerate(diary.days)}
     for change in diary.history:
         if change.day in numbers:

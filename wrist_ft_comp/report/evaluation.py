@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.recording import Recording, Reference, require_recordings
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import simulate_drift, tare_at_start
+from wrist_ft_comp.stream.offline import streamed_drift, tare_at_start
 
 
 class TaredErrors(NamedTuple):
@@ -64,7 +64,8 @@ def tared_errors(
     """
     Subtract the reference from raw and compensated wrenches, both tared, in means over 10 s.
 
-    They are tared on the first seconds that hold wrenches; steps of a still load are taken out.
+    The correction of a cell comes one cell later, as it does in operation. They are tared on the
+    first seconds that hold wrenches; steps of a still load are taken out.
     Without a recorded reference they are compared with zero; with payload, in cells without
     contact, with the weight that is found in this recording.
 
@@ -81,11 +82,11 @@ def tared_errors(
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).separation.drift[0], 'recorded'
     recording, _ = without_steps(recording, reference)
-    simulated = simulate_drift(model, recording)
+    streamed = streamed_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)
     before, after = (
         correct(recording.wrench, drift, tare_at_start(recording, true, drift, tare_s)) - true
-        for drift in (no_drift(len(recording)), simulated)
+        for drift in (no_drift(len(recording)), streamed)
     )
     if not (np.isfinite(before) & np.isfinite(after)).any():
         raise RecordingError(

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-import re
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -22,9 +21,6 @@ REPORT = Output(
     name='report', endings='.html .htm',
     begins='<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
     f'<meta name="generator" content="{GENERATOR}">')  # fmt: skip
-
-#: A number and its unit stay on one line, and so does N m.
-_UNITS = re.compile(r'(?<=\d) (?=(?:N m|N|°C|K|%|h|min|s)(?!\w))|(?<=N) (?=m)')
 
 
 def page(view: report_content.ReportContent) -> str:
@@ -64,16 +60,9 @@ def _environment() -> Environment:
 
     environment = Environment(
         loader=PackageLoader('wrist_ft_comp.report'), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, finalize=_join_units)  # fmt: skip
+        trim_blocks=True, lstrip_blocks=True)  # fmt: skip
     environment.filters.update(number=rounded, svg=pictures.svg_text)
     environment.globals.update(
         content=report_content, generator=GENERATOR, levels=LEVEL_NAMES, number=rounded,
         pictures=pictures, zip=zip)  # fmt: skip
     return environment
-
-
-def _join_units(value: object) -> object:
-    """Keep numbers and units together in what a template inserts, but for HTML."""
-    if isinstance(value, str) and not hasattr(value, '__html__'):
-        return _UNITS.sub('\N{NO-BREAK SPACE}', value)
-    return value

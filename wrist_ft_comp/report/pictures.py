@@ -1,13 +1,13 @@
 """
 All pictures: SVG of a report, which takes its text's colour and font from the page, and PNG.
 
-Without compensation is dashed, or a cross; with it is solid, or a dot: colour is never needed.
+Without compensation is dashed, with it is solid: colour is never needed.
 """
 
 from collections.abc import Sequence
 from html import escape
 from io import BytesIO, StringIO
-from itertools import chain, cycle
+from itertools import cycle
 import json
 import re
 import textwrap
@@ -40,54 +40,37 @@ FRAME = '#7D848C'
 _SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
 _DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
 _THERMOMETER_STYLES = ('-', '--', '-.', ':')
-_DOTS: dict[str, Any] = {'ls': '', 'marker': 'o', 'ms': 2.2, 'mew': 0, 'color': WITH}
-_CROSSES: dict[str, Any] = {'ls': '', 'marker': 'x', 'ms': 3.2, 'mew': 0.8, 'color': WITHOUT}
 #: Width and height of an SVG, inches.
-_SIZE, _SMALL = (4.6, 2.7), (4.6, 2.3)
+_SIZE = (4.6, 2.1)
 #: matplotlib joins points of a line that are no farther apart than this, pixels; peaks stay.
 _SIMPLIFIED = 0.5
-#: Most points of a cloud.
-_POINTS = 150
 #: Most points of a line whose numbers are shown.
 _HOVER_POINTS = 240
 #: Samples are not joined where they are farther apart than this many median distances.
 _GAP = 10.0
 
 # The PNG pictures: of a node's days, and of a recording.
-#: Width of a picture, and heights of its parts, inches: newtons, per cent, a lane of events, title
-#: and what lies between them; and the panels of a recording.
-_WIDTH, _NEWTONS, _PER_CENT, _LANE, _MARGINS = 11.0, 2.4, 1.5, 0.22, 1.7
+#: Width of a picture, inches.
+_WIDTH = 11.0
+#: Heights of the parts of a year, inches: newtons, a lane of events, and what lies around them.
+_NEWTONS, _LANE, _MARGINS = 2.8, 0.22, 1.5
+#: Heights of the parts of a recording, inches.
 _TEMPERATURES, _AXIS = 2.2, 1.4
 #: Letters in a line of the title.
 _TITLE_LETTERS = 115
 #: Most dates below the picture.
 _MOST_DATES = 8
-#: Newtons are drawn up to this many times what 90 % of the days stay below, and so is per cent.
-_SHOWN, _MOST_PER_CENT = 2.0, 125.0
-#: Least width of a bar in a lane, as a share of the width.
-_LEAST_BAR = 0.004
+#: Newtons are drawn up to this many times what 90 % of the days stay below.
+_SHOWN = 2.0
 
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel('time, h', f'error, {unit}', _SMALL)
+    figure, panel = _panel('time, h', f'error, {unit}')
     for at in np.flatnonzero(np.diff(series.part)):
         panel.axvline(series.hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
-    label = 'without compensation'
-    _line(panel, series.hours, series.before, series.part, label=label, **_DASHED)
-    _line(panel, series.hours, series.after, series.part, label='with', **_SOLID)
-    _legend(figure)
-    return figure
-
-
-def errors_over_temperature(series: ErrorSeries, unit: str) -> Figure:
-    """Draw the errors of an axis over the temperature of the leading thermometer."""
-    figure, panel = _panel('temperature, °C', f'error, {unit}')
-    drawn = slice(None, None, max(-(-len(series.hours) // _POINTS), 1))
-    at = series.temperature_c[drawn]
-    panel.plot(at, series.before[drawn], label='without compensation', **_CROSSES)
-    panel.plot(at, series.after[drawn], label='with', **_DOTS)
-    _legend(figure)
+    _line(panel, series.hours, series.before, series.part, **_DASHED)
+    _line(panel, series.hours, series.after, series.part, **_SOLID)
     return figure
 
 
@@ -98,7 +81,7 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
     _thermometers(panel, hours, np.concatenate([one.temperature_c for one in recordings]), part)
-    _legend(figure, columns=4 if recordings[0].temperature_c.shape[1] > 2 else 2)
+    panel.legend(loc='lower right', bbox_to_anchor=(1, 1), ncols=4, frameon=False)
     return figure
 
 
@@ -150,9 +133,9 @@ def svg_text(
     return text.replace('<svg', f'<svg {more}', 1)
 
 
-def _panel(x_label: str, y_label: str, size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
+def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Prepare a picture with one pair of axes."""
-    figure = Figure(figsize=size, layout='constrained')
+    figure = Figure(figsize=_SIZE, layout='constrained')
     panel = figure.add_subplot(xlabel=x_label, ylabel=y_label)
     panel.locator_params(nbins=6)
     _frame(panel)
@@ -168,16 +151,6 @@ def _frame(panel: Axes, grid: Literal['both', 'y'] = 'both') -> None:
     panel.spines[['bottom', 'left']].set_color(FRAME)
 
 
-def _legend(figure: Figure, columns: int = 2) -> None:
-    """Put the legend of all panels above the first one, where it hides nothing."""
-    drawn = [zip(*panel.get_legend_handles_labels(), strict=True) for panel in figure.axes]
-    handles, labels = zip(*chain.from_iterable(drawn), strict=True)
-    figure.axes[0].legend(
-        handles, labels, loc='lower right', bbox_to_anchor=(1, 1), ncols=columns, frameon=False,
-        handlelength=2.4, markerscale=1.5,
-    )  # fmt: skip
-
-
 def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: Any) -> None:
     """Draw a line that breaks between parts and at gaps."""
     steps = np.diff(x)
@@ -189,19 +162,16 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
 
 
 def days_figure(diary: Diary) -> Figure:
-    """Draw newtons and per cent of every day, and what happened by its name, below a sentence."""
+    """Draw the newtons of every day, and what happened by its name, below a sentence."""
     days, happened = diary.days, day_figures.events(diary)
     names = list(dict.fromkeys(event.name for event in happened))
-    heights = _NEWTONS, _PER_CENT, _LANE * (len(names) + 1)
+    heights = _NEWTONS, _LANE * (len(names) + 1)
     figure = Figure(figsize=(_WIDTH, sum(heights) + _MARGINS), layout='constrained')
-    title, counted = (
-        '\n'.join(textwrap.wrap(line, _TITLE_LETTERS)) for line in day_figures.summary(diary)
-    )
+    title = '\n'.join(textwrap.wrap(day_figures.summary(diary), _TITLE_LETTERS))
     figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
     dated = range(0, len(days), -(-len(days) // _MOST_DATES))
-    panels: list[Axes] = figure.subplots(3, height_ratios=heights).tolist()
-    newtons, per_cent, lanes = panels
-    for panel in panels:
+    newtons, lanes = figure.subplots(2, height_ratios=heights)
+    for panel in (newtons, lanes):
         panel.set_xlim(-0.8, len(days) - 0.2)
         panel.set_xticks(dated, [day_figures.when(days[n]) for n in dated])
         panel.tick_params(labelbottom=panel is lanes)
@@ -216,29 +186,19 @@ def days_figure(diary: Diary) -> Figure:
     highest = np.nanmax(drift, axis=1, initial=0.0)
     newtons.set_ylim(0, min(_SHOWN * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
     newtons.set_ylabel('force, N')
-    newtons.set_title(counted, loc='left', size=9, color=FRAME, pad=22)
     newtons.legend(
         loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
     )
-    shares = 100 * np.array([day_figures.drift_left(day).share for day in days])
-    per_cent.plot(numbers, np.minimum(shares, _MOST_PER_CENT), 'o-', ms=3, lw=0.8, color=WITH)
-    per_cent.axhline(100, color=WITHOUT, lw=1.0)
-    per_cent.set_ylim(0, 1.05 * _MOST_PER_CENT)
-    per_cent.set_yticks((0, 25, 50, 75, 100), ('0', '25', '50', '75', 'no model  100'))
-    per_cent.set_ylabel('left, %')
-
     lanes.set_yticks(range(len(names)), names, parse_math=False)
     lanes.set_ylim(len(names) - 0.4, -0.6)
     for event in happened:
         lane, begin, end = names.index(event.name), event.first - 0.45, event.last + 0.45
         if event.name in day_figures.MODEL_CHANGES:
             lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
-            for panel in (newtons, per_cent) if event.name != day_figures.OFFERED else ():
-                panel.axvline(end, color=FRAME, lw=0.8, ls='--')
+            if event.name != day_figures.OFFERED:
+                newtons.axvline(end, color=FRAME, lw=0.8, ls='--')
         else:
-            width = max(end - begin, _LEAST_BAR * len(days))
-            colour = FRAME if event.name == day_figures.NO_DAYS else INCIDENT
-            lanes.barh(lane, width, 0.5, begin, color=colour)
+            lanes.barh(lane, end - begin, 0.5, begin, color=INCIDENT)
     return figure
 
 

@@ -12,12 +12,11 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
-from wrist_ft_comp.payload.accelerometer import describe_force, moments_of
+from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.payload_states import COUNTS
-from wrist_ft_comp.payload.separation import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import elapsed_s, Recording, Reference
+from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import verdict as verdicts
 from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
@@ -37,14 +36,12 @@ _NO_ENTRY = {
 
 @dataclass(frozen=True, eq=False)
 class ErrorSeries:
-    """Errors of one axis, over time and over temperature; all arrays of shape (n,)."""
+    """Errors of one axis over time; all arrays of shape (n,)."""
 
     #: Time, h, all recordings one after the other.
     hours: FloatArray
     #: Time since the first stamp of the file, s, as ``--exclude`` counts.
     elapsed_s: FloatArray
-    #: Of the leading thermometer.
-    temperature_c: FloatArray
     #: Without and with compensation, in the axis' unit.
     before: FloatArray
     after: FloatArray
@@ -169,18 +166,17 @@ def calibration_content(
         measured = float(rms_by_fold(held_out).after.mean())
         whole = not held_out.tared or held_out.recording.any()
         widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
+        part = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
         series = _series(
-            recordings, coverage.leading, held_out.recording, held_out.cell,
-            held_out.before, held_out.after,
-            held_out.recording * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
+            recordings, held_out.recording, held_out.cell, held_out.before, held_out.after, part
+        )
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
-        tried = [candidate.rms for candidate in fit.candidates if candidate.name != 'none']
         evidence = verdicts.Evidence(
             unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
             widening=widening, compensated=fit.model is not None,
-            best_candidate=min(tried, default=None), blocks=rms_by_fold(held_out),
-            slowest_s=_slowest_s(fit), longest_s=longest_s, refusal=fit.refusal,
+            parts=rms_by_fold(held_out), slowest_s=_slowest_s(fit), longest_s=longest_s,
+            refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
@@ -197,7 +193,7 @@ def calibration_content(
     figures, first = ReportContent.figures, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
-        figures = f'before: RMS drift within parts of {minutes:.0f} min; left: as of a whole day.'
+        figures = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
@@ -215,17 +211,26 @@ def evaluation_content(
     evaluated: Sequence[EvaluatedRecording],
     tare_s: float,
     paths: Sequence[Path] = (),
+    topics: Topics | None = None,
 ) -> ReportContent:
-    """Fill a report's content from an evaluation; ``paths`` are where its recordings lie."""
+    """
+    Fill a report's content from an evaluation.
+
+    ``paths`` are where its recordings lie, ``topics`` those that a node has to hear for this model
+    (by default the model's own).
+    """
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
-    # Means of cells: their middles, the temperatures then, and errors, all recordings together.
+    # Means of cells: their middles and errors, all recordings together.
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
     over = averaged_cells(recordings[0].period_s)
     cells: list[FloatArray] = [np.arange(len(one), dtype=np.float64) for one in recordings]
     cell = np.concatenate([mean_over(numbers, over) for numbers in cells])
-    moved = [mean_over(one.temperature_c, over) for one in recordings]
+    # How far a thermometer moved within a recording, at most.
+    moved_k = max(
+        float(np.ptp(mean_over(r.temperature_c, over), axis=0).max()) for r in recordings
+    )
     before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
     axes: list[AxisView] = []
     beyond: list[str] = []
@@ -234,19 +239,16 @@ def evaluation_content(
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
         rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])
         series = _series(
-            recordings, coverage.leading, number[rows], cell[rows],
+            recordings, number[rows], cell[rows],
             before[rows, column], after[rows, column], number[rows])  # fmt: skip
-        # How far a thermometer moved, at most, where the axis was compared.
-        compared = (t[rows[number == n]] for n, t in enumerate(moved))
-        moved_k = max(float(np.ptp(t, axis=0).max()) for t in compared if len(t))
-        blocks = FoldErrors(
+        each = FoldErrors(
             np.array([figures.rms_before for _, figures in parts]),
             np.array([figures.rms_after for _, figures in parts]),
         )
         evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
-            block_name='recording', blocks=blocks)  # fmt: skip
+            parts=each)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
@@ -258,8 +260,9 @@ def evaluation_content(
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
-        warnings, paths, stored.sensor.get('temperature_topics', ()), model=stored.path,
-        beyond=beyond, run=run_command(stored.topics, stored.path) if is_another_day else '',
+        warnings, paths, stored.sensor.get('temperature_topics', ()),
+        beyond=beyond, run=run_command(topics or stored.topics, stored.path) if is_another_day
+        else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
@@ -287,20 +290,17 @@ def starts_h(recordings: Sequence[Recording]) -> FloatArray:
 
 def _series(  # noqa: PLR0913, PLR0917 -- columns of one table
     recordings: Sequence[Recording],
-    leading: int,
     number: IntArray,
     cell: FloatArray,
     before: FloatArray,
     after: FloatArray,
     part: IntArray,
 ) -> ErrorSeries:
-    """Lay errors out over time and temperature, by number of the recording and mean cell, (n,)."""
-    pairs = list(zip(number.tolist(), cell.tolist(), strict=True))
+    """Lay errors out over time, by number of the recording and mean cell, (n,)."""
     since_s = (cell + 0.5) * recordings[0].period_s
     origins_s = np.array([elapsed_s(recording, 0) for recording in recordings])
     return ErrorSeries(
         hours=starts_h(recordings)[number] + since_s / 3600, elapsed_s=origins_s[number] + since_s,
-        temperature_c=np.array([recordings[n].temperature_c[round(k), leading] for n, k in pairs]),
         before=before, after=after, part=part)  # fmt: skip
 
 
@@ -321,35 +321,25 @@ def _slowest_s(fit: AxisFit) -> float:
 
 
 def explain_folds(held_out: HeldOut, recordings: Sequence[Recording], reference: Reference) -> str:
-    """Say what was held out, and from where errors are counted."""
-    count, widened = len(np.unique(held_out.fold)), ''
-    zero = 'after a tare in its first minute'
-    blocks = f'Each of the {count} recordings'
+    """Say which parts of the data were held out, and from where errors are counted."""
+    parts, zero = 'recordings', 'The errors of each are tared in its first minute'
     if len(recordings) == 1 and held_out.tared:
-        minutes = recordings[0].duration_s / count / 60
-        blocks = f'The recording was cut into {count} blocks of {minutes:.0f} min; each'
-        widened = '; what is left is widened to a whole day, which drifts further than a block'
+        parts = 'parts of the recording'
     elif len(recordings) == 1:
-        blocks, zero = f'Each of the {count} plateaus', 'from the mean of the other plateaus'
+        parts, zero = 'plateaus', 'Errors count from the mean of the other plateaus'
     return (
-        f'{blocks} was held out in turn: a model that was fitted to the others ran on its '
-        f'temperatures alone. Errors are means over {held_out.bin_s:g} s, counted {zero}, with '
-        f'compensation and without{widened}. Reference: {reference}.'
+        f'Each of the {len(np.unique(held_out.fold))} {parts} was predicted from its temperatures '
+        f'by a model that was fitted to the others. {zero}, and averaged over '
+        f'{held_out.bin_s:g} s. Reference: {reference}.'
     )
 
 
 def _at_work(separation: Separation) -> str:
-    """Say how much of the time counted, and what was seen."""
+    """Say how much of the time counted."""
     counts, usable = separation.fit.weights > COUNTS, separation.cells.usable
     cells = sum(len(recording) for recording in separation.recordings)
-    counted = np.concatenate(separation.cells.join(counts))
-    gravity = describe_force(moments_of(np.concatenate(separation.accelerometer.forces)[counted]))
-    seen = ('none', 'one', 'two', 'all')[0 if gravity is None else gravity.seen]
     share, pushed = counts.sum() / cells, (usable & ~counts).sum() / cells
-    tares = sum(map(len, separation.steps))
     return (
-        f'Learnt from {share:.0%} of the time; {pushed:.0%} were taken for contact, the rest '
-        f'turned fast or held no specific force. Gravity moved along {seen} of three directions; '
-        'a payload needs two, its centre of mass all. Steps that no payload explains, such as '
-        f'tares of the driver: {tares}.'
+        f'The model was learnt from {share:.0%} of the time. {pushed:.0%} were taken for contact; '
+        'in the rest the robot turned fast, or specific force was missing.'
     )

@@ -4,10 +4,10 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | level | when |
 |---|---|
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
-| weak | more is left; or a held-out block got worse and keeps more than 25 % of the axis' drift; |
+| weak | more is left; or a part of the data got worse and keeps 25 % of the axis' drift or more; |
 | | or the slowest time constant is above half of the longest recording, where it looks like a |
 | | trend; or no limit of another day's errors can be promised |
-| harmful | more is left than without compensation; here as of a block, 5 % more may be chance |
+| harmful | more is left than without compensation; here as of a part, 5 % more may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
 """
@@ -55,12 +55,8 @@ class Evidence:
     widening: float = 1.0
     #: How far a thermometer moved within a recording, at most, K.
     moved_k: float = math.inf
-    #: Smallest error among the candidates that were refused.
-    best_candidate: float | None = None
-    #: The errors block by block.
-    blocks: FoldErrors | None = None
-    #: What a block is, such as a recording.
-    block_name: str = 'held-out block'
+    #: The errors part by part: held-out blocks of a calibration, recordings of an evaluation.
+    parts: FoldErrors | None = None
     #: Slowest time constant; 0 if unknown.
     slowest_s: float = 0.0
     #: Longest recording; 0 if unknown.
@@ -84,34 +80,20 @@ def judge(evidence: Evidence) -> Verdict:
     before, after = evidence.before, evidence.after
     noise = NOISE_MARGIN * evidence.noise
     if not evidence.compensated:
-        drift = f'{before:.3g} {evidence.unit} RMS'
-        why = (
-            'Nothing that was tried is clearly better than no compensation: the drift is '
-            f'{drift}, the best candidate leaves {evidence.best_candidate or 0.0:.3g} '
-            f'{evidence.unit}. It is passed through.'
-        )
-        if evidence.refusal:
-            why = f'{evidence.refusal}. It is passed through, with a drift of {drift}.'
-        elif before <= noise:
-            why = (
-                f'There is nothing to remove: its drift of {drift} is no more than the noise of '
-                'the sensor. It is passed through.'
-            )
-        elif evidence.best_candidate is None:
-            why = f'The model does not compensate this axis; its drift is {drift}.'
-        return Verdict('uncalibrated', why)
+        why = evidence.refusal or 'No model was clearly better than none'
+        if before <= noise and not evidence.refusal:
+            why = 'There is nothing to remove: the drift is no more than the noise of the sensor'
+        passed = f'It passes unchanged, with its drift of {before:.3g} {evidence.unit} RMS.'
+        return Verdict('uncalibrated', f'{why}. {passed}')
     if evidence.moved_k < SMALLEST_CHANGE_K:
         return Verdict(
             'unjudged',
-            f'The thermometers moved by {evidence.moved_k:.2g} K only; drift is judged from '
-            f'{SMALLEST_CHANGE_K:g} K on. Evaluate a recording of a warm-up.',
+            f'The thermometers moved by {evidence.moved_k:.2g} K only; at least '
+            f'{SMALLEST_CHANGE_K:g} K are needed. Evaluate a recording of a warm-up.',
         )
     figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
     if after > HARMFUL_RATIO * before:
-        return Verdict(
-            'harmful',
-            f'The model leaves more drift than no compensation would: {figures}.',
-        )
+        return Verdict('harmful', f'The model leaves more drift than no compensation: {figures}.')
     share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures})'
     is_noise = after <= noise * evidence.widening
@@ -119,15 +101,15 @@ def judge(evidence: Evidence) -> Verdict:
     doubts = []
     if not is_noise and after > GOOD_REMAINDER * before:
         doubts.append(f'a good axis leaves at most {100 * GOOD_REMAINDER:g} %')
-    if evidence.blocks is not None:
-        block_before, block_after = evidence.blocks
-        # In a block that hardly drifts, more of it may be left and still be little.
+    if evidence.parts is not None:
+        part_before, part_after = evidence.parts
+        # In a part that hardly drifts, more of it may be left and still be little.
         little = max(noise, GOOD_REMAINDER * before)
-        worse = (block_after > HARMFUL_RATIO * block_before) & (block_after > little)
+        worse = (part_after > HARMFUL_RATIO * part_before) & (part_after > little)
         if worse.any():
             doubts.append(
-                f'in {np.count_nonzero(worse)} of {len(worse)} {evidence.block_name}s it leaves '
-                'more than no compensation'
+                f'in {np.count_nonzero(worse)} of {len(worse)} parts it leaves more than no '
+                'compensation'
             )
     if evidence.slowest_s > SURE_SHARE * evidence.longest_s > 0:
         doubts.append(
@@ -138,10 +120,8 @@ def judge(evidence: Evidence) -> Verdict:
         doubts.append('the limit for another day is not known, so record one more day')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
-    if after <= noise:
-        remainder += ', no more than the noise of the sensor'
-    elif after > GOOD_REMAINDER * before:
-        remainder += ', in which no more than the noise of the sensor was left'
+    if is_noise:
+        remainder += '; as measured, no more than the noise of the sensor'
     return Verdict('good', f'{remainder}.')
 
 

@@ -62,8 +62,8 @@ class Part:
     topics: ClassVar[Sequence[tuple[str, str]]] = ()
     #: Whether troubles in its statuses are logged; False where it logs them itself.
     logged: ClassVar[bool] = False
-    #: The node, from ``start`` on; a subclass that uses it declares its class, Hub.
-    hub: Any
+    #: The node, from ``start`` on.
+    hub: 'Hub'
     #: Why the hub does not call it any more; empty while all is well.
     stopped = ''
 
@@ -128,7 +128,7 @@ class Hub(Node):
         self.incompatible: dict[str, str] = {}
         #: By name of a service, its last answer, and whether it was a refusal.
         self.answers: dict[str, tuple[str, bool]] = {}
-        #: Subscriptions that no executor serves.
+        #: Subscriptions that no executor serves; they end with the node.
         self._unserved: list[Any] = []
         self._parameter_table = Parameters(self, table)
         self.parts: tuple[Part, ...] = ()
@@ -224,13 +224,6 @@ class Hub(Node):
         keep_from_executors(self, result)
         self._unserved.append(result)
         return result
-
-    def destroy_subscription(self, subscription: Any) -> bool:
-        """Destroy a subscription, also one that no executor takes."""
-        if subscription in self._unserved:
-            self._unserved.remove(subscription)
-            return_to_node(self, subscription)
-        return bool(super().destroy_subscription(subscription))
 
     def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
         """Make options: policies are overridable; one that two don't agree on is noted, logged."""
@@ -376,8 +369,8 @@ class Hub(Node):
                 self._answer(name, 'The node is shutting down.', success=False)
         if callers:
             time.sleep(FAREWELL_S)
-        for subscription in tuple(self._unserved):
-            self.destroy_subscription(subscription)
+        while self._unserved:
+            return_to_node(self, self._unserved.pop())
         super().destroy_node()  # type: ignore[no-untyped-call] # as rclpy declares it
 
     def _end_parts(self) -> None:

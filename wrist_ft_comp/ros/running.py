@@ -8,25 +8,17 @@ import sys
 from typing import Any
 
 from rclpy.context import Context
-from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos_overriding_options import InvalidQosOverridesError
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.rclpy_internals import Stop
+from wrist_ft_comp.ros.topics import ROS_REFUSALS
 
 #: Longest time between a signal and the look at its flag, seconds.
 POLL_PERIOD_S = 0.1
-#: What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
-USER_ERRORS = (
-    WristFtCompError,
-    ParameterException,
-    NameValidationException,
-    InvalidQosOverridesError,
-)
 
 
 def run_node(
@@ -46,11 +38,22 @@ def run_node(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        _initialise(context, words)
+        try:
+            context.init(words)
+        except RuntimeError as error:
+            # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
+            reason = str(error).split(', at /')[0].rstrip('.')
+            raise SettingsError(
+                f'ROS 2 does not begin: {reason}. Arguments behind --ros-args are -p NAME:=VALUE, '
+                '-r FROM:=TO or --params-file FILE. In an array, all numbers must be written with '
+                'or all without a decimal point, and texts with a colon or brackets need quotes: '
+                '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a '
+                'folder that can be written, and ROS_DOMAIN_ID a number.'
+            ) from error
         with ExitStack() as stack:  # taken down in the order that does not abort
             node: Any = factory(context=context)
             stack.callback(node.destroy_node)
-            executor = make_executor(context)
+            executor = EventsExecutor(context=context)  # of those there are, it costs least
             stack.callback(executor.shutdown)
             executor.add_node(node)
             # What start-up made lives as long as the node: the garbage collector need not walk
@@ -60,18 +63,14 @@ def run_node(
             spin(executor, context, stop)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except USER_ERRORS as error:
+    except (WristFtCompError, *ROS_REFUSALS) as error:
+        # What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
         logger: Any = get_logger('wrist_ft_comp')
         logger.fatal(str(error))
         return 1
     finally:
         context.try_shutdown()
     return 0
-
-
-def make_executor(context: Context) -> Executor:
-    """Make an executor for a context's nodes: of those there are, the one that costs least."""
-    return EventsExecutor(context=context)
 
 
 def spin(executor: Any, context: Context, stop: Stop) -> None:
@@ -85,19 +84,3 @@ def spin(executor: Any, context: Context, stop: Stop) -> None:
     while context.ok() and not stop.done():
         # Not spin_once: leaving and entering the executor costs as much as a callback.
         executor.spin_until_future_complete(stop, timeout_sec=POLL_PERIOD_S)
-
-
-def _initialise(context: Context, words: list[str]) -> None:
-    """Initialise a context; SettingsError where the arguments or the environment forbid it."""
-    try:
-        context.init(words)
-    except RuntimeError as error:
-        # rcl ends its message with ", at FILE:LINE" of its own sources, once per call level.
-        reason = str(error).split(', at /')[0].rstrip('.')
-        raise SettingsError(
-            f'ROS 2 does not begin: {reason}. Arguments behind --ros-args are -p NAME:=VALUE, '
-            '-r FROM:=TO or --params-file FILE. In an array, all numbers must be written with or '
-            'all without a decimal point, and texts with a colon or brackets need quotes: '
-            '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a folder '
-            'that can be written, and ROS_DOMAIN_ID a number.'
-        ) from error

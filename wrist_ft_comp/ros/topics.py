@@ -59,11 +59,8 @@ SERVICE: QoSProfile = copy(qos_profile_services_default)
 SERVICE.depth = 1000
 
 
-#: What rclpy raises for a topic, for its name, or for an override of its quality of service.
-_REFUSALS = (
-    RuntimeError, ValueError, NameValidationException, InvalidQosOverridesError,
-    ParameterException,
-)  # fmt: skip
+#: What rclpy raises for names, parameters and overrides of a quality of service.
+ROS_REFUSALS = NameValidationException, ParameterException, InvalidQosOverridesError
 
 
 @contextmanager
@@ -71,7 +68,7 @@ def opening(topic: str) -> Iterator[None]:
     """Turn rclpy's errors about a topic into a SettingsError."""
     try:
         yield
-    except _REFUSALS as error:
+    except (RuntimeError, ValueError, *ROS_REFUSALS) as error:
         # rcl ends its message with ", at FILE:LINE" of its sources; rclpy draws below its own.
         reason = str(error).split(', at /')[0].split('\n')[0].rstrip(':')
         raise SettingsError(

@@ -22,10 +22,8 @@ _REST_S = 6.0
 _REACH_M = 0.15
 #: Largest force on things, N.
 _LARGEST_FORCE_N = 60.0
-#: The robot presses from this share of a rest ...
-_PRESS_FROM = 0.1
-#: ... to this share.
-_PRESS_TO = 0.9
+#: The robot does not press in this share of a rest at its beginning, and at its end.
+_PRESS_MARGIN = 0.1
 #: Time in which the force rises and falls, s.
 _RISE_S = 0.3
 #: Place of the accelerometer in the sensor's frame, m.
@@ -88,7 +86,7 @@ def draw_work(
     # The fastest moment of a smooth motion is 1.875 times its mean.
     moves_s = 1.875 * np.linalg.norm(turns, axis=1) / settings.speed_rad_s + 0.5
     rests_s = rng.exponential(_REST_S, _LEGS) + _LEAST_REST_S
-    pressing = (_PRESS_TO - _PRESS_FROM) * rests_s.sum() / (moves_s.sum() + rests_s.sum())
+    pressing = (1 - 2 * _PRESS_MARGIN) * rests_s.sum() / (moves_s.sum() + rests_s.sum())
     direction = rng.normal(0, 0.4, (_LEGS, 3)) - [0, 0, 1]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     force = direction * rng.uniform(0.1 * _LARGEST_FORCE_N, _LARGEST_FORCE_N, (_LEGS, 1))
@@ -133,8 +131,8 @@ def move(work: Work, elapsed_s: FloatArray) -> Motion:
     weight = np.choose(work.held[leg, np.newaxis], weights)
     # It presses on things in the middle of rests.
     rests_s = np.diff(work.begins_s) - work.moves_s
-    first_s = (work.moves_s + _PRESS_FROM * rests_s)[leg]
-    last_s = (work.moves_s + _PRESS_TO * rests_s)[leg]
+    first_s = (work.moves_s + _PRESS_MARGIN * rests_s)[leg]
+    last_s = (work.moves_s + (1 - _PRESS_MARGIN) * rests_s)[leg]
     swell = np.clip(np.minimum(since_s - first_s, last_s - since_s) / _RISE_S, 0.0, 1.0)
     contact = np.asarray(swell[:, np.newaxis] * work.pressed[leg])
     return Motion(pose, force, omega, alpha, weight, contact)

@@ -29,12 +29,10 @@ from wrist_ft_comp.stored.own_file import Kind, remove_leftovers, to_plain
 MAX_HISTORY = 100
 #: Most of the node's own recordings that a calibration uses.
 MAX_RECORDINGS = 10
-#: Most bytes that are quoted of the process that holds the folder.
-_HOLDER = 200
 # A list of MAX_HISTORY models, with reasons, is shorter.
 _LIST = Kind(
     name='list of models', says='wrist_ft_comp live models', version=1, max_bytes=1_000_000,
-    keeps=True, error=ModelFileError, made_by='Remove it and set model_file.',
+    error=ModelFileError, made_by='Remove it and set model_file.',
     renewed_by='Remove it and set model_file',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
     'data_directory; the model is active until the node ends.')  # fmt: skip
@@ -260,7 +258,7 @@ class ModelStore:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                holder = os.read(lock, _HOLDER).decode(errors='replace').strip()
+                holder = os.read(lock, 200).decode(errors='replace').strip()
                 raise SettingsError(
                     f'{self.directory} is in use by another node ({holder}). Give this one a '
                     'data_directory of its own, or end the other one.'

@@ -35,8 +35,6 @@ _ABANDONED_S = 60.0
 _BEGINNING = 4096
 #: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
-#: Most letters of a value that are quoted.
-_QUOTED = 60
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
 _IN_NO_PATH = re.compile('[\0\ud800-\udc7f\udd00-\udfff]')
 #: What a single value may be by its annotation, the words for it, and what else has to hold.
@@ -204,9 +202,6 @@ class Kind(Output):
     made_by: str
     #: What to do about a broken one.
     renewed_by: str
-    #: Whether another file in its place, also one of another version, is renamed to ``NAME.kept``,
-    #: once: a node goes on where its own file is damaged beyond recognition.
-    keeps: bool = False
     endings: str = '.json'
     #: Turns its bytes into values, or raises ValueError.
     parse: Callable[[bytes], Any] = parse_json
@@ -229,8 +224,7 @@ class Kind(Output):
         except OSError as error:
             raise self._refusal(path, f'cannot be read: {error.strerror}') from error
         if len(content) > self.max_bytes:
-            why = f'is larger than {self.max_bytes} bytes, which no {self.name} is'
-            raise self._refusal(path, why)
+            raise self._refusal(path, f'is larger than {self.max_bytes} bytes')
         return content
 
     def document(self, path: Path, content: bytes) -> Document:
@@ -245,16 +239,11 @@ class Kind(Output):
             why = f'is not a {self.name}: expected "format: {self.says}" in it'
             raise self._refusal(path, why)
         version = document.get('version')
-        if version in range(1, self.version):
-            remedy = 'it is not used' if self.keeps else self.renewed_by.lower()
-            raise self.error(
-                f'{path} was written by an older version of wrist_ft_comp (format {version}); '
-                f'{remedy}.'
-            )
         if version != self.version:
+            other = 'an older' if version in range(1, self.version) else 'another'
             raise self.error(
-                f'{path} is of version {version!r}; this package reads version '
-                f'{self.version}. {self.renewed_by}, or install the package that wrote it.'
+                f'{path} was written by {other} version of wrist_ft_comp (format {version!r}); '
+                f'this one reads format {self.version}. {self.renewed_by}, or install that one.'
             )
         return document
 
@@ -281,9 +270,14 @@ class Kind(Output):
         return self.restore(record, path, self.document(path, self.read(path)))
 
     def save(self, path: Path, content: Document, indent: int | None = 1) -> None:
-        """Write plain values as a JSON file of this kind and version."""
+        """
+        Write plain values as a JSON file of this kind and version.
+
+        One in its place that cannot be read, such as that of another version, is renamed to
+        ``NAME.kept``, once: a node goes on where its own file is damaged beyond recognition.
+        """
         kept = path.with_name(f'{path.name}.kept')
-        if self.keeps and beginning(path) and not kept.exists():
+        if beginning(path) and not kept.exists():
             try:
                 self.document(path, self.read(path))
             except self.error:
@@ -334,7 +328,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
 
     def require(holds: bool, expected: str, got: Any = value) -> None:
         if not holds:
-            raise ValueError(f'{place} must be {expected}; got {repr(got)[:_QUOTED]}')
+            raise ValueError(f'{place} must be {expected}; got {repr(got)[:60]}')
 
     if origin in {Union, UnionType}:
         return None if value is None else inner(arguments[0], value, where)

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from wrist_ft_comp.channels import LARGEST
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.series import FloatArray
@@ -21,8 +22,8 @@ from wrist_ft_comp.stored.own_file import Document, exclusive, Kind, to_plain
 PAYLOADS = 'payloads.json'
 #: Beginning of the names of payloads that ~/identify_payload found.
 IDENTIFIED = 'identified'
-#: No figure of a file is larger, and no scale of an accelerometer smaller.
-_LARGEST, _SMALLEST_SCALE = 1e6, 0.01
+#: No scale of an accelerometer is smaller.
+_SMALLEST_SCALE = 0.01
 KIND = Kind(
     name='file of payloads', says='wrist_ft_comp payloads', version=2, max_bytes=10_000_000,
     error=ModelFileError, made_by='A calibration with --reference payload makes one.',
@@ -48,10 +49,10 @@ class _Entry(ForceFrame):
     def __post_init__(self) -> None:
         for name, shape in {'rotation': (3, 3), 'bias': (3,), 'scale': (3,)}.items():
             values = getattr(self, name)
-            least = _SMALLEST_SCALE if name == 'scale' else -_LARGEST
-            if values.shape != shape or values.min() < least or values.max() > _LARGEST:
+            least = _SMALLEST_SCALE if name == 'scale' else -LARGEST
+            if values.shape != shape or values.min() < least or values.max() > LARGEST:
                 raise SettingsError(
-                    f'{name} must have shape {shape} and lie from {least:g} to {_LARGEST:g}; got '
+                    f'{name} must have shape {shape} and lie from {least:g} to {LARGEST:g}; got '
                     f'{values.tolist()}.'
                 )
         self.payload()  # which checks its own figures

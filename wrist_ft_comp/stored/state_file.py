@@ -15,7 +15,7 @@ from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
-    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000, keeps=True,
+    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000,
     error=StateFileError, made_by='A running node makes one.',
     renewed_by='Remove it',
     unwritable='{path} cannot be written: {reason}. Make room, or choose another '
@@ -78,6 +78,8 @@ def load_state(path: Path) -> SavedState | None:
     wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
     if memory is not None:
         wrenches += memory.compensation
+        if memory.uncertainty is not None:
+            wrenches.append(memory.uncertainty.bound)
         if not 1 <= memory.period_ns <= _LONGEST_PERIOD_NS:
             problem = f'period_ns is {memory.period_ns}'
         if any(cells < 0 for cells in memory.silent):

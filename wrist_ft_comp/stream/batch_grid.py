@@ -314,6 +314,6 @@ def _judge_times(
         begins = [found[temperature_channel(j)].cells.min() for j in range(len(thermometers))]
         yield (
             f'Thermometer {np.argmax(begins) + 1} of {name} came {lost_s:.0f} s after the first '
-            'wrench. What was before it is not used. If the sensor was warming up by then, record '
+            'wrench. What was before it is not used. If the sensor was already warming up, record '
             'again, with all thermometers from the beginning.'
         )

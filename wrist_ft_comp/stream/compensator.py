@@ -15,7 +15,7 @@ from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.stream_grid import ThermalCell
-from wrist_ft_comp.stream.thermal_memory import longest_gap_s, ThermalMemory
+from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0
@@ -83,8 +83,6 @@ class Compensator:
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, inf where nobody knows, or the model was changed.
         self._waits_since_ns: float | None = None
-        #: For how long the model remembers a temperature, s; 0 without one.
-        self._memory_s = 0.0
         self._refresh_correction()
         if model is not None:
             self.go_live(model)
@@ -95,6 +93,11 @@ class Compensator:
         return self.tracker.model
 
     @property
+    def _memory_s(self) -> float:
+        """For how long the model remembers a temperature, s; 0 without one."""
+        return 0.0 if self.model is None else self.tracker.memory_s
+
+    @property
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.state is not None
@@ -102,10 +105,12 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
+        return self._said + self._jumps()
+
+    def _jumps(self) -> list[str]:
         time_ns, memory_s = self.tracker.end_ns, self._memory_s
         doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
-        jumps = [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
-        return self._said + jumps
+        return [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
 
     def add_temperature(
         self,
@@ -191,7 +196,6 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         self.tracker.use(model)
-        self._memory_s = 0.0 if model is None else longest_gap_s(model)
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -235,20 +239,40 @@ class Compensator:
 
     def gap_doubts(self) -> list[str]:
         """Say how far the drift may be off, because temperatures were missing."""
-        gap, model = self.tracker.gap, self.model
-        if gap is None or model is None:
+        uncertainty, tracker = self.tracker.uncertainty, self.tracker
+        if uncertainty is None:
             return []
-        left = gap.left(self.tracker.end_ns, self._memory_s)
-        excess = left - [_CERTAIN * model.deviation.get(axis, 0.0) for axis in AXES]
+        worst = self._doubt(uncertainty.left(tracker.end_ns, tracker.memory_s), _CERTAIN)
+        sentence = (
+            'the thermal state is uncertain, because temperatures were missing or their clock was '
+            f'set: {worst} off, and less and less from now on'
+        )
+        return [sentence] if worst else []
+
+    def frozen_doubts(self) -> list[str]:
+        """Say which thermometers may be frozen, and how far the drift is off then."""
+        state, sentences = self.tracker.thermometers, list[str]()
+        if state is None or self.model is None or self.model.prediction is None:
+            return sentences
+        for j in np.flatnonzero(state.suspicious(self.model.prediction)).tolist():
+            moved_k = np.where(np.arange(self.thermometers) == j, state.moved_k, 0.0)
+            if worst := self._doubt(self.tracker.effect(moved_k), _CERTAIN):
+                sentences.append(
+                    f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
+                    f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '
+                    f'Then {worst} off'
+                )
+        return sentences
+
+    def _doubt(self, off: FloatArray, times: float) -> str:
+        """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
+        if self.model is None:
+            return ''
+        excess = off - [times * self.model.deviation.get(axis, 0.0) for axis in AXES]
         worst = int(np.argmax(excess / axis_limits(1.0)))
         if excess[worst] <= 0:
-            return []
-        sentence = (
-            f'no temperature could be used for {gap.seconds / 60:.0f} min, so that the thermal '
-            f'state is uncertain: the drift of {AXES[worst]} may be {left[worst]:.2g} '
-            f'{axis_unit(AXES[worst])} off, and less and less from now on'
-        )
-        return [sentence]
+            return ''
+        return f'the drift of {AXES[worst]} may be {off[worst]:.2g} {axis_unit(AXES[worst])}'
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
@@ -258,7 +282,7 @@ class Compensator:
     def _forget_doubts(self) -> None:
         self._said.clear()
         for spikes in self.tracker.spikes:
-            spikes.jumped_k = spikes.off_k = 0.0
+            spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 
     def reset_tare(self) -> None:
         """Forget both tares."""
@@ -288,21 +312,22 @@ class Compensator:
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, by_clock_s)
+        # What the memory says of jumps ends when they do.
+        self._said = [why for why in self._said if why not in self._jumps()]
         self._settle(self.limits.saturate(self.tracker.drift), None)
 
     def seldom_doubts(self) -> list[str]:
         """Say whose seldom reports leave more of the drift than the model does."""
         sentences, grid = [], self.tracker.grid
-        deviation = {} if self.model is None else self.model.deviation
         for j, behind in self._moves.items():
-            excess = behind - [deviation.get(axis, 0.0) for axis in AXES]
-            worst = int(np.argmax(excess / axis_limits(1.0)))
-            if grid.spacing(j) > 1 and excess[worst] > 0:
-                spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
+            worst, spacing_s = (
+                self._doubt(behind, 1.0),
+                grid.spacing(j) * grid.period_ns / NANOSECONDS,
+            )
+            if grid.spacing(j) > 1 and worst:
                 sentences.append(
-                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that the drift of '
-                    f'{AXES[worst]} may be {behind[worst]:.2g} {axis_unit(AXES[worst])} behind; '
-                    'let it report each second'
+                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
+                    'behind; let it report each second'
                 )
         return sentences
 

@@ -1,9 +1,8 @@
 """From temperatures to drift: here the model is stepped, once per thermal cell."""
 
-from typing import NamedTuple
-
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
@@ -12,15 +11,15 @@ from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
+    bound_drift,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
-    SPAN_S,
     ThermalMemory,
-    TIME_CONSTANTS,
+    Uncertainty,
     why_forgotten,
 )
-from wrist_ft_comp.stream.thermometer_faults import SpikeFilter, ThermometerState
+from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
 #: every five minutes.
@@ -32,26 +31,13 @@ _HELD = 'the drift saved before the restart is held until a temperature comes'
 _STARTS_ANEW = 'so the drift starts at the steady state of the present temperatures'
 
 
-class Gap(NamedTuple):
-    """A time in which no thermometer reported."""
-
-    seconds: float
-    #: When it ended, ns.
-    end_ns: int
-    #: How far the zero drift may be off at its end, N and N m, (6,).
-    unknown: FloatArray
-
-    def left(self, now_ns: int, memory_s: float) -> FloatArray:
-        """How far it may still be off where a model remembers so long, N and N m, (6,)."""
-        age_s = (now_ns - self.end_ns) / NANOSECONDS
-        return np.asarray(self.unknown * np.exp(-TIME_CONSTANTS * age_s / memory_s))
-
-
 class DriftTracker:
     """Follows the temperatures with a model, cell by cell; a model brings its own period."""
 
     def __init__(self, thermometers: int, period_ns: int, patience_s: float) -> None:
         self.model: DriftModel | None = None
+        #: For how long the model remembers a temperature, s.
+        self.memory_s = longest_gap_s(None)
         #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
         self.temperature_c: FloatArray | None = None
         self.reading_c: FloatArray | None = None
@@ -63,8 +49,8 @@ class DriftTracker:
         self.origin = _NOT_YET
         #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
-        #: The newest gap.
-        self.gap: Gap | None = None
+        #: How far the drift may be off, because temperatures were missing.
+        self.uncertainty: Uncertainty | None = None
         self.clocks = SourceClocks(thermometers, patience_s)
         #: Of each thermometer.
         self.spikes = [SpikeFilter() for _ in range(thermometers)]
@@ -131,6 +117,16 @@ class DriftTracker:
                 completed.append(cell)
         return completed
 
+    def effect(self, off_k: FloatArray) -> FloatArray:
+        """How far temperatures that are off, K, (J,), move the drift in the end, N, N m, (6,)."""
+        if self.model is None or self.temperature_c is None:
+            return np.zeros(len(AXES))
+        right, wrong = (
+            drift_model.step(self.model, drift_model.start(self.model, celsius), celsius)[1].zero
+            for celsius in (self.temperature_c, self.temperature_c + off_k)
+        )
+        return np.abs(wrong - right)
+
     def _follow_clock(self, leap: Leap) -> None:
         """Go on where the clock does: what is remembered moves along if it is known how far."""
         period_ns = self.grid.period_ns
@@ -138,24 +134,27 @@ class DriftTracker:
         if leap.passed_ns is not None:
             cells = cell - leap.from_ns // period_ns - leap.passed_ns // period_ns
             for spikes in self.spikes:
-                spikes.shift_ns += cells * period_ns
+                spikes.move_clock(cells * period_ns)
             if self._next is not None:
                 self._next += cells
                 self.end_ns += cells * period_ns
                 cell = self._next
-                if self.gap is not None:
-                    self.gap = self.gap._replace(end_ns=self.gap.end_ns + cells * period_ns)
+                if self.uncertainty is not None:
+                    since_ns = self.uncertainty.since_ns + cells * period_ns
+                    self.uncertainty = self.uncertainty._replace(since_ns=since_ns)
         self.grid.move_to(cell)
 
     def _take(self, cell: ThermalCell) -> None:
         """Take a cell, and those of the gap before it."""
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
-        gap_s, history_c = gap * period_s, self.history_c
+        gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
+        is_doubtful = gap_s > LEAST_GAP_S
         if gap or self.awaited:
-            self._cross(gap)
+            is_doubtful |= not self._cross(gap)
         gap = 0 if self._next is None else max(gap, 0)
         believed_c = cell.temperature_c
+        agreed_k: FloatArray = np.zeros(self._count)
         if self.model is not None and (prediction := self.model.prediction) is not None:
             state = self.thermometers
             if state is None or self._next is None:
@@ -164,66 +163,49 @@ class DriftTracker:
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             believed_c = self.thermometers.believed_c
+            believed_again = state.replaced & ~self.thermometers.replaced
+            agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
         most = max(round(MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
-            drift_state, before_c = self.state, self.temperature_c
             self._run(self.model, line_c)
-            if gap_s > LEAST_GAP_S and drift_state is not None and before_c is not None:
-                self.gap = self._unknown(
-                    self.model, drift_state, history_c, before_c, believed_c, gap_s
-                )
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
+        # What was predicted of a thermometer, or nobody knows of a gap, is remembered.
+        off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
+        if is_doubtful and self.model is not None and state_before is not None:
+            bounds = bound_drift(
+                self.model, state_before, history_c, believed_c, gap_s, self.memory_s
+            )
+            off += np.abs(bounds - self.drift.zero).max(axis=0)
+        if off.any():
+            if self.uncertainty is not None:
+                off += self.uncertainty.left(self.end_ns, self.memory_s)
+            self.uncertainty = Uncertainty(self.end_ns, off)
 
-    def _unknown(  # noqa: PLR0913, PLR0917 -- what a gap is between
-        self, model: DriftModel, state: DriftState, history_c: FloatArray,
-        before_c: FloatArray, after_c: FloatArray, gap_s: float,
-    ) -> Gap:  # fmt: skip
-        """
-        Bound how far the drift is off after a gap, by the state before it.
-
-        Temperatures may have gone up and come back, or down, as fast as they have ever moved.
-        """
-        period_s = self.grid.period_ns / NANOSECONDS
-        rate_k_s = np.abs(after_c - before_c) / gap_s
-        if len(history_c) > 1:  # a node may be killed after its first cell
-            span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
-            moves_k = np.abs(history_c[span:] - history_c[:-span]).max(axis=0)
-            rate_k_s = np.maximum(moves_k / (span * period_s), rate_k_s)
-        forgotten_s = max(gap_s - longest_gap_s(model), 0.0)
-        at_s = np.arange(forgotten_s, gap_s + period_s, period_s)[:, np.newaxis]
-        since_k, until_k = rate_k_s * at_s, rate_k_s * (gap_s - at_s)
-        highest_c = np.minimum(before_c + since_k, after_c + until_k)
-        lowest_c = np.maximum(before_c - since_k, after_c - until_k)
-        off = [
-            drift_model.run(model, state, path_c, last_only=True)[1].zero[0] - self.drift.zero
-            for path_c in (highest_c, lowest_c)
-        ]
-        return Gap(gap_s, self.end_ns + round(gap_s * NANOSECONDS), np.abs(off).max(axis=0))
-
-    def _cross(self, gap: int) -> None:
+    def _cross(self, gap: int) -> bool:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
         gap_s = gap * self.grid.period_ns / NANOSECONDS
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
-        problem = why_forgotten(gap_s, longest_gap_s(self.model), by_clock_s)
+        problem = why_forgotten(gap_s, self.memory_s, by_clock_s)
         if problem:
             self._forget()
         if self.model is None or (0 <= gap_s < _REPORTED_GAP_S and not memory):
-            return
+            return not problem
         if problem:
             self.origin, self.forgot = f'{problem}; {_STARTS_ANEW}', True
         elif memory:
             before_s, self.forgot = max(gap_s, 0.0), False
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
+        return not problem
 
     def _run(self, model: DriftModel, cells_c: FloatArray) -> None:
-        """Run the model through cells, °C, (n, J); the six hours of an outage take it 0.1 s."""
+        """Run the model through cells, °C, (n, J)."""
         if self.origin == _NOT_YET:
             self.origin = 'the drift started at the steady state of the first temperatures'
         if self.state is None or len(self._start_c) < model.start_cells:
@@ -231,8 +213,8 @@ class DriftTracker:
             cells_c = np.concatenate((self._start_c, cells_c))
             self._start_c = cells_c[: model.start_cells]
             self.state = drift_model.at_rest(model, self._start_c)
-        self.state, drift = drift_model.run(model, self.state, cells_c, last_only=True)
-        self.drift = Drift(drift.zero[0], drift.sensitivity[0])
+        before = drift_model.skip(model, self.state, cells_c[:-1])
+        self.state, self.drift = drift_model.step(model, before, cells_c[-1])
 
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
@@ -240,6 +222,7 @@ class DriftTracker:
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
         self.model, self.state, self.awaited = model, None, None
+        self.memory_s = longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
@@ -262,7 +245,8 @@ class DriftTracker:
         return ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
             self.state, compensation, self._start_c, blocks_of(self.history_c, period_ns),
-            self.thermometers)  # fmt: skip
+            self.thermometers, self.uncertainty,
+            tuple(spikes.jump for spikes in self.spikes))  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """
@@ -280,15 +264,16 @@ class DriftTracker:
         self.history_c = np.concatenate((self.history_c, *blocks))
         self._next = memory.end_ns // memory.period_ns
         self.grid.go_on(self._next, memory.temperature_c.tolist(), memory.silent)
-        for spikes, value_c, cells in zip(
-            self.spikes, memory.temperature_c.tolist(), memory.silent, strict=True
+        jumps = memory.jumps or (Jump(),) * self._count
+        for spikes, value_c, cells, jump in zip(
+            self.spikes, memory.temperature_c.tolist(), memory.silent, jumps, strict=True
         ):
-            spikes.go_on(memory.end_ns - cells * memory.period_ns - 1, value_c)
+            spikes.go_on(memory.end_ns - cells * memory.period_ns - 1, value_c, jump)
         self.temperature_c = self.reading_c = memory.temperature_c
-        self.thermometers = memory.thermometers
+        self.thermometers, self.uncertainty = memory.thermometers, memory.uncertainty
         if self.thermometers is not None:
             self.temperature_c = self.thermometers.believed_c
         self.end_ns, self._start_c = memory.end_ns, memory.start_c
         self.state, self.drift = memory.filters, memory.compensation
-        problem = why_forgotten(max(by_clock_s, 0.0), longest_gap_s(self.model))
+        problem = why_forgotten(max(by_clock_s, 0.0), self.memory_s)
         self.origin, self.forgot = f'{problem}; {_HELD}' if problem else _HELD, bool(problem)

@@ -127,6 +127,15 @@ def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
     )
 
 
+def streamed_drift(model: DriftModel, recording: Recording) -> Drift:
+    """Give the means over cells of what the stream subtracts in them, (N, 6): see track_drift."""
+    zero, sensitivity = (
+        (np.concatenate((ends[:1], ends[:-2])) + ends[:-1]) / 2
+        for ends in track_drift(model, recording).drift
+    )
+    return Drift(zero, sensitivity)
+
+
 def correct_many(
     track: DriftTrack, stamps_ns: IntArray, raw: FloatArray, tare: FloatArray | float = 0.0
 ) -> FloatArray:
@@ -146,7 +155,7 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
     if tare_s == 0:
         return np.zeros(len(AXES))
     unloaded = np.zeros_like(recording.wrench)
-    return tare_at_start(recording, unloaded, simulate_drift(model, recording), tare_s)
+    return tare_at_start(recording, unloaded, streamed_drift(model, recording), tare_s)
 
 
 def tare_at_start(

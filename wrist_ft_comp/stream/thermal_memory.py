@@ -27,7 +27,7 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.clock import LEAP_S
-from wrist_ft_comp.stream.thermometer_faults import ThermometerState
+from wrist_ft_comp.stream.thermometer_faults import Jump, ThermometerState
 
 #: A model's memory in slowest time constants: after three, 5 % of a change are left.
 TIME_CONSTANTS = 3.0
@@ -38,8 +38,11 @@ MOST_GAP_S = 6 * 3600.0
 #: All thermometers were out when none reported for longer, s; and after an outage one is waited
 #: for as long. It is the default of temperature_timeout, which the stream uses.
 OUTAGE_S = 5.0
-#: A saved history is averaged over this time, s, so that it takes a few kilobytes.
+#: A saved history is averaged over this time, s, so that it takes a few kilobytes; and over it is
+#: measured how fast temperatures move.
 SPAN_S = 60.0
+#: Steps of a path that temperatures may have taken in a gap: more change the bound by percents.
+_PATH_STEPS = 64
 
 
 def longest_gap_s(model: DriftModel | None) -> float:
@@ -111,6 +114,49 @@ def why_forgotten(gap_s: float, longest_s: float, by_clock_s: float = 0.0) -> st
     return ''
 
 
+class Uncertainty(NamedTuple):
+    """How far the zero drift may be off at a stamp, and less and less from then on."""
+
+    since_ns: int
+    #: N and N m, (6,).
+    bound: FloatArray
+
+    def left(self, now_ns: int, memory_s: float) -> FloatArray:
+        """How far it may still be off where a model remembers so long, N and N m, (6,)."""
+        age_s = (now_ns - self.since_ns) / NANOSECONDS
+        return np.asarray(self.bound * np.exp(-TIME_CONSTANTS * age_s / memory_s))
+
+
+def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
+    model: DriftModel, state: DriftState, history_c: FloatArray, after_c: FloatArray,
+    gap_s: float, memory_s: float,
+) -> FloatArray:  # fmt: skip
+    """
+    Bound the zero drift after a gap, N and N m: the least and the largest, (2, 6).
+
+    Takes the state before it, the temperatures until then, °C, (n, J), and those of the first cell
+    after it, (J,). In between, temperatures may have gone up and come back, or down, as fast as
+    they ever moved over SPAN_S, but not beyond all that the model was learnt from.
+    """
+    period_s, before_c = model.period_ns / NANOSECONDS, history_c[-1]
+    span = min(max(round(SPAN_S / period_s), 1), len(history_c) - 1)
+    rate_k_s = np.abs(after_c - before_c) / max(gap_s, period_s)
+    if span:  # a node may be killed after its first cell
+        moves_k = np.abs(history_c[span:] - history_c[:-span]).max(axis=0)
+        rate_k_s = np.maximum(moves_k / (span * period_s), rate_k_s)
+    known_c = [history_c.min(axis=0), history_c.max(axis=0), after_c]
+    for axis in model.axes.values():
+        known_c += axis.range_c
+    remembered_s = min(max(gap_s, 0.0), memory_s)
+    cells = max(round(remembered_s / period_s / _PATH_STEPS), 1)
+    until_s = np.arange(remembered_s, 0.0, -cells * period_s)[:, np.newaxis]
+    since_k, until_k = rate_k_s * (gap_s - until_s), rate_k_s * until_s
+    highest_c = np.minimum(np.minimum(before_c + since_k, after_c + until_k), np.max(known_c, 0))
+    lowest_c = np.maximum(np.maximum(before_c - since_k, after_c - until_k), np.min(known_c, 0))
+    ends = [drift_model.skip(model, state, path_c, cells) for path_c in (lowest_c, highest_c)]
+    return np.stack([drift_model.step(model, end, after_c)[1].zero for end in ends])
+
+
 class Block(NamedTuple):
     """Mean temperatures, °C, shape (J,), of a number of consecutive cells."""
 
@@ -154,6 +200,10 @@ class ThermalMemory:
     history: tuple[Block, ...]
     #: What is known of the thermometers; None where they are not predicted.
     thermometers: ThermometerState | None = None
+    #: How far what was subtracted may be off, because temperatures were missing.
+    uncertainty: Uncertainty | None = None
+    #: How each thermometer has jumped since the last tare.
+    jumps: tuple[Jump, ...] = ()
 
 
 def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
@@ -161,6 +211,8 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     shape, start_c, reading_c = (model.thermometers,), memory.start_c, memory.temperature_c
     rows = (reading_c, *start_c, *(mean_c for mean_c, _ in memory.history))
     if len(memory.silent) != model.thermometers or any(row.shape != shape for row in rows):
+        return False
+    if len(memory.jumps) not in {0, model.thermometers}:
         return False
     if memory.period_ns != model.period_ns or not 0 < len(start_c) <= model.start_cells:
         return False

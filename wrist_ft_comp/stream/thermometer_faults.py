@@ -21,6 +21,7 @@ follows a wrong reading until it is found, and ``Limits`` bounds how fast it mov
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,6 +73,16 @@ class _Run:
     count: int = 1
 
 
+class Jump(NamedTuple):
+    """What a thermometer jumped since the last tare, by readings that were believed at last."""
+
+    #: How far in all, K.
+    by_k: float = 0.0
+    #: When last, ns, None if never, and how far it was off until then where it jumped back, K.
+    at_ns: int | None = None
+    off_k: float = 0.0
+
+
 class SpikeFilter:
     """Leaves out the readings of a thermometer that changed faster than metal can."""
 
@@ -83,12 +94,7 @@ class SpikeFilter:
         self.strange_c = self.believed_c = math.nan
         #: How often the first readings were the wrong ones.
         self.wrong_starts = 0
-        #: How far it has jumped since the last tare, K, by readings that were believed at last.
-        self.jumped_k = 0.0
-        #: When it jumped last, and how far it was off until then where it jumped back, K.
-        self.jumped_ns, self.off_k = -math.inf, 0.0
-        #: By how much the clock of the stamps was set since the start.
-        self.shift_ns = 0
+        self.jump = Jump()
         #: Since the start, and those that were left out since the last one that was believed.
         self._believed: _Run | None = None
         self._other: _Run | None = None
@@ -96,11 +102,14 @@ class SpikeFilter:
     @property
     def stayed_k(self) -> float:
         """How far it has jumped and stayed since the last tare, K; 0 where it came back."""
-        return self.jumped_k if abs(self.jumped_k) > _JUMP_K else 0.0
+        return self.jump.by_k if abs(self.jump.by_k) > _JUMP_K else 0.0
 
     def remembered_s(self, now_ns: int, memory_s: float) -> float:
         """For how long a model remembers what it read before it jumped, s; 0 if not."""
-        return max(memory_s - (now_ns - self.shift_ns - self.jumped_ns) / NANOSECONDS, 0.0)
+        if self.jump.at_ns is None:
+            return 0.0
+        age_s = (now_ns - self.jump.at_ns) / NANOSECONDS
+        return max(memory_s - age_s, 0.0)
 
     def doubt(self, now_ns: int, memory_s: float) -> str:
         """Say what it read since the last tare that moves the zero; empty if nothing does."""
@@ -109,10 +118,10 @@ class SpikeFilter:
                 f'jumped by {self.stayed_k:.1f} K and stayed there; is it loose? Mend it, or tare '
                 'where it is to stay so'
             )
-        if self.off_k and self.remembered_s(now_ns, memory_s):
+        if self.jump.off_k and self.remembered_s(now_ns, memory_s):
             return (
-                f'was off by {self.off_k:.1f} K until it jumped back; the model remembers that '
-                f'for {memory_s / 60:.0f} min'
+                f'was off by {self.jump.off_k:.1f} K until it jumped back; the model remembers '
+                f'that for {memory_s / 60:.0f} min'
             )
         return ''
 
@@ -121,14 +130,23 @@ class SpikeFilter:
         """Whether the newest reading was left out."""
         return self._other is not None
 
-    def go_on(self, stamp_ns: int, temperature_c: float) -> None:
-        """Continue from a temperature that was believed before."""
-        self._believed = _Run(-math.inf, (stamp_ns - self.shift_ns, temperature_c))
+    def go_on(self, stamp_ns: int, temperature_c: float, jump: Jump) -> None:
+        """Continue from a temperature that was believed before, and what was known of jumps."""
+        self.jump = jump
+        self._believed = _Run(-math.inf, (stamp_ns, temperature_c))
         self._other = None
+
+    def move_clock(self, by_ns: int) -> None:
+        """Follow the clock of the stamps, which was set."""
+        for run in (self._believed, self._other):
+            if run is not None:
+                run.begin_ns += by_ns
+                run.last = run.last[0] + by_ns, run.last[1]
+        if self.jump.at_ns is not None:
+            self.jump = self.jump._replace(at_ns=self.jump.at_ns + by_ns)
 
     def admit(self, stamp_ns: int, temperature_c: float) -> bool:
         """Take a sample; whether it counts."""
-        stamp_ns -= self.shift_ns
         sample, believed, other = (stamp_ns, temperature_c), self._believed, self._other
         if believed is None:
             self._believed = _Run(stamp_ns, sample)
@@ -138,7 +156,7 @@ class SpikeFilter:
         if not _apart(believed.last, sample):
             self._believed, self._other = _Run(believed.begin_ns, sample, believed.count + 1), None
             if agrees:
-                self._jump(stamp_ns, temperature_c - believed_c)
+                self._note_jump(stamp_ns, temperature_c - believed_c)
             return True
         begin_ns = other.begin_ns if other is not None and agrees else stamp_ns
         lasted_ns = believed_ns - believed.begin_ns
@@ -155,13 +173,14 @@ class SpikeFilter:
         self.first = int(believed.begin_ns), believed_c
         self.strange_c, self.believed_c = believed_c, temperature_c
         if lasted_ns > _START_S * NANOSECONDS:  # which of both is the wrong one?
-            self._jump(stamp_ns, temperature_c - believed_c)
+            self._note_jump(stamp_ns, temperature_c - believed_c)
         return True
 
-    def _jump(self, stamp_ns: int, by_k: float) -> None:
+    def _note_jump(self, stamp_ns: int, by_k: float) -> None:
         before_k = self.stayed_k
-        self.jumped_k += by_k
-        self.jumped_ns, self.off_k = stamp_ns, 0.0 if self.stayed_k else before_k
+        self.jump = Jump(self.jump.by_k + by_k, stamp_ns)
+        if not self.stayed_k:
+            self.jump = self.jump._replace(off_k=before_k)
 
     def admit_all(
         self, stamps_ns: IntArray, temperature_c: FloatArray
@@ -218,11 +237,21 @@ class ThermometerState:
         """What the drift follows, °C, (J,)."""
         return np.where(self.replaced, self.predicted_c, self.reading_c)
 
+    @property
+    def moved_k(self) -> FloatArray:
+        """How far the predictions moved since the thermometers read something else, K, (J,)."""
+        return self.highest_c - self.lowest_c
+
     def reports(self, prediction: ThermometerPrediction) -> BoolArray:
         """Which thermometers are neither silent nor frozen, (J,)."""
-        moved_k = self.highest_c - self.lowest_c
         silent = self.silent_s > prediction.silence_s
-        return np.asarray(~silent & (moved_k <= prediction.still_k))
+        return np.asarray(~silent & (self.moved_k <= prediction.still_k))
+
+    def suspicious(self, prediction: ThermometerPrediction) -> BoolArray:
+        """Which thermometers stand still, but not yet for long enough to be replaced, (J,)."""
+        stands_still = (self.still_s >= _SMOOTHING_S) & (self.silent_s == 0)
+        half_as_far = self.moved_k > prediction.still_k / 2
+        return np.asarray(stands_still & half_as_far & ~self.replaced)
 
     @property
     def sentences(self) -> list[str]:
@@ -310,7 +339,7 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
             if silent_s[j] < min(STILL_S, prediction.silence_s[j]):
                 reasons[j] = (
                     f'stands still at {reading_c[j]:.1f} °C while the others show that it moved '
-                    f'by {highest_c[j] - lowest_c[j]:.1f} K'
+                    f'by {state.moved_k[j]:.1f} K'
                 )
     for j in np.flatnonzero(agreed_s >= AGREED_S).tolist():
         reasons[j] = ''

@@ -1,4 +1,4 @@
-"""Finds wrenches that no healthy sensor gives: frozen, saturated on an axis, stamped strangely."""
+"""Finds wrenches that no healthy sensor gives: frozen, stuck on an axis, stamped strangely."""
 
 from collections.abc import Sequence
 
@@ -16,6 +16,9 @@ _RUN_LOOKS = 10
 #: A look at a reading that lives takes this much of a look back: what stands still for more than
 #: a sixth of the time is found, and what lives is believed again after 25 s.
 _RECOVERY = 0.2
+#: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
+#: sensor whose steps are as coarse as its noise, half do.
+_LIVELY_SHARE = 0.8
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
 
@@ -33,18 +36,25 @@ class SensorWatch:
         #: Per axis: the newest reading, its least and its largest, and how often it was the same.
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
-        #: Looks at an axis at its extreme while others moved, and, last, at all that stood still.
+        #: Share of the last looks that showed a new value, per axis.
+        self._lively: FloatArray = np.zeros(len(AXES))
+        #: Looks at an axis that stood still while others moved; the last, at all that stood still.
         self._still: FloatArray = np.zeros(len(AXES) + 1)
 
     def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Look at another wrench, N and N m, and its stamp, ns; 0 when it has none."""
         before, self._raw = self._raw, np.array(raw)
-        self._same = np.where(self._raw == before, self._same + 1, 0)
+        is_same = self._raw == before
+        self._same = np.where(is_same, self._same + 1, 0)
+        self._lively += (~is_same - self._lively) / LOOKS
         self._least = np.fmin(self._least, self._raw)
         self._most = np.fmax(self._most, self._raw)
         extreme = (self._raw == self._least) | (self._raw == self._most)
         held = self._same > _RUN_LOOKS
-        stuck = held & extreme & (self._least < self._most) & ~held.all()
+        # Forces have one resolution, and torques another one.
+        others_live = ((self._lively > _LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
+        is_odd = (extreme & (self._least < self._most)) | (others_live & (self._raw != 0))
+        stuck = held & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
         self.unstamped = not stamp_ns
@@ -69,8 +79,13 @@ class SensorWatch:
         return bool(self._still[-1] >= LOOKS - _RUN_LOOKS)
 
     @property
-    def saturated(self) -> tuple[str, ...]:
-        """Axes that stay exactly at their largest or least value again and again; others move."""
+    def stuck(self) -> tuple[str, ...]:
+        """
+        Axes that repeat one value again and again while others move.
+
+        Either it is their largest or least one, or the other forces, or torques, all but never
+        repeat one. An axis of exact zeros is an absent one.
+        """
         if self.frozen:
             return ()
         stuck = self._still[:-1] >= LOOKS - _RUN_LOOKS

@@ -99,10 +99,12 @@ class Place:
     size: int | None
 
     def values(self, rows: Rows) -> FloatArray:
-        """Read the number out of n messages, shape (n,)."""
-        bytes_ = rows[:, self.offset : self.offset + struct.calcsize(self.code)]
+        """Read the number out of n messages, shape (n,), or the array, shape (n, size)."""
+        bytes_ = struct.calcsize(self.code) * (1 if self.size is None else self.size)
+        found = np.ascontiguousarray(rows[:, self.offset : self.offset + bytes_]).view(self.code)
         with np.errstate(invalid='ignore'):  # a signalling NaN is one as any other
-            return np.ascontiguousarray(bytes_).view(self.code)[:, 0].astype(float)
+            numbers = found.astype(float)
+        return numbers[:, 0] if self.size is None else numbers
 
 
 @dataclass(eq=False)

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.wire import message_layout
 from wrist_ft_comp.wire.cdr import TF
-from wrist_ft_comp.wire.message_layout import Definitions, SEQUENCE
+from wrist_ft_comp.wire.message_layout import Definitions, Layouts, Place, Rows, SEQUENCE
 
 _DEFINITIONS: Definitions = {
     TF: [('transforms', ('TransformStamped', SEQUENCE))],
@@ -32,10 +31,6 @@ _DEFINITIONS: Definitions = {
     ],
     'Header': [('stamp', ('uint32', 2)), ('frame_id', ('string', None))],
 }
-#: Bytes of a stamp.
-_STAMP = 8
-#: Bytes of a quaternion.
-_ROTATION = 32
 #: A rotation is dropped where its squared norm differs from 1 by more.
 _NORM_ERROR = 0.1
 #: Transforms that are further apart than this leave a gap.
@@ -67,43 +62,32 @@ class Transforms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where stamps and rotations lie in every message that holds the same names."""
+    """The transforms in every message that holds the same names."""
 
     #: Parent and child of every transform, without leading slashes.
     frames: tuple[tuple[str, str], ...]
-    #: Bytes at which stamp and rotation of every transform lie, shape (k, 40).
-    _numbers: IntArray
+    #: Where the stamp and the rotation of every transform lie.
+    _numbers: tuple[tuple[Place, Place], ...]
 
-    def decode(self, messages: Sequence[bytes], places: Sequence[int]) -> Iterator[Transforms]:
-        """Read the rotations at some places in ``frames`` out of messages of this layout."""
-        if not places:
-            return
-        order = '<' if messages[0][1] else '>'
-        rows: NDArray[np.uint8] = np.frombuffer(b''.join(messages), np.uint8)
-        parts = rows.reshape(len(messages), -1)[:, self._numbers[places]]
-        stamps = np.ascontiguousarray(parts[..., :_STAMP]).view(f'{order}u4')
-        stamps_ns = stamps[..., 0].astype(np.int64) * NANOSECONDS + stamps[..., 1]
-        rotations = np.ascontiguousarray(parts[..., _STAMP:]).view(f'{order}f8').astype(float)
-        usable = np.abs((rotations**2).sum(axis=-1) - 1) < _NORM_ERROR
-        for column, place in enumerate(places):
-            kept = usable[:, column]
-            frames = self.frames[place]
-            yield Transforms(*frames, stamps_ns[kept, column], rotations[kept, column])
+    def decode(self, rows: Rows, places: Sequence[int]) -> Iterator[Transforms]:
+        """Read the rotations at some places in ``frames`` out of n messages of this layout."""
+        for place in places:
+            stamps, rotations = (number.values(rows) for number in self._numbers[place])
+            usable = np.abs((rotations**2).sum(axis=1) - 1) < _NORM_ERROR
+            stamps_ns = stamps[usable].astype(np.int64) @ np.array([NANOSECONDS, 1])
+            yield Transforms(*self.frames[place], stamps_ns, rotations[usable])
 
 
-class Layouts(message_layout.Layouts[Layout]):
-    """Remembers how the messages of a topic's publishers are laid out."""
-
-    def __init__(self) -> None:
-        super().__init__(_DEFINITIONS, TF, _lay_out, same_texts=True)
+def tf_layouts() -> Layouts[Layout]:
+    """Remember from now on how the messages of a topic's publishers are laid out."""
+    return Layouts(_DEFINITIONS, TF, _lay_out, same_texts=True)
 
 
 def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
     """Read messages; RecordingError, which names no topic, when one is no TFMessage."""
     try:
-        for layout, numbers, _ in Layouts().group(messages):
-            alike = [messages[number] for number in numbers]
-            yield from layout.decode(alike, range(len(layout.frames)))
+        for layout, _, rows in tf_layouts().group(messages):
+            yield from layout.decode(rows, range(len(layout.frames)))
     except RecordingError as error:
         raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
 
@@ -115,10 +99,9 @@ def _lay_out(message: message_layout.Layout) -> Layout:
         parent = message.text(('transforms', index, 'header', 'frame_id'))
         child = message.text(('transforms', index, 'child_frame_id'))
         frames.append((parent.strip('/'), child.strip('/')))
-        stamp = message.places['transforms', index, 'header', 'stamp'].offset
-        rotation = message.places['transforms', index, 'rotation'].offset
-        numbers.append([*range(stamp, stamp + _STAMP), *range(rotation, rotation + _ROTATION)])
-    return Layout(tuple(frames), np.array(numbers, np.int64).reshape(-1, _STAMP + _ROTATION))
+        stamp = message.places['transforms', index, 'header', 'stamp']
+        numbers.append((stamp, message.places['transforms', index, 'rotation']))
+    return Layout(tuple(frames), tuple(numbers))
 
 
 def _matrices(quaternions: FloatArray) -> FloatArray:
@@ -200,6 +183,9 @@ class GravityByTf:
         self._others: set[str] = set()
         #: Last time with a known rotation, and that rotation.
         self._last: tuple[IntArray, FloatArray] = np.empty(0, np.int64), np.empty((0, 3, 3))
+        #: By how much the lower frame turned while transforms were away, or a static one when it
+        #: came again, rad.
+        self.turned_unseen_rad = 0.0
 
     def add(self, transforms: Transforms, *, static: bool) -> None:
         """Take transforms of a frame; where some of it moved, static ones do not count."""
@@ -211,6 +197,10 @@ class GravityByTf:
             return
         if link is None or (link.parent, link.static) != (parent, static):
             link = self._links[child] = _Link(parent, static=static)
+        elif static:
+            ends = link.at(transforms.stamps_ns[:1]), _matrices(transforms.quaternions[-1:])
+            angle = 2 * np.arcsin(min(np.linalg.norm(ends[1] - ends[0]) / np.sqrt(8), 1.0))
+            self.turned_unseen_rad = max(self.turned_unseen_rad, float(angle))
         link.add(transforms.stamps_ns, transforms.quaternions)
 
     def needed(self, frames: Sequence[tuple[str, str]], *, static: bool) -> list[int]:
@@ -287,9 +277,11 @@ class GravityByTf:
         self._last = at[-1:], turned[-1:]
         # Of a turn by θ, |R' - R| = √8 sin θ/2.
         change = np.linalg.norm(np.diff(turned, axis=0), axis=(1, 2)) / np.sqrt(8)
-        steps_ns = np.diff(at).astype(float)
+        angle, steps_ns = 2 * np.arcsin(np.minimum(change, 1)), np.diff(at).astype(float)
+        if (is_away := steps_ns > _PATIENCE_NS).any():
+            self.turned_unseen_rad = float(angle[is_away][-1])
         steps_ns[(steps_ns <= 0) | (steps_ns > GAP_NS)] = np.nan
-        speed = 2 * np.arcsin(np.minimum(change, 1)) * NANOSECONDS / steps_ns
+        speed = angle * NANOSECONDS / steps_ns
         speeds = np.full(len(times_ns), np.nan)
         speeds[linked] = np.concatenate(([np.nan], speed))[len(speed) + 1 - linked.sum() :]
         return GRAVITY * rotations[:, 2], speeds

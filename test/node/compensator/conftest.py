@@ -330,7 +330,7 @@ def make_model(make_model, tmp_path):
         gains = {'force_z': (2.0, 0.0, 0.0)} if axes is None else axes
         model = make_model({a: (o, s, tau or 1e-9) for a, (o, s, tau) in gains.items()}, **more)
         fits = {
-            axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, (1.0,))
+            axis: AxisFit(axis_model, 'by hand', (), 1.0, 0.1, 0.1, (1.0,))
             for axis, axis_model in model.axes.items()
         }
         ranges = np.tile(range_c, (model.thermometers, 1))

@@ -46,7 +46,7 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
 @pytest.mark.parametrize(
     ('kind', 'incompatible', 'words'),
     [
-        ('geometry_msgs/msg/WrenchStamped', {}, '/wrench_raw has a publisher that sends none'),
+        ('geometry_msgs/msg/WrenchStamped', {}, 'the publisher of /wrench_raw sends nothing'),
         (
             'geometry_msgs/msg/Wrench', {},
             '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped',
@@ -79,7 +79,7 @@ def test_temperatures_outside_the_calibrated_range_are_named(rig, make_model):
     status = node.diagnosis('temperature')
     assert status.level == WARN
     assert status.message.startswith(
-        'thermometer 1 outside the calibrated range; drift is less certain there, and held '
+        'thermometer 1 outside the calibrated range; the correction is extrapolated, and held '
         'further out; thermometer 1 '
     )
     # Three halves of a third beyond it: √3.25 times as much.

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
-from wrist_ft_comp.node.external_wrench import ExternalWrench, PayloadFiles
+from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
@@ -52,7 +52,7 @@ class Held:
         self.force = SpecificForceInput(self.chosen)
         self.part = ExternalWrench(
             compensator=Compensator(1),
-            files=PayloadFiles(folder, SimpleNamespace(stored=live), source),
+            live=SimpleNamespace(stored=live, store=SimpleNamespace(directory=folder)),
             specific_force=self.force,
             counts=self.counts,
         )
@@ -93,7 +93,7 @@ def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the 
     """Make the part with two payloads that were learnt, or with what stands in the file."""
 
     def make(*entries, **chosen):
-        path = tmp_path / 'payloads.json'
+        path = tmp_path / 'models/payloads.json'
         for name, frame in entries or [('day', FRAME)]:
             add_payloads(path, name, [TOOL, PART], frame)
         return Held(fake_hub, tmp_path, **chosen)
@@ -153,6 +153,14 @@ def test_an_imu_is_asked_when_its_newest_sample_is_behind_the_wrench(held):
         assert len(asked) == times
 
 
+def test_one_wrench_of_many_without_specific_force_is_no_warning(held):
+    part = held(**{'payload.active': 'day-1'})
+    part.feel(START, UP)
+    for late_s in (0.3, *[0.0] * 20):
+        part.ask(START + round(late_s * SECOND), CONSTANT)
+    assert part.status().level == OK
+
+
 #: State of the part: what it felt (seconds after the start, and what), at which wrench it was
 #: asked, and what the status says then, after as many reports.
 STATUSES = [
@@ -171,6 +179,18 @@ STATUSES = [
         0.0, WARN, 'specific force is +5% off gravity, and so is the weight',
     ),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize(('late_s', 'level'), [(0.04, OK), (0.15, WARN)])
+def test_specific_force_that_is_late_in_motion_is_a_warning(held, late_s, level):
+    """An arm that turns by 1 rad/s."""
+    part = held(**{'payload.active': 'day-1'})
+    for at_s in np.arange(0, 1, 0.01):
+        part.feel(START + round(at_s * 1e9), Rotation.from_euler('x', at_s).apply(UP))
+        part.ask(START + round((at_s + late_s) * 1e9), CONSTANT)
+    found = part.status()
+    words = f'{late_s:.3f} s behind the wrench, and {late_s:.0%} of the weight'
+    assert (found.level, words in found.message) == (level, level == WARN), found.message
 
 
 @pytest.mark.parametrize(('felt', 'asked_s', 'level', 'words'), STATUSES)
@@ -248,7 +268,7 @@ def test_a_payload_of_another_turn_resets_the_other_tare(held, tmp_path):
     part.hub.set(part.part, **BY_HAND)
     compensator = part.part.compensator
     compensator.restore_tare(CONSTANT, CONSTANT)
-    add_payloads(tmp_path / 'payloads.json', 'node', [TOOL], MOUNTED)
+    add_payloads(tmp_path / 'models/payloads.json', 'node', [TOOL], MOUNTED)
     part.hub.set(part.part, **BY_HAND)
     assert not compensator.external_tare.any()
     assert compensator.tare.any()
@@ -301,10 +321,12 @@ def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(held)
     compensator = part.part.compensator
     part.part.on_specific_force(START, tuple(UP), 3.0)
     assert compensator.zero_doubts == [], 'which is fast'
-    part.part.on_specific_force(START, tuple(UP), 50.0)
-    assert 'by TF the frame of the wrench turned at 50 rad/s' in compensator.zero_doubts[0]
-    compensator.set_tare(CONSTANT, START)
-    assert compensator.zero_doubts == []
+    for speed, unseen_rad, how in ((50.0, 0.0, 'at 50 rad/s'), (None, 0.8, 'by 46 degrees whil')):
+        part.force._tree.turned_unseen_rad = unseen_rad
+        part.part.on_specific_force(START, tuple(UP), speed)
+        assert f'by TF the frame of the wrench turned {how}' in compensator.zero_doubts[0]
+        compensator.set_tare(CONSTANT, START)
+        assert compensator.zero_doubts == []
     turned = held().part
     turned.on_specific_force(START, tuple(UP), 50.0)
     assert turned.compensator.zero_doubts == [], 'an IMU turns with its mount'

@@ -12,8 +12,8 @@ from wrist_ft_comp.ros.hub import Hub
 ARCHITECTURE = Path(__file__).parents[3] / 'docs/architecture.md'
 #: In an order in which a part that has stopped keeps nothing from those behind it.
 PARTS = (
-    'wrench_input', 'live', 'state_keeper', 'recorder', 'recording', 'calibration',
-    'drift_topic', 'tare', 'external', 'identification', 'learning',
+    'wrench_input', 'live', 'state_keeper', 'recorder', 'jobs',
+    'drift_topic', 'tare', 'external', 'learning',
     'specific_force', 'inputs',
 )  # fmt: skip
 VERBS = (

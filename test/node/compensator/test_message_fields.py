@@ -36,9 +36,9 @@ class Listening:
 
     def __init__(self, fake_hub, *entries):
         part = Part()
-        self.hub, self.taken = fake_hub(part), []
+        part.take, self.hub, self.taken = self.take, fake_hub(part), []
         sources = dict(enumerate(parse_sources(entries, str)))
-        self.topic = TemperatureTopic(part, '/state', sources, self.take)
+        self.topic = TemperatureTopic(part, '/state', sources)
 
     def take(self, thermometer, stamp_ns, celsius):
         self.taken.append((thermometer, stamp_ns, pytest.approx(celsius)))
@@ -115,10 +115,22 @@ def test_why_a_number_cannot_be_taken_is_said_until_it_can(listen, entry, messag
     assert (listening.problem(), listening.taken) == ('', [(0, START, 9.0)])
 
 
-def test_a_type_that_is_not_installed_and_bytes_that_are_no_message_are_named(listen):
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [
+        ('nowhere_msgs/msg/State', 'but the Python package nowhere_msgs with this type is not'),
+        ('sensor_msgs/msg/Nothing', 'package sensor_msgs with this type is not installed'),
+        *((name, 'which is no message of ROS') for name in ('os/path', 'a.b/msg/State')),
+    ],
+)
+def test_a_type_that_cannot_be_imported_is_a_sentence(listen, name, words):
     listening = listen('/state:temperature')
-    listening.carry('nowhere_msgs/msg/State')
-    assert '/state carries nowhere_msgs/State, but the Python package' in listening.problem()
+    listening.carry(name)
+    assert listening.problem().startswith('/state carries ')
+    assert words in listening.problem()
+
+
+def test_bytes_that_are_no_message_are_named(listen):
     listening = listen('/state:effort[0]')
     listening.hear(joints(20))
     listening.hear_bytes(serialize_message(joints(20))[:20])

@@ -2,7 +2,7 @@ from dataclasses import asdict
 import json
 import os
 
-from moments import ERROR, OK, START
+from moments import ERROR, OK, START, WARN
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
@@ -103,9 +103,21 @@ def test_a_decision_after_the_last_start_goes_on(abc, make_model, capfd):
     first.node.live.take(later, 'calibrated')
     again = abc(parameters=given)
     assert live(again) == 'later.yaml'
-    assert 'was made live after that: the latter goes on' in capfd.readouterr().err
+    assert 'was made live, and goes on' in capfd.readouterr().err
     later.path.unlink()
     assert live(abc(parameters=given)) == 'a.yaml', 'it cannot be used'
+
+
+def test_a_live_model_whose_file_was_replaced_is_a_warning_until_it_is_chosen(abc, make_model):
+    node = abc()
+    choose(node, 'a')
+    make_model('a.yaml', {'force_x': (0.5, 0, 0)})
+    node = abc()
+    words = 'models/a.yaml has changed since it was live, and runs as it is now'
+    assert node.diagnosis('model', words).level == WARN
+    choose(node, 'a')
+    assert node.diagnosis('model').level == OK
+    assert abc().diagnosis('model').level == OK
 
 
 def test_another_model_file_at_start_is_a_new_decision(abc):

@@ -82,7 +82,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     recordings = tuple(folder / name for name in ('a.csv', 'b.csv'))
     for path in recordings:
         path.write_text('')
-    job = node.node.calibration.job()
+    job = node.node.jobs.job()
     assert (job.recordings, job.skip_unusable, job.period_s) == (recordings, True, 1.0)
     own, state = (node.topic(name) for name in ('temperature', 'state'))
     entries = own, f'{state}:joints[2].heat:K', '/far/temperature', f'{state}:data.3'
@@ -91,7 +91,7 @@ def test_a_calibration_takes_the_parameters_of_its_time(rig):
     assert (job.topics.wrench, job.topics.reference) == tuple(names)
     assert node.set('calibration.recordings', ['recordings/b.csv', '']).successful
     assert node.set('calibration.reference', 'recorded').successful
-    job = node.node.calibration.job()
+    job = node.node.jobs.job()
     assert (job.recordings, job.skip_unusable) == (recordings[1:], False)
     assert job.settings.reference == 'recorded'
 

@@ -60,7 +60,7 @@ def test_the_policy_follows_the_schema(policy):
 def test_the_node_is_granted_what_it_has_and_nothing_more(bench, policy, tmp_path):
     given = {'data_directory': str(tmp_path), 'use_sim_time': True}
     node = bench.make(CompensatorNode, parameters=given)
-    node.recording.begin()  # which subscribes to the reference
+    node.recorder.begin()  # which subscribes to the reference
     me = (node.get_name(), node.get_namespace())
     profile = profile_of(policy, 'wrist_ft_comp')
 

@@ -59,16 +59,42 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
     feed(node, 5)
     assert len(read_recording(path)) == 4
     node.bench.close()
-    assert node.node.recording.current is None
+    assert node.node.recorder.current is None
     assert len(read_recording(path)) == 4
+
+
+@pytest.mark.parametrize(
+    ('wrenches', 'temperatures', 'words'),
+    [
+        (30, 30, ''),
+        (28, 30, ''),
+        (5, 30, '5 of 29 cells hold wrench and temperature'),
+        (30, 0, '0 of 0 cells hold wrench and temperature'),
+    ],
+)
+def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, words):
+    node = rig()
+    start_recording(node)
+    for second in range(30):
+        if second < wrenches:
+            node.put(START + second * SECOND, [1.0] * 6)
+        if second < temperatures:
+            node.put_temperature(START + second * SECOND, 25.0)
+    answer = node.call('record', False)
+    assert answer.success
+    assert words in answer.message
+    assert ('warning: ' in answer.message) == bool(words), answer.message
 
 
 def test_starting_twice_and_ending_twice_are_refused(rig):
     node = rig()
-    assert node.refusal('record', False) == 'No recording runs. Start one with data: true.'
+    node.refusal('calibrate')
+    assert node.diagnosis('calibration', 'the last one was refused').level == b'\1'
+    assert node.refusal('record', False) == 'No recording runs. Start one with ~/record.'
     path = start_recording(node)
+    assert node.diagnosis('calibration').message == 'recording'
     assert f'A recording runs already, into {path}' in node.refusal('record', True)
-    assert node.call('record', False).message == f'recorded 0 thermal cells (0 s) into {path}'
+    assert f'recorded 0 thermal cells (0 s) into {path}\n' in node.call('record', False).message
 
 
 def test_a_reference_is_listened_to_while_recording_and_unusable_ones_are_left_out(rig):

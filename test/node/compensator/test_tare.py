@@ -90,10 +90,10 @@ def test_a_tare_needs_its_full_time_of_a_living_sensor(rig, wrenches, sentence):
     assert tare(node, STAMPS + 10 * SECOND).success
 
 
-def test_a_tare_of_a_saturated_sensor_is_refused(rig):
+def test_a_tare_of_a_stuck_axis_is_refused(rig):
     node = rig()
-    node.node.wrench_input.sensor = SimpleNamespace(frozen=False, saturated=['force_z'])
-    assert 'force_z stays at its extreme' in node.refusal('tare')
+    node.node.wrench_input.sensor = SimpleNamespace(frozen=False, stuck=['force_z'])
+    assert 'force_z repeats one value' in node.refusal('tare')
 
 
 def test_simulated_time_may_be_slower_than_a_tare_waits(rig):

@@ -4,8 +4,9 @@ import gc
 
 import pytest
 
+from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.node.compensator_node import CompensatorNode
-from wrist_ft_comp.ros.running import USER_ERRORS
+from wrist_ft_comp.ros.topics import ROS_REFUSALS
 
 IMU = ['-p', 'gravity.source:=imu']
 
@@ -17,7 +18,7 @@ def start(context, tmp_path, *arguments):
 
 
 def refusal(context, tmp_path, *arguments):
-    with pytest.raises(USER_ERRORS) as refused:
+    with pytest.raises((WristFtCompError, *ROS_REFUSALS)) as refused:
         start(context, tmp_path, *arguments)
     said = str(refused.value)
     # What was refused half-made goes now: participants that pile up make DDS hang in the end.
@@ -74,9 +75,14 @@ def test_arguments_that_contradict_get_their_sentence_and_lock_nothing(
     start(ros_context, tmp_path).destroy_node()
 
 
-def test_a_mistyped_parameter_is_a_warning_of_the_node(ros_context, tmp_path, capfd):
-    start(ros_context, tmp_path, '-p', 'temprature_topics:=[heat]').destroy_node()
-    assert 'no parameter temprature_topics, so' in capfd.readouterr().err
+def test_a_mistyped_parameter_is_a_warning_and_those_of_other_nodes_are_none(
+    ros_context, tmp_path, capfd
+):
+    given = 'temprature_topics:=[heat]', 'joint_limits.joint_1.max_effort:=1', 'use_sim_time:=true'
+    start(ros_context, tmp_path, *(word for one in given for word in ('-p', one))).destroy_node()
+    said, meant = capfd.readouterr().err, 'Did you mean temperature_topics?'
+    assert f'no parameter temprature_topics, so its value is ignored. {meant}' in said
+    assert said.count('There is no parameter') == 1
 
 
 def test_a_folder_that_cannot_be_written_is_named_at_start(rig):

@@ -3,7 +3,6 @@
 import numpy as np
 
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation import run as simulated_run
 
 #: As a Bota driver and a robot name them.
 SENSOR = '/bus0/ft_sensor0/ft_sensor_readings'
@@ -20,17 +19,17 @@ def simulate(number, duty):
     """Wrench and temperatures of a day, once a second."""
     rng = np.random.default_rng([1, number])
     sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), 1)
-    settings = simulated_run.RunSettings(
+    settings = ft_sensor.RunSettings(
         duty_start_s=tuple(map(float, duty)),
         duty_level=tuple(duty.values()),
         force_n=0.0,
         torque_nm=0.0,
     )
-    run = simulated_run.draw_run(settings, rng)
+    run = ft_sensor.draw_run(settings, rng)
     elapsed_s = np.arange(SECONDS) + 0.5
-    drive = simulated_run.drive(run, elapsed_s)
+    drive = ft_sensor.drive(run, elapsed_s)
     start = ft_sensor.start(sensor, float(drive[0, 1]))
-    true = simulated_run.true_wrench(run, elapsed_s)
+    true = ft_sensor.true_wrench(run, elapsed_s)
     nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
     measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
     wrench = ft_sensor.digitised_wrench(sensor, measured, rng)

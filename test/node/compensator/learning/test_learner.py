@@ -41,7 +41,7 @@ def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
         writer=SimpleNamespace(put=lambda *_: None),
     )  # fmt: skip
     recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda _: None)
-    part = Learner(live=live, calibration=None, recorder=recorder)
+    part = Learner(live=live, jobs=None, recorder=recorder)
     fake_hub(part, **{**given, 'calibration.reference': 'payload', **chosen})
     part.start()
     vars(part).update(state)

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.binned_sums import bin_axis_data, sum_by_fold
 from wrist_ft_comp.fit.ridge_average import (
     BANKS_S,
+    bin_axis_data,
     candidates,
     DEGREE_PENALTY,
     fit_ridge,
     POOL_S,
+    sum_by_fold,
 )
 
 HIGHEST = 3

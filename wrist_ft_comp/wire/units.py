@@ -19,6 +19,10 @@ TIME_UNITS_NS = {
     's': NANOSECONDS, **{name.removeprefix('stamp_'): ns for name, ns in STAMPS.items()},
     'd': 86_400 * NANOSECONDS,
 }  # fmt: skip
+#: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
+DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
+#: A form of times: 0 days 00:10:00, as pandas writes it.
+TIMEDELTA = 'timedelta'
 #: Weight of a kilogram as units define it, N.
 _KILOPOND_N = 9.80665
 #: By quantity: what one of a unit is in the channel's. The first is taken where none is named.
@@ -31,8 +35,9 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
         'g': _KILOPOND_N / 1e3,
     },
     'N m': {
-        'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3, 'Nmm': 1e-3, 'Ncm': 1e-2, 'lbfin': 0.1129848290276,
-        'lbfft': 1.3558179483314, 'kgfm': _KILOPOND_N, 'kgfcm': _KILOPOND_N / 1e2,
+        'Nm': 1.0, 'kNm': 1e3, 'daNm': 10.0, 'cNm': 1e-2, 'mNm': 1e-3, 'Nmm': 1e-3,
+        'Ncm': 1e-2, 'lbfin': 0.1129848290276, 'lbfft': 1.3558179483314,
+        'ozfin': 0.0070615518333, 'kgfm': _KILOPOND_N, 'kgfcm': _KILOPOND_N / 1e2,
     },
     'm/s²': {'m/s2': 1.0, 'g': _KILOPOND_N},
     'rad/s': {'rad/s': 1.0, 'deg/s': 0.017453292519943},
@@ -45,7 +50,7 @@ _OTHER_UNITS = {
     'н': 'N', 'нм': 'Nm', 'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf',
     'kg': 'kgf', 'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm',
     'lbin': 'lbfin', 'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft',
-    'ftlbf': 'lbfft',
+    'ftlbf': 'lbfft', 'ozin': 'ozfin', 'inoz': 'ozfin', 'inozf': 'ozfin',
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
     'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
@@ -74,6 +79,8 @@ def known_unit(channel: str, name: str, unit: str = '') -> str:
     """Find the unit of a channel in the name of its column, or beside it; empty where unknown."""
     # In brackets, behind a slash or a comma, or behind an underscore or a blank at the end.
     behind = re.findall(r'(?<=[^\s/_])(?:\s*/\s*|_|\s)([^\W\d][^\W\d_/]*|°\w)$', name.strip())
+    # N_mm and ozf-in are one unit.
+    behind = [*re.findall(r'(?<=[^\s/_])[_\s]([^\W\d_]+[_-][^\W\d_]+)$', name.strip()), *behind]
     words = map(plain_unit, (*said_units(name, unit), *behind))
     return next((word for word in words if word in units_of(channel)), '')
 

@@ -1,0 +1,27 @@
+"""What a robot shows of a payload that goes between two poses only."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from wrist_ft_comp.payload.weight_check import WeightCheck
+
+
+@pytest.mark.parametrize(
+    ('gain', 'contact_n', 'words'),
+    [(1.0, -10.0, ''), (2.0, 0.0, 'moves 2 times as much as the weight of tool')],
+    ids=['the same contact in each cycle', 'another payload'],
+)
+def test_between_two_poses_a_contact_is_no_turn_and_another_payload_is_found(
+    gain, contact_n, words
+):
+    check, rng = WeightCheck('tool'), np.random.default_rng(0)
+    for second in np.arange(0.3, 200, 0.97):
+        share = 0.5 + 0.5 * np.clip(3 * np.sin(second / 2), -1, 1)
+        turn = Rotation.from_euler('x', 70 * share, degrees=True)
+        weight_n = turn.apply([0, 0, -9.8], inverse=True)
+        contact = np.array([0, 0, contact_n * (share > 0.97)])
+        force_n = gain * weight_n + contact + rng.normal(0, 0.02, 3)
+        check.add(np.append(force_n, np.zeros(3)), np.append(weight_n, np.zeros(3)))
+        assert words or not check.found, check.found
+    assert words in check.found

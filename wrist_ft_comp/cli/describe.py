@@ -1,0 +1,191 @@
+"""What a file or a folder holds, for people: channels, and how they would be read."""
+
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from wrist_ft_comp.channels import AXES, axis_unit, temperature_channel
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
+from wrist_ft_comp.recordings.bag_topics import (
+    Candidate,
+    RAW_WRENCH,
+    suggested_topics,
+    survey_bag,
+    TEMPERATURE,
+    TF,
+)
+from wrist_ft_comp.recordings.log_proposal import OPEN
+from wrist_ft_comp.recordings.read import (
+    BAG,
+    open_recording,
+    OpenBag,
+    OpenTable,
+    read_opened,
+    TABLE,
+)
+from wrist_ft_comp.recordings.read_options import parse_options
+from wrist_ft_comp.series import part_of, Progress
+from wrist_ft_comp.wire.temperature_source import parse_source
+
+REFERENCE = 'reference'
+SPECIFIC_FORCE = 'specific force'
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """One topic of a bag, or one channel of a file."""
+
+    name: str
+    #: Message type or unit.
+    kind: str
+    samples: int
+    #: RAW_WRENCH, TEMPERATURE, both, REFERENCE, SPECIFIC_FORCE, or '' where it is not used.
+    role: str
+    #: Lowest and highest usable reading of a temperature in a file, °C.
+    reads: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """What a file or folder holds."""
+
+    name: str
+    #: Such as ``rosbag2, sqlite3``.
+    kind: str
+    #: In the file's order.
+    channels: tuple[ChannelSummary, ...]
+    #: Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
+    first_ns: int | None
+    last_ns: int | None
+    #: What could not be read, in sentences.
+    warnings: tuple[str, ...] = ()
+    #: What may be used, of a bag only, and what is used.
+    candidates: tuple[Candidate, ...] = ()
+    topics: Topics | None = None
+    #: None where no specific force was recorded, or nothing can be learnt.
+    specific_force: ForceSummary | None = None
+    #: Whether the columns of ``topics`` are a guess, because nobody gave any.
+    guessed: bool = False
+    #: Why it cannot be read as a recording; empty where it can.
+    refusal: str = ''
+    #: Whether a reference was recorded that is zero throughout.
+    is_unloaded: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a person has to name some of the columns."""
+        return self.topics is not None and OPEN in self.topics.columns
+
+
+def describe_recording(
+    path: Path | str, topics: Topics | None = None, progress: Progress | None = None
+) -> tuple[RecordingSummary, Recording | None]:
+    """
+    Describe a recording of any kind; it need not hold all that a calibration wants.
+
+    Of a bag, the topics say which role which one has; what they don't name is chosen. It is read
+    on the way: the recording, or None. RecordingError when it is none at all.
+    """
+    topics = topics or Topics()
+    with open_recording(Path(path), topics) as opened:
+        if isinstance(opened, OpenTable):
+            summary, recording = _describe_table(opened, progress)
+        else:
+            summary, recording = _describe_bag(opened.bag, topics, progress)
+    if recording is None or recording.specific_force is None:
+        return summary, recording
+    known = np.isfinite(recording.specific_force).all(axis=1)
+    force = describe_force(moments_of(recording.specific_force[known]))
+    return replace(summary, specific_force=force), recording
+
+
+def _describe_bag(
+    bag: Bag, topics: Topics, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
+    parts = [part_of(progress, k, 2) if progress else None for k in range(2)]
+    candidates, warnings = survey_bag(bag, parts[0])
+    topics, asked = suggested_topics(candidates, topics), topics.gravity_frame
+    if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
+        with suppress(RecordingError):
+            topics = replace(topics, gravity_frame=uppermost_frame(bag, topics))
+    # What TF does not tell is left out; it is said where a person asked for it.
+    recording, refusal = None, ''
+    for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
+        topics = replace(topics, gravity_frame=frame)
+        try:
+            recording = read_opened(OpenBag(bag, parse_options(topics)), 1.0, progress=parts[1])
+            refusal = ''
+            break
+        except RecordingError as error:
+            refusal = str(error)
+            warnings = *warnings, *([refusal] if frame and asked else [])
+
+    temperatures = {parse_source(entry).topic.strip('/') for entry in topics.temperatures}
+    wrench = topics.wrench.strip('/')
+    both = f'{RAW_WRENCH}, {TEMPERATURE}' if wrench in temperatures else RAW_WRENCH
+    roles = {
+        (topics.imu or ('tf' if topics.gravity_frame else '')).strip('/'): SPECIFIC_FORCE,
+        topics.reference.strip('/'): REFERENCE,
+        **dict.fromkeys(temperatures, TEMPERATURE),
+        wrench: both,
+    }
+    counts: Counter[tuple[str, str]] = Counter()
+    for connection in bag.connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    first_ns, last_ns = bag.span_ns if sum(counts.values()) else (None, None)
+    channels = tuple(
+        ChannelSummary(topic, kind, count, roles.get(topic.strip('/'), ''))
+        for (topic, kind), count in sorted(counts.items())
+    )
+    compressed = f', {bag.compression} compression' if bag.compression else ''
+    summary = RecordingSummary(
+        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
+        (*bag.warnings, *warnings), candidates, topics, refusal=refusal)  # fmt: skip
+    return summary, recording
+
+
+def _describe_table(
+    opened: OpenTable, progress: Progress | None
+) -> tuple[RecordingSummary, Recording | None]:
+    """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
+    topics, lacking = opened.options.topics, opened.lacks()
+    if lacking:
+        proposal = opened.propose()
+        columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
+        topics = replace(topics, columns=columns, time=topics.time or proposal.time)
+        if OPEN in columns:
+            refusal = proposal.refusal(opened.name, opened.names, lacking)
+            summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
+            return replace(summary, guessed=True, refusal=refusal), None
+        opened = OpenTable(opened.tables, parse_options(topics))
+    recording, refusal = None, opened.compensated
+    try:
+        recording = read_opened(opened, opened.period_s, progress=progress)
+    except RecordingError as error:
+        if not opened.is_read:
+            raise
+        refusal = refusal or str(error)
+    reads: dict[str, tuple[float, float]] = {}
+    for j, celsius in enumerate(recording.temperature_c.T if recording else ()):
+        reads[temperature_channel(j)] = float(celsius.min()), float(celsius.max())
+    channels = []
+    for channel, count in opened.counts.items():
+        role = RAW_WRENCH if channel in AXES else SPECIFIC_FORCE
+        role = REFERENCE if channel.startswith(REFERENCE) else role
+        unit = axis_unit(channel.removeprefix('reference_'))
+        if channel.startswith('temperature'):
+            role, unit = TEMPERATURE, '°C'
+        channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
+    first_ns, last_ns = opened.span_ns or (None, None)
+    summary = RecordingSummary(
+        opened.name, TABLE, tuple(channels), first_ns, last_ns, opened.warnings, topics=topics,
+        guessed=bool(lacking), refusal=refusal,
+        is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
+    return summary, recording

@@ -1,0 +1,166 @@
+"""Which topics of a bag may be used, how good they are, and which are the most probable ones."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+import re
+
+import numpy as np
+
+from wrist_ft_comp.channels import is_plausible
+from wrist_ft_comp.errors import RecordingError
+from wrist_ft_comp.recording import Topics
+from wrist_ft_comp.recordings.bag import Bag, Connection, decode, temperatures_inside
+from wrist_ft_comp.recordings.log_proposal import FAR
+from wrist_ft_comp.series import FloatArray, Progress
+from wrist_ft_comp.wire import cdr
+from wrist_ft_comp.wire.message_layout import NumberReader, Path
+from wrist_ft_comp.wire.temperature_source import path_text
+
+RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
+_ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
+#: Names of wrenches that were processed before; /wrench is what compensate adds.
+_TREATED = re.compile(
+    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
+)
+#: Names of temperatures of the sensor, or near it.
+_NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
+#: A thermometer that changes by less, K, sees no warm-up.
+_MOVES_K = 0.5
+#: Number of thermometers that are suggested: one inside the sensor, one at the motor's side.
+_SUGGESTED = 2
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A topic, or a number in its messages, that may be used, and how good it is."""
+
+    #: RAW_WRENCH, TEMPERATURE, IMU or TF.
+    role: str
+    #: As an option takes it: a topic, or ``topic:field``.
+    entry: str
+    samples: int
+    #: Whether the stamps are the headers'; else times of arrival.
+    stamped: bool
+    #: Lowest and highest reading, in the driver's unit; None but for temperatures.
+    reads: tuple[float, float] | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a temperature that moved."""
+        return self.reads is not None and self.reads[1] - self.reads[0] >= _MOVES_K
+
+
+@dataclass(eq=False)
+class _Tally:
+    """What the messages of a connection held."""
+
+    connection: Connection
+    role: str
+    #: Of messages of another type: where the temperatures are.
+    paths: list[Path] = field(default_factory=list)
+    reader: NumberReader | None = None
+    #: Whether messages were read, and whether one had a stamp.
+    is_read: bool = False
+    stamped: bool = False
+    #: Of each temperature, in the order of the paths.
+    low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+    high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Make the candidates of the connection."""
+        topic, samples = self.connection.topic, self.connection.msgcount
+        if self.role != TEMPERATURE:
+            yield Candidate(self.role, topic, samples, self.stamped)
+            return
+        # What has no stamp counts at its time of arrival where it is read as a field.
+        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
+            entry = f'{topic}:{path_text(path)}' if path else topic
+            low, high = map(float, reads)
+            yield Candidate(TEMPERATURE, entry, samples, self.stamped, (low, high))
+
+
+def survey_bag(
+    bag: Bag, progress: Progress | None = None
+) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """List what may be used of a bag, by role and topic, and warnings."""
+    warnings: list[str] = []
+    found: list[Candidate] = []
+    tallies: dict[int, _Tally] = {}
+    for connection in (c for c in bag.connections if c.msgcount):
+        topic, kind = connection.topic, connection.msgtype
+        if kind == cdr.TF:
+            found.append(Candidate(TF, topic, connection.msgcount, stamped=False))
+        elif role := _ROLES.get(kind):
+            tallies[connection.id] = _Tally(connection, role)
+        else:
+            try:
+                definitions = bag.define(connection)
+            except RecordingError as error:
+                warnings.append(f'Whether it holds temperatures is not known: {error}')
+                continue
+            if paths := temperatures_inside(bag, connection):
+                reader = NumberReader(definitions, kind, paths)
+                tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
+    for tally, _, messages in bag.grouped(tallies, progress):
+        try:
+            stamps_ns, values = decode(bag, tally.connection, messages, tally.reader)
+        except RecordingError as error:
+            del tallies[tally.connection.id]
+            warnings.append(f'{tally.connection.topic} cannot be used: {error}')
+            continue
+        tally.is_read, tally.stamped = True, tally.stamped or bool(stamps_ns.any())
+        if tally.role == TEMPERATURE:
+            values = values[:, : len(tally.paths) or 1]  # behind a Temperature is its variance
+            tally.low = np.fmin(tally.low, np.fmin.reduce(values))
+            tally.high = np.fmax(tally.high, np.fmax.reduce(values))
+    found += [c for tally in tallies.values() if tally.is_read for c in tally.candidates()]
+    order = list(_ROLES.values())
+    found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
+    return tuple(found), tuple(warnings)
+
+
+def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
+    """
+    Choose the topics of a bag: the named ones that it holds, else the most probable ones.
+
+    The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
+    sensor are not used. The thermometer inside the sensor comes first: the one without the name of
+    a motor, with the longest common beginning of its name and the wrench's, or with the name of
+    something at the tool; the same holds for IMUs. In an array, the last element is taken for the
+    nearest to the tool. Without a raw wrench, its topic is empty.
+    """
+    wrenches = [c for c in candidates if c.role == RAW_WRENCH]
+    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
+    wrench = wrenches[0].entry if wrenches else ''
+
+    def names(entry: str) -> set[str]:
+        """Split a topic into the names between its slashes, and these into words."""
+        return {*entry.lower().split('/'), *re.findall(r'[a-z]+', entry.lower())}
+
+    ours = names(wrench)
+    theirs = {name for other in wrenches[1:] for name in names(other.entry)}
+
+    def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
+        pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
+        common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
+        indices = re.findall(r'\[(\d+)\]', candidate.entry)
+        far, near = FAR.search(candidate.entry), _NEAR.search(candidate.entry)
+        return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
+
+    topics = replace(topics, wrench=wrench)
+    candidates = [
+        candidate
+        for candidate in sorted(candidates, key=distance)
+        if names(candidate.entry) & (ours - theirs) or not names(candidate.entry) & (theirs - ours)
+    ]
+    imus = [c for c in candidates if c.role == IMU and c.stamped]
+    if imus and not topics.imu and not topics.gravity_frame:
+        topics = replace(topics, imu=imus[0].entry)
+    if topics.temperatures != Topics().temperatures:
+        return topics
+    found = [c for c in candidates if c.role == TEMPERATURE]
+    usable = [c for c in found if c.moves and all(map(is_plausible, c.reads or ()))]
+    return replace(topics, temperatures=tuple(c.entry for c in (usable or found[:1])[:_SUGGESTED]))
