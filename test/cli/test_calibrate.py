@@ -1,4 +1,3 @@
-from datetime import timedelta
 import json
 import re
 
@@ -146,22 +145,3 @@ def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(don
     fit = json.loads(done('calibrate', of_room, '-o', model, '--json'))
     assert fit['axes']['force_z']['day_limit'] is None
     assert 'limit: largest error' not in done('evaluate', model, of_room)
-
-
-@pytest.mark.parametrize('what', ['is silent', 'keeps one value'])
-@pytest.mark.parametrize('part', [slice(6000, None), slice(2000, 5000)], ids=['end', 'middle'])
-def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
-    done, make, tmp_path, what, part
-):
-    rng, time_s = np.random.default_rng(1), np.arange(9000)
-    day = slow_day(rng, 20 * (1 - np.exp(-time_s / 1500)) + 3 * np.sin(time_s / 900))
-    path, model = make.csv(tmp_path / 'whole.csv', day), tmp_path / 'm.yaml'
-    stays = None if what == 'is silent' else day['temperature_c'][part.start]
-    day['temperature_c'][part] = [stays] * len(time_s[part])
-    broken = make.csv(tmp_path / 'day.csv', day)
-    fit = json.loads(done('calibrate', broken, '-o', model, '--json'))
-    begin = timedelta(seconds=part.start)
-    said = f'day.csv {what} for {len(time_s[part])} s, from {begin} on; wrenches of that'
-    assert [warning for warning in fit['warnings'] if said in warning]
-    judged = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
-    assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']

@@ -263,6 +263,20 @@ class TestTare:
         compensator.set_tare(LOAD, (late_s + 10) * SECOND)
         assert compensator.zero_doubts == []
 
+    def test_a_tare_while_a_thermometer_is_silent_is_doubted(self, make_model):
+        compensator = Compensator(
+            2, model=make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
+        )
+        for second in range(500):
+            for j in (0,) if 100 <= second < 400 else (0, 1):
+                compensator.add_temperature(j, second * SECOND, 20.0 + second / 100)
+            if second in {120, 300, 405, 499}:
+                compensator.set_tare(LOAD, second * SECOND)
+                doubts = compensator.zero_doubts
+                assert ['thermometer 2 was silent' in why for why in doubts] == [True] * (
+                    second == 300
+                )
+
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
         self, model
     ):

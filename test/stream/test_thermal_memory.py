@@ -133,7 +133,8 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
 
 def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(make_model):
     """Whatever temperatures did meanwhile, as fast as before: the drift is as near as is said."""
-    model = replace(make_model({'force_z': (0.4, 0.0, 600.0)}), deviation={'force_z': 0.02})
+    axes = {'force_z': (0.4, 0.0, 600.0)}
+    model = replace(make_model(axes, range_c=(15.0, 40.0)), deviation={'force_z': 0.02})
     rng, stated = np.random.default_rng(0), set()
     before_c = 20.0 + np.interp(np.arange(1200), [0, 600, 1200], [0, 6, 0])
     for gap_s in (70, *[2000] * 8):
@@ -159,16 +160,49 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
     assert stated == {True, False}
 
 
+@pytest.mark.parametrize(
+    ('start_c', 'rate_k_s', 'is_said'),
+    [(24.0, 0.05, False), (35.0, 0.05, True), (35.0, -0.05, True), (35.0, 0.0, False)],
+    ids=['switched on', 'warms for long', 'cools', 'has soaked'],
+)
+def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
+    make_model, start_c, rate_k_s, is_said
+):
+    """For 200 s before the node started, temperatures moved as they do now."""
+    axes = {'force_z': (0.4, 0.0, 600.0)}
+    model = replace(make_model(axes, range_c=(20.0, 60.0)), deviation={'force_z': 0.02})
+    knows, starts, late = Compensator(1, model=model), Compensator(1, model=model), Compensator(1)
+    for second in range(-200 if is_said else 0, 75):
+        celsius = start_c + rate_k_s * second
+        knows.add_temperature(0, START + second * SECOND, celsius)
+        if second >= 0:
+            starts.add_temperature(0, START + second * SECOND, celsius)
+            late.add_temperature(0, START + second * SECOND, celsius)
+    late.go_live(model)
+    apart_n = abs(knows.compensation.zero - starts.compensation.zero)[2]
+    for compensator in (starts, late):
+        doubts = compensator.gap_doubts()
+        assert len(doubts) == is_said
+        for doubt in doubts:
+            off_n = float(re.search(r'(\S+) N off', doubt)[1])
+            assert 0.95 * apart_n < off_n < 4 * apart_n
+        compensator.set_tare(np.zeros(6), START + 75 * SECOND)
+        assert ['uncertain' in d for d in compensator.zero_doubts] == [True] * is_said
+
+
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
     model = make_model({'force_z': (0.4, 0.0, 600.0)})
-    first, second = (Compensator(1, model=model) for _ in range(2))
+    first = Compensator(1, model=model)
     for k in range(2):
         first.add_temperature(0, START + k * SECOND, 20.0)
-    second.resume(first.memory(), 300.0)
-    for k in range(302, 306):
-        second.add_temperature(0, START + k * SECOND, 25.0)
-    assert np.isfinite(second.compensation.zero).all()
-    assert not any('nan' in doubt for doubt in second.gap_doubts())
+    memory = first.memory()
+    for saved in (memory, replace(memory, history=())):
+        second = Compensator(1, model=model)
+        second.resume(saved, 300.0)
+        for k in range(302, 306):
+            second.add_temperature(0, START + k * SECOND, 25.0)
+        assert np.isfinite(second.compensation.zero).all()
+        assert not any('nan' in doubt for doubt in second.gap_doubts())
 
 
 def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tmp_path):

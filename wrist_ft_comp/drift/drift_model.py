@@ -258,6 +258,8 @@ def skip(
     model: DriftModel, state: DriftState, temperature_c: FloatArray, cells: int = 1
 ) -> DriftState:
     """Advance by N temperatures, (N, J), each for some cells; the state alone, quickly."""
+    if not len(temperature_c):
+        return state
     return {
         name: axis.skip(state[name], temperature_c, cells) for name, axis in model.axes.items()
     }

@@ -219,10 +219,20 @@ class Compensator:
         self._forget_doubts()
         # A drift that is held, as no temperature comes, is none to tare with.
         grid, held_ns = self.tracker.grid, stamp_ns - self.tracker.end_ns
-        usual_ns = 2 * grid.period_ns * max(map(grid.spacing, range(self.thermometers)))
-        is_held = held_ns > max(_LATE_TEMPERATURE_S * NANOSECONDS, usual_ns)
+        usual_ns = [
+            max(_LATE_TEMPERATURE_S * NANOSECONDS, 2 * grid.period_ns * grid.spacing(j))
+            for j in range(self.thermometers)
+        ]
+        is_held = held_ns > max(usual_ns)
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
+        silent = grid.silent(self.tracker.end_ns // grid.period_ns) if has_drift else ()
+        for j, cells in enumerate(silent):
+            if cells * grid.period_ns > usual_ns[j] and j not in self.tracker.replaced:
+                self.doubt_zero(
+                    f'the tare was taken while thermometer {j + 1} was silent, and holds what '
+                    'drifted since; call ~/tare when it reports'
+                )
         for j, spikes in enumerate(self.tracker.spikes, start=1):
             if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
                 self.doubt_zero(
@@ -244,8 +254,8 @@ class Compensator:
             return []
         worst = self._doubt(uncertainty.left(tracker.end_ns, tracker.memory_s), _CERTAIN)
         sentence = (
-            'the thermal state is uncertain, because temperatures were missing or their clock was '
-            f'set: {worst} off, and less and less from now on'
+            'the thermal state is uncertain, because temperatures moved at the start, were '
+            f'missing, or their clock was set: {worst} off, and less and less from now on'
         )
         return [sentence] if worst else []
 
