@@ -215,7 +215,7 @@ TEMPERATURES = {
     'simulation again': (EARLIER, LEAP, 5.5),
     'simulated gap': (
         [(second, 44.0) for second in range(1520, 1540)],
-        'were missing or their clock was set: the drift of force_z may be 1.4 N off',
+        'their clock was set: the drift of force_z may be 1.4 N off',
         12.0,
     ),
     'seldom': (
