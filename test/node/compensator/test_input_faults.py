@@ -205,12 +205,28 @@ class TestWrench:
 
 GOOD = [(second, 30.0) for second in range(21, 24)]
 HOURS = 18_000
+EARLIER = [(second - HOURS, 31.0) for second in range(20, 24)]
+STRAY = 'a temperature was dropped, because its stamp was far from those around it'
+LEAP = 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
 #: Temperatures after 20 s at 30 °C: seconds and values, what is said then, and the drift, N.
 TEMPERATURES = {
     'nan': ([(20, math.nan), *GOOD], '1 are dropped; they are not finite', 5.0),
     'kelvin': ([(20, 298.15), *GOOD], 'In kelvins it would be 25.0 °C: then name it ', 5.0),
-    'hours ahead': ([(20 + HOURS, 44.0), *GOOD], '', 5.0),
-    'hours back': ([(20 - HOURS, 44.0), *GOOD], '', 5.0),
+    'hours ahead': ([(20 + HOURS, 44.0), *GOOD], STRAY, 5.0),
+    'hours back': ([(20 - HOURS, 44.0), *GOOD], STRAY, 5.0),
+    'clock set': (EARLIER, LEAP, 5.0),
+    'simulation again': (EARLIER, LEAP, 5.5),
+    'simulated gap': (
+        [(second, 44.0) for second in range(1520, 1540)],
+        'their clock was set: the drift of force_z may be 1.4 N off',
+        12.0,
+    ),
+    'seldom': (
+        [(50, 30.0), (80, 30.0), (110, 30.0), (140, 37.0)],
+        'reports every 30 s, so that the drift of force_z may be 0.17 N behind',
+        # A ramp of 7 K in 30 s, seen by a lag of 300 s.
+        5.0 + 0.5 * 7.0 * (1 - 10 * (1 - math.exp(-0.1))),
+    ),
     'spike': (
         [(20, 85.0), *GOOD],
         'faster than metal can, from 30.0 to 85.0 °C; that',
@@ -228,12 +244,13 @@ TEMPERATURES = {
 class TestTemperature:
     @pytest.mark.parametrize('name', TEMPERATURES)
     def test_a_bad_temperature_is_said_and_moves_the_drift_no_further(self, warm, warns, name):
-        node, (fed, words, drift_n) = warm(), TEMPERATURES[name]
+        node = warm(parameters={'use_sim_time': name.startswith('simulat')})
+        fed, words, drift_n = TEMPERATURES[name]
         node.diagnosis('temperature')
         node.put_temperature_bytes(0, b'\0\1\0\0 too short')
         for second, celsius in fed:
             node.node.inputs.take(0, START + second * SECOND, celsius)
-        status = warns(node, 'temperature', words) if words else node.diagnosis('temperature')
+        status = warns(node, 'temperature', words)
         assert int(status.values['unusable']) >= 1
         zero = node.node.compensator.compensation.zero[2]
         assert zero == pytest.approx(drift_n, abs=0.01)
@@ -289,7 +306,8 @@ class TestQualityOfService:
         best_effort = QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
         for topic, kind in topics.items():
             helper.create_publisher(kind, f'{name}/{topic}', best_effort)
-            log(node, f'a publisher of {topic} offers less reliability than is asked for')
+            words = f'a publisher of {topic} offers less reliability than is asked for'
+            log(node, rf'ERROR\].*\]: {words}')
         words = (
             'thermometer 1 has not reported: a publisher of temperature offers less reliability'
         )
