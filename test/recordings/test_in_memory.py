@@ -33,11 +33,8 @@ def as_csv(tmp_path, write_table):
 
 
 def assert_same(one, other):
-    assert (one.name, one.period_ns, one.first_cell) == (
-        other.name,
-        other.period_ns,
-        other.first_cell,
-    )
+    for fact in ('name', 'period_ns', 'first_cell'):
+        assert getattr(one, fact) == getattr(other, fact)
     assert sorted(one.warnings) == sorted(other.warnings)
     for array in ('temperature_c', 'measured', 'wrench', 'reference'):
         np.testing.assert_allclose(getattr(one, array), getattr(other, array), rtol=1e-13)

@@ -1,12 +1,10 @@
 """Specific force of bags: by an IMU, or by TF, whatever TF does."""
 
 from itertools import chain
-import shutil
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-import yaml
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError, SettingsError
@@ -84,24 +82,6 @@ def robot(messages, tmp_path):
             rows = sorted(chain.from_iterable(parts), key=lambda row: row[2])
             return messages.write(tmp_path / name, rows, storage)
 
-        @staticmethod
-        def join(bag, more):
-            """Make of a bag the first file of a split one."""
-            (file,) = more.glob('*.mcap')
-            shutil.copy(file, bag / 'bag_1.mcap')
-            parts = [yaml.safe_load((path / 'metadata.yaml').read_text()) for path in (bag, more)]
-            one, other = (part['rosbag2_bagfile_information'] for part in parts)
-            one['relative_file_paths'].append('bag_1.mcap')
-            one['message_count'] += other['message_count']
-            one['duration'] = {'nanoseconds': 15 * 10**9}
-            named = {e['topic_metadata']['name'] for e in one['topics_with_message_count']}
-            one['topics_with_message_count'] += [
-                topic
-                for topic in other['topics_with_message_count']
-                if topic['topic_metadata']['name'] not in named
-            ]
-            (bag / 'metadata.yaml').write_text(yaml.safe_dump(parts[0]))
-
     return Robot()
 
 
@@ -150,20 +130,6 @@ def test_tf_gives_gravity_in_the_frame_of_the_wrench(robot, storage, rate, toler
     np.testing.assert_allclose(speed, expected, atol=0.02)
 
 
-def test_static_transforms_lie_in_the_first_file_of_a_split_bag(robot):
-    """The folder is whole; a later file alone is refused, and the frames it has are listed."""
-    first = robot.write(robot.still(), robot.moving(np.arange(0, 5, 0.05)), name='first')
-    rest = robot.moving(np.arange(5, END + 0.1, 0.05)), robot.wrenches()
-    second = robot.write(*rest, name='second')
-    with pytest.raises(RecordingError) as refusal:
-        read_recording(second, topics=BY_TF)
-    for part in ('world and ft_sensor are missing', 'arm, base, tool.', '/tf_static is in its'):
-        assert part in str(refusal.value)
-    robot.join(first, second)
-    force = read_recording(first, topics=BY_TF).specific_force
-    np.testing.assert_allclose(force[:END], means(range(END), true_force), atol=0.02)
-
-
 def test_tf_may_lie_in_one_namespace(robot):
     parts = robot.still(), robot.moving(np.arange(0, END + 0.1, 0.05))
     inside = [(f'/left{topic}', *rest) for part in parts for topic, *rest in part]
@@ -188,6 +154,8 @@ def test_a_bag_without_the_direction_of_gravity_is_refused(robot, messages):
         ([robot.still(), loop, robot.wrenches(2)], 'no chain of transforms, without a loop'),
         ([apart, robot.moving(np.arange(0, 2, 0.05)), robot.wrenches(2)], 'no chain of'),
         ([turned, robot.moving(np.arange(0, 2, 0.05)), robot.wrenches(2)], 'world is'),
+        ([robot.moving(np.arange(5, 9, 0.05)), robot.wrenches(8)],
+         'world and ft_sensor are missing.*arm, base, tool.* /tf_static is in its first file'),
         ([robot.wrenches(1)], 'holds no topic /tf for the gravity'),
         ([robot.moving([0]), robot.wrenches(1, frame='')], 'has no frame_id'),
         ([broken, robot.wrenches(1)], 'A transform of .* is damaged. Expected a tf2_msgs'),

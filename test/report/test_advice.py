@@ -74,7 +74,6 @@ WARM_UP = 20 + 12 * (1 - np.exp(-np.maximum(np.arange(HOUR) - 60, 0) / 200)) + N
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
     (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
-    (ramp(20, 35), {}, 'Let it cool down', ''),
     (ramp(35, 20), {}, 'Let it warm up', ''),
     (BOTH_WAYS, {}, '', 'Let it'),
     (ramp(20, 30), {'levels': {'force_x': 'weak'}}, 'One thermometer does not', ''),
@@ -86,7 +85,6 @@ ASKED = [
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
     (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
-    (ramp(35, 20), {}, 'ended cold', ''),
     (ramp(20, 35), {}, 'A lag can only be measured if the sensor also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),

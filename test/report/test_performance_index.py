@@ -14,10 +14,6 @@ def test_k_s_is_eq_23_term_by_term():
         temperature_c, np.array([7.0, 5.0, 2.0]), np.array([105.0, 105.0, 105.0]), 20.0
     )
     np.testing.assert_allclose(k_s, [-2 / 20, np.nan, 3 / -10], rtol=1e-12)
-    negative = thermal_sensitivity_drift(
-        temperature_c, -np.ones(3), np.array([-3.0, -2, -2]), 20.0
-    )
-    np.testing.assert_allclose(negative, [100 / 20, np.nan, 0.0])
 
 
 def test_a_is_the_largest_error_by_full_scale():
@@ -26,13 +22,11 @@ def test_a_is_the_largest_error_by_full_scale():
     assert accuracy(output, expected, -50.0) == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize('reference_c', [25.0, 40.0])
-def test_a_reference_that_says_nothing_is_refused(reference_c):
-    with pytest.raises(
-        SettingsError, match=rf'must be one of \[20.0, 40.0\] .*{reference_c:g} °C'
-    ):
-        thermal_sensitivity_drift(
-            np.array([20.0, 40.0]), np.zeros(2), np.array([1.0, 0.0]), reference_c
-        )
+def test_a_reference_that_says_nothing_is_refused():
+    for reference_c in (25.0, 40.0):  # not there, and without a span
+        with pytest.raises(SettingsError, match=rf'one of \[20.0, 40.0\] .*{reference_c:g} °C'):
+            thermal_sensitivity_drift(
+                np.array([20.0, 40.0]), np.zeros(2), np.array([1.0, 0.0]), reference_c
+            )
     with pytest.raises(SettingsError, match='must not be 0'):
         accuracy(np.ones(2), np.ones(2), 0.0)

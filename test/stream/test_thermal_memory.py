@@ -10,12 +10,7 @@ import pytest
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.thermal_memory import (
-    belongs_to,
-    LEAST_GAP_S,
-    longest_gap_s,
-    MOST_GAP_S,
-)
+from wrist_ft_comp.stream.thermal_memory import belongs_to, longest_gap_s
 from wrist_ft_comp.stream.thermometer_faults import start
 
 SECOND = 1_000_000_000
@@ -57,7 +52,6 @@ def restarted(model, before, by_clock_s=0.0):
     ('gap_s', 'by_clock_s', 'words'),
     [
         (-1e9, 0, '1000000000 s ahead of the temperatures'),
-        (1801, 0, '1801 s old and this model remembers 1800 s'),
         (10, 100, 'while 100 s passed since the thermal state was saved'),
     ],
 )
@@ -84,8 +78,8 @@ def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
 def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, make_model):
     assert longest_gap_s(model) == pytest.approx(1800.0)
     for axes in ({}, {'force_z': (1.0, 0.0, 1.0)}):
-        assert longest_gap_s(make_model(axes)) == LEAST_GAP_S
-    assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == MOST_GAP_S
+        assert longest_gap_s(make_model(axes)) == 60.0
+    assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == 6 * 3600.0
 
 
 def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
@@ -139,7 +133,8 @@ def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model,
 
 def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(make_model):
     """Whatever temperatures did meanwhile, as fast as before: the drift is as near as is said."""
-    model = replace(make_model({'force_z': (0.4, 0.0, 600.0)}), deviation={'force_z': 0.02})
+    axes = {'force_z': (0.4, 0.0, 600.0)}
+    model = replace(make_model(axes, range_c=(15.0, 40.0)), deviation={'force_z': 0.02})
     rng, stated = np.random.default_rng(0), set()
     before_c = 20.0 + np.interp(np.arange(1200), [0, 600, 1200], [0, 6, 0])
     for gap_s in (70, *[2000] * 8):
@@ -163,6 +158,36 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 ] * len(doubts)
         assert compensator.gap_doubts() == []
     assert stated == {True, False}
+
+
+@pytest.mark.parametrize(
+    ('start_c', 'rate_k_s', 'is_said'),
+    [(24.0, 0.05, False), (35.0, 0.05, True), (35.0, -0.05, True), (35.0, 0.0, False)],
+    ids=['switched on', 'warms for long', 'cools', 'has soaked'],
+)
+def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
+    make_model, start_c, rate_k_s, is_said
+):
+    """For 200 s before the node started, temperatures moved as they do now."""
+    axes = {'force_z': (0.4, 0.0, 600.0)}
+    model = replace(make_model(axes, range_c=(20.0, 60.0)), deviation={'force_z': 0.02})
+    knows, starts, late = Compensator(1, model=model), Compensator(1, model=model), Compensator(1)
+    for second in range(-200 if is_said else 0, 75):
+        celsius = start_c + rate_k_s * second
+        knows.add_temperature(0, START + second * SECOND, celsius)
+        if second >= 0:
+            starts.add_temperature(0, START + second * SECOND, celsius)
+            late.add_temperature(0, START + second * SECOND, celsius)
+    late.go_live(model)
+    apart_n = abs(knows.compensation.zero - starts.compensation.zero)[2]
+    for compensator in (starts, late):
+        doubts = compensator.gap_doubts()
+        assert len(doubts) == is_said
+        for doubt in doubts:
+            off_n = float(re.search(r'(\S+) N off', doubt)[1])
+            assert 0.95 * apart_n < off_n < 4 * apart_n
+        compensator.set_tare(np.zeros(6), START + 75 * SECOND)
+        assert ['uncertain' in d for d in compensator.zero_doubts] == [True] * is_said
 
 
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
@@ -128,6 +128,10 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     }
     if 'imu' in sources and not topics.force_source:
         topics = replace(topics, imu=IMU_TOPIC)
+    if len(topics.temperatures) != stored.model.thermometers:  # a table has no topics
+        channels = map(temperature_channel, range(stored.model.thermometers))
+        names = tuple(f'/{channel.removesuffix("_c")}' for channel in channels)
+        topics = replace(topics, temperatures=names)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     document = {
         'model': str(stored.path),
@@ -174,7 +178,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     silent = [replace(recording, measured=heard)]
-    sentences += silent_stretches(silent, CalibrationSettings().max_gap_s)
+    sentences += silent_stretches(silent)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
         for doubt, share in thermometer_doubts(stored.model, recording).items()

@@ -76,10 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
                 )
             return _show(operator, name, watch, arguments)
         service = 'record' if action == 'stop' else action
-        if not operator.wait_for(lambda: service in operator.services(name), 1.0):
+        if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
+            offered = ', '.join(operator.services(f'{name}/'))
             raise NodeError(
-                f'{name} has no service {action}. Ask for status, stop, or one of '
-                f'{", ".join(operator.services(name))}.'
+                f'{name} has no service {action}. Ask for status, stop, or one of {offered}.'
             )
         with waiting(action) as describe:
 

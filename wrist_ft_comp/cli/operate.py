@@ -50,23 +50,16 @@ class Operator:
             self.executor.spin_once(timeout_sec=0.1)
         return True
 
-    def _offered(self) -> list[str]:
-        """List the services of the graph that a person may ask for, by their full names."""
+    def services(self, begin: str = '') -> list[str]:
+        """List services that a person may ask for, of those whose full name begins so."""
         offered = self.node.get_service_names_and_types()
-        return sorted(name for name, types in offered if types[0].startswith('std_srvs/'))
+        names = sorted(name for name, types in offered if types[0].startswith('std_srvs/'))
+        return [name.removeprefix(begin) for name in names if name.startswith(begin)]
 
     def running(self) -> list[str]:
         """List the full names of the compensators that run."""
-        names = self._offered()
+        names = self.services()
         return [name.removesuffix(_KNOWN_BY) for name in names if name.endswith(_KNOWN_BY)]
-
-    def services(self, name: str) -> list[str]:
-        """Name the services of a node that a person may ask for."""
-        return [
-            service.removeprefix(f'{name}/')
-            for service in self._offered()
-            if service.startswith(f'{name}/')
-        ]
 
     def find(self, wanted: str = '') -> str:
         """

@@ -26,8 +26,8 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
 from wrist_ft_comp.fit.competition import is_worth_running, state_fit
-from wrist_ft_comp.fit.folds import bin_means, HeldOutFold, tare
-from wrist_ft_comp.fit.result import AxisFit
+from wrist_ft_comp.fit.folds import bin_means, hold_out, tare
+from wrist_ft_comp.fit.result import AxisFit, HeldOut
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
@@ -112,7 +112,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     fits = candidates(settings.highest_degree)
     bins = bin_axis_data(data, data.bin_cells)
     relaxed_c = bins.relaxed(POOL_S)
-    features = build_features(bins.temperature_c, settings, beyond='tangents')
+    features = build_features(bins.temperature_c, settings)
     sums = sum_by_fold(
         bins, [features.expand(values_c).reshape(len(values_c), -1) for values_c in relaxed_c]
     )
@@ -123,7 +123,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         none = np.append(np.zeros(len(products) - 1), -1.0)
         return np.stack([none, *(fit_ridge(fit, *shape, products) for fit in fits)])
 
-    left, compared = [], []
+    cells, errors, compared = [], [], []
     for i, fold in data.folds_by_recording:
         gains = fit_all(sums.centred(sums.fold != fold))
         # What runs has the range that the other folds saw, so the rule beyond it is judged, too.
@@ -131,11 +131,12 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
         seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
         rows = np.flatnonzero((bins.folds[i] == fold) & (bins.moments[i][:, 0, 0] > 0))
-        x = seen.expand(relaxed_c[i][rows]).reshape(len(rows), -1)
-        errors = -bins.mean_columns(i, rows, x) @ gains.T
-        middles = np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1)
-        left.append(HeldOutFold(i, fold, middles, tare(errors, data.bin_s)))
-        compared.append(_compared_squares(errors, data.bin_s))
+        x = seen.expand(seen.clamp(relaxed_c[i][rows])).reshape(len(rows), -1)
+        of_fold = -bins.mean_columns(i, rows, x) @ gains.T
+        cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))
+        errors.append(tare(of_fold, data.bin_s))
+        compared.append(_compared_squares(of_fold, data.bin_s))
+    left = hold_out(data, cells, errors)
     weights = weigh(left, compared)
     used = weights[0] < 1
     model = None
@@ -171,7 +172,7 @@ def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:
     return np.asarray((means**2).mean(axis=0) + precision @ level**2 / count)
 
 
-def weigh(left: Sequence[HeldOutFold], compared: Sequence[FloatArray]) -> FloatArray:
+def weigh(left: HeldOut, compared: Sequence[FloatArray]) -> FloatArray:
     """
     Weigh no compensation and all fits by the squares that they leave of the folds: (C,), of sum 1.
 

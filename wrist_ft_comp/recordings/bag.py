@@ -108,15 +108,14 @@ class Bag:
         """Find a topic's connections, of a type or any (None); RecordingError where none fits."""
         found = self.named(topic)
         if not found:
-            wanted = topic.strip('/')
+            name = f'/{topic.strip("/")}'
             kinds = {c.topic: c.msgtype for c in self.connections}
             fitting = [name for name, kind in kinds.items() if message_type in {kind, None}]
-            near = difflib.get_close_matches(f'/{wanted}', fitting, 1, 0.3) or fitting
-            listed = ', '.join(f'{name} ({kind})' for name, kind in kinds.items())
+            near = difflib.get_close_matches(name, fitting, 1, 0.3) or fitting
+            listed = ', '.join(map('{0[0]} ({0[1]})'.format, kinds.items())) or 'no topic at all'
             meant = f' Did you mean {near[0]}? Then name that topic.' if near else ''
             raise RecordingError(
-                f'{self.name} holds no topic /{wanted} for the {role}; it holds '
-                f'{listed or "no topic at all"}.{meant}'
+                f'{self.name} holds no topic {name} for the {role}; it holds {listed}.{meant}'
             )
         for connection in found:
             if message_type not in {connection.msgtype, None}:

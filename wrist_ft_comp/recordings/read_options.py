@@ -45,7 +45,8 @@ COMPENSATED = 'compensated_by_wrist_ft_comp'
 _CLOCK_WORD = re.compile(r'TS|UTC|GMT|local|iso\W*\d*|[dhmsyf:./ -]+', re.IGNORECASE)
 #: A name of ours, a column of theirs, a factor, and a unit.
 _ENTRY = re.compile(
-    r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+]?\d*\.?\d+([eE]-?\d\d?)?))?(:(?P<unit>[A-Za-z/²°0-9µ·*-]+))?'
+    r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+]?\d*\.?\d+([eE]-?\d\d?)?))?'
+    r'(:(?P<unit>[A-Za-z/²°0-9µ·*-]+))?'
 )
 #: Most columns that a sentence lists, and most letters of each.
 _LISTED, _SHOWN = 30, 40

@@ -97,9 +97,8 @@ class Table:
         with self.path.open('rb') as raw:
             magic = raw.read(8)
             raw.seek(0)
-            packed: Any = raw
-            for sign, module in _PACKED:
-                packed = module.open(raw) if magic.startswith(sign) else packed
+            opened = [module.open(raw) for sign, module in _PACKED if magic.startswith(sign)]
+            packed: Any = opened[0] if opened else raw
             start = packed.read(_START)
             packed.seek(0)
             file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
@@ -404,13 +403,9 @@ def _by_library(path: Path) -> Iterator[str]:
         for k in range(0, len(frame), _BATCH_ROWS):
             header = not k and not is_book
             yield frame[k : k + _BATCH_ROWS].to_csv(header=header, index=False)
-    except ImportError as error:
-        raise RecordingError(
-            f"{path.name} needs {library}, which is not installed. Run 'pip install {library}', "
-            'or save the table as CSV.'
-        ) from error
     except Exception as error:
         what = ' '.join(str(error).split())[:200].rstrip('.')
         raise RecordingError(
-            f'{path.name} cannot be read by {library} ({what}). Save the table as CSV.'
+            f"{path.name} needs {library}, and cannot be read by it ({what}). Run 'pip install "
+            f"{library}', or save the table as CSV."
         ) from error

@@ -130,6 +130,7 @@ def find_header(lines: Sequence[str]) -> Header:
     width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
     last = [row for row in last if len(row) == width]
     columns = list(zip(*last, strict=True))
+    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
     must = [
@@ -150,8 +151,8 @@ def find_header(lines: Sequence[str]) -> Header:
     for line in reversed([line for line in lines[:first] if line.strip('-=+|_ \t')]):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
-        # What has fewer cells lacks those of the first columns.
-        cells = cells if len(cells) < 2 else [*[''] * (width - len(cells)), *cells]
+        # What has fewer cells than the rows have values lacks those of the first columns.
+        cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
         while cells and not cells[-1]:
             cells.pop()
         if cells and len(cells) <= width + 1 and not any(any(row[len(cells) :]) for row in last):

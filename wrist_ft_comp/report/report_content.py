@@ -24,6 +24,8 @@ from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
 #: Most things to do next that are shown at once: the first ones help most.
 MOST_ADVICE = 3
+#: What the figures before and left are.
+_FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
 #: Letters that draw what is left over time, nothing first, and how many means they show.
@@ -110,10 +112,8 @@ class ReportContent:
     #: What was learnt at work: payloads, where some could be identified, and what counted.
     payloads: LearntPayloads | None = None
     at_work: str = ''
-    #: Under which conditions the limits of another day hold; empty where none is stated.
-    conditions: str = ''
-    #: What the figures before and left are.
-    figures: str = 'before, left: root mean square.'
+    #: What the figures of the table are, and where the limits of another day hold.
+    legend: str = ''
 
     #: Columns of the table that says whether it is good.
     titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
@@ -132,8 +132,8 @@ class ReportContent:
     @property
     def footer(self) -> str:
         """Explain the figures of that table."""
-        unknown = {'–: not known, record another day.' for row in self.rows if row[-1] == '–'}
-        return ' '.join(filter(None, [self.figures, self.conditions, *unknown]))
+        is_unknown = any(row[-1] == '–' for row in self.rows)
+        return self.legend + (' –: not known, record another day.' if is_unknown else '')
 
     def lines(self) -> list[str]:
         """Say it in lines of text: verdicts, payloads, what to do next, warnings."""
@@ -190,16 +190,16 @@ def calibration_content(
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
-    figures, first = ReportContent.figures, next(iter(held.values()))
+    legend, first = _FIGURES, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
         minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
-        figures = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
+        legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
-        conditions=verdicts.conditions_of_another_day(calibration),
-        explanation=explain_folds(first, recordings, reference), figures=figures,
+        legend=f'{legend} {verdicts.conditions_of_another_day(calibration)}'.strip(),
+        explanation=explain_folds(first, recordings, reference),
         axes=tuple(axes), advice=advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         payloads=calibration.payloads,
@@ -265,13 +265,13 @@ def evaluation_content(
         else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
-    limits = 'limit: largest error on 95 of 100 days, as the calibration stated it.'
+    limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
     return ReportContent(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{period_s:g} s. Reference: {", ".join(references)}.',
-        conditions=limits if np.isfinite([axis.day_limit for axis in axes]).any() else '',
+        legend=_FIGURES + (limits if np.isfinite([a.day_limit for a in axes]).any() else ''),
         axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
 
 

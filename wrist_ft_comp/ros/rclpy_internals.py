@@ -1,7 +1,7 @@
 """
 What is borrowed from rclpy's inside, which has no public name for it: five things, and why.
 
-``test/node/test_rclpy_internals.py`` shows of each that the installed rclpy still has it.
+Tests over DDS need each: of numbers in messages, of services, of running, of wrong arguments.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -254,8 +254,8 @@ class Compensator:
             return []
         worst = self._doubt(uncertainty.left(tracker.end_ns, tracker.memory_s), _CERTAIN)
         sentence = (
-            'the thermal state is uncertain, because temperatures were missing or their clock was '
-            f'set: {worst} off, and less and less from now on'
+            'the thermal state is uncertain, because temperatures moved at the start, were '
+            f'missing, or their clock was set: {worst} off, and less and less from now on'
         )
         return [sentence] if worst else []
 

@@ -12,9 +12,11 @@ from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import (
     blocks_of,
     bound_drift,
+    doubt_start,
     LEAST_GAP_S,
     longest_gap_s,
     MOST_GAP_S,
+    SPAN_S,
     ThermalMemory,
     Uncertainty,
     why_forgotten,
@@ -49,8 +51,6 @@ class DriftTracker:
         self.origin = _NOT_YET
         #: Whether a thermal state could not be used after a gap, or was of wrong readings.
         self.forgot = False
-        #: How far the drift may be off, because temperatures were missing.
-        self.uncertainty: Uncertainty | None = None
         self.clocks = SourceClocks(thermometers, patience_s)
         #: Of each thermometer.
         self.spikes = [SpikeFilter() for _ in range(thermometers)]
@@ -73,6 +73,8 @@ class DriftTracker:
         self._next: int | None = None
         #: The cells that the model starts from, °C, (n, J).
         self._start_c: FloatArray = self.history_c
+        #: How far the drift may be off, because temperatures were missing, or moved at the start.
+        self.uncertainty: Uncertainty | None = None
 
     @property
     def replaced(self) -> list[int]:
@@ -188,12 +190,22 @@ class DriftTracker:
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
             self._doubt(np.abs(bounds - self.drift.zero).max(axis=0))
+        off_at_start = self._doubt_start(len(self.history_c) - len(line_c))
+        if off_at_start.any():
+            self._doubt(off_at_start)
 
     def _doubt(self, off: FloatArray) -> None:
         """Note that the drift may be off from now on, N and N m, (6,), beside what is left."""
         if self.uncertainty is not None:
             off = off + self.uncertainty.left(self.end_ns, self.memory_s)
         self.uncertainty = Uncertainty(self.end_ns, off)
+
+    def _doubt_start(self, cells_before: int) -> FloatArray:
+        """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""
+        span = max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 2)
+        if self.model is None or not cells_before < span <= len(self.history_c):
+            return np.zeros(len(AXES))
+        return doubt_start(self.model, self.history_c[:span], self.memory_s)
 
     def _cross(self, gap: int) -> bool:
         """Decide whether the drift goes on over a gap of some cells, and say so."""
@@ -237,6 +249,10 @@ class DriftTracker:
         if model is not None and len(self.history_c):
             self._run(model, self.history_c)
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
+            off = self._doubt_start(0)
+            if off.any() and self.uncertainty is None:
+                since_ns = self.end_ns - len(self.history_c) * model.period_ns
+                self.uncertainty = Uncertainty(since_ns + round(SPAN_S * NANOSECONDS), off)
         before, prediction = self.thermometers, None if model is None else model.prediction
         if prediction is None:
             self.thermometers = None

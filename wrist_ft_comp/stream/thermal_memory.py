@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
@@ -41,6 +42,10 @@ OUTAGE_S = 5.0
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes; and over it is
 #: measured how fast temperatures move.
 SPAN_S = 60.0
+#: Temperatures that move by less over SPAN_S stand still, K: rooms and rounding move by 0.1 each.
+_MOVES_K = 0.3
+#: A room is warmer by this on one day than on another, K.
+ROOMS_K = 5.0
 #: Steps of a path that temperatures may have taken in a gap: more change the bound by percents.
 _PATH_STEPS = 64
 
@@ -157,6 +162,30 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
     return np.stack([drift_model.step(model, end, after_c)[1].zero for end in ends])
 
 
+def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> FloatArray:
+    """
+    Bound how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
+
+    Takes the first temperatures, °C, (n, J), of SPAN_S. Where they move, they may have done so
+    before, from the coldest room or the hottest work that the model was learnt from. A robot that
+    was switched on just now warms from the temperature of its room, and had soaked.
+    """
+    some = max(len(start_c) // 6, 1)
+    moved_k = start_c[-some:].mean(axis=0) - start_c[:some].mean(axis=0)
+    rate_k = np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)
+    if not rate_k.any():
+        return np.zeros(len(AXES))
+    before = np.arange(round(memory_s * NANOSECONDS / model.period_ns), 0, -1)[:, np.newaxis]
+    ranges_c = np.array([axis.range_c for axis in model.axes.values()])
+    coldest_c = np.minimum(ranges_c[:, 0].min(axis=0) + ROOMS_K, start_c[0])
+    hottest_c = np.maximum(ranges_c[:, 1].max(axis=0), start_c[0])
+    path_c = np.clip(start_c[0] - rate_k * before, coldest_c, hottest_c)
+    soaked = drift_model.at_rest(model, start_c[: model.start_cells])
+    moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c)
+    zero = [drift_model.run(model, state, start_c)[1].zero[-1] for state in (soaked, moving)]
+    return np.asarray(np.abs(zero[1] - zero[0]))
+
+
 class Block(NamedTuple):
     """Mean temperatures, °C, shape (J,), of a number of consecutive cells."""
 
@@ -223,7 +252,7 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     if _shapes(memory.filters, memory.thermometers) != expected:
         return False
     with np.errstate(all='ignore'):
-        _, drift = drift_model.step(model, memory.filters, reading_c)
+        _, drift = drift_model.run(model, memory.filters, reading_c[np.newaxis])
     return bool(np.isfinite(drift).all())
 
 
