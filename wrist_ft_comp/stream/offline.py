@@ -160,7 +160,7 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
 
 
 def tare_at_start(
-    recording: Recording, true: FloatArray, drift: Drift, tare_s: float
+    recording: Recording, true: FloatArray | float, drift: Drift, tare_s: float
 ) -> FloatArray:
     """
     Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,).
