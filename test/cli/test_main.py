@@ -46,10 +46,10 @@ COMPENSATE = ['compensate', 'm', 'a', '-o', 'o', '--output-topic']
     ('argv', 'words'),
     [
         ([], ['required']), (['compensate', 'm.yaml', 'a.csv'], ['--output']),
-        (['calibrat', 'a.csv'], ["'calibrat'; did you mean calibrate? See wrist_ft_comp --help"]),
+        (['calibrat', 'a.csv'], ["COMMAND cannot be 'calibrat'; did you mean calibrate? See"]),
         ([*CALIBRATE, '--refrence', 'unloaded'], ['--refrence; did you mean --reference? See']),
         (['calibrate', 'a.csv', '--ouput=m'], ['--ouput; did you mean --output? See']),
-        ([*CALIBRATE, '--qqqq=1'], ['unrecognized arguments: --qqqq. See']),
+        ([*CALIBRATE, '--qqqq=1'], ['There is no option --qqqq. See']),
         ([*CALIBRATE, '--reference', 'felt'], ["'felt' (choose from", 'unloaded']),
         ([*CALIBRATE, '--method', 'atuo'], ["'atuo'; did you mean auto? See"]),
         ([*CALIBRATE, '--thermal-period', '0'], ['0.1 to 600']),

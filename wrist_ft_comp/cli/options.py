@@ -44,6 +44,8 @@ class Parser(argparse.ArgumentParser):
         known = re.findall(r'[\w-]+', choices) or self._option_string_actions
         near = get_close_matches(wrong[1], known, n=1) if wrong else []
         sentence = f'{head}; did you mean {near[0]}?' if near else f'{message.rstrip(".")}.'
+        sentence = sentence.replace('unrecognized arguments:', 'There is no option')
+        sentence = re.sub(r'argument (\S+): invalid choice:', r'\1 cannot be', sentence)
         raise UsageError(f'{sentence} See {self.prog} --help.')
 
 
