@@ -213,8 +213,8 @@ class BinnedData:
     def mean_columns(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
         """Put all columns together, means of some bins of a recording: x is (n, K·F)."""
         means = self.moments[recording][rows, 0] / self.moments[recording][rows, 0, :1]
-        products = means[:, :, np.newaxis] * _with_constant(x)[:, np.newaxis]
-        return np.asarray(products.reshape(len(x), -1)[:, : -x.shape[1]])  # no x (r - w)
+        behind = means[:, :-1, np.newaxis] * _with_constant(x)[:, np.newaxis]
+        return np.concatenate((behind.reshape(len(x), -1), means[:, -1:]), axis=1)
 
 
 def _with_constant(x: FloatArray) -> FloatArray:
@@ -274,14 +274,15 @@ def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
         for pair in np.unique(pair_of_bin[used], axis=0):
             rows = used & (pair_of_bin == pair).all(axis=1)
             moments, columns = data.moments[i][rows], _with_constant(x[rows])
-            # 1, w and r - w, each times 1 and x; the last of these, x (r - w), are no columns.
-            weighed = moments[..., np.newaxis] * columns[:, np.newaxis, np.newaxis]
-            parts, width = moments.shape[1], columns.shape[1]
-            whole = (weighed.reshape(len(columns), -1).T @ columns).reshape(
-                parts, parts, width, width
-            )
-            whole = whole.swapaxes(1, 2).reshape(parts * width, parts * width)
-            products.append(whole[: -x.shape[1], : -x.shape[1]])
+            # Of 1 and w, each times 1 and x, with one another; then of these with r - w.
+            behind = moments[:, :-1, :-1, np.newaxis] * columns[:, np.newaxis, np.newaxis]
+            parts, width = behind.shape[1], columns.shape[1]
+            square = behind.reshape(len(columns), -1).T @ columns
+            square = square.reshape(parts, parts, width, width).swapaxes(1, 2)
+            square = square.reshape(parts * width, parts * width)
+            last = (moments[:, :-1, -1].T @ columns).reshape(-1, 1)
+            corner = moments[:, -1, -1].sum().reshape(1, 1)
+            products.append(np.block([[square, last], [last.T, corner]]))
             pairs.append(pair)
     segment, fold = np.transpose(pairs)
     return SumsByFold(np.array(products), segment, fold)
