@@ -233,8 +233,7 @@ TEMPERATURES = {
     'fahrenheit': (
         [(second, 86.0) for second in (*range(20, 50), *range(50, 3000, 20))],
         'further out. In degrees Fahrenheit it would be inside: check the unit',
-        # A fifth of 15 to 45 °C beyond the range, and no further.
-        0.5 * (45.0 + 6.0 - 20.0),
+        0.5 * (86.0 - 20.0),
     ),
 }
 
