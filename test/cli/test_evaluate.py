@@ -140,6 +140,7 @@ def slow_model(make, tmp_path_factory):
     [
         (['temperature_c'], 1500, 2400, 'Thermometer 1 of day.csv is silent'),
         (['temperature_c'], 2400, 3600, 'Thermometer 1 of day.csv is silent'),
+        (['temperature_c', 'force_z', 'torque_x'], 1500, 2400, 'Nothing of day.csv came'),
     ],
 )
 def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
@@ -158,7 +159,7 @@ def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR091
         outcome = run(*argv)
         assert outcome.code == 0
         (said,) = (line for line in (outcome.out + outcome.err).splitlines() if who in line)
-        assert f'for {end_s - begin_s} s, from {timedelta(seconds=begin_s)} on; ' in said
+        assert f'for {end_s - begin_s} s, from {timedelta(seconds=begin_s)} on' in said
 
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):

@@ -21,6 +21,7 @@ from wrist_ft_comp.fit.data_checks import (
     drop_unknown_temperatures,
     idle_thermometers,
     jumping_thermometers,
+    pauses,
 )
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
 from wrist_ft_comp.fit.folds import assign_folds
@@ -80,7 +81,7 @@ def calibrate(
     ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
     recordings, unknown = drop_unknown_temperatures(recordings)
     recordings, dropped = drop_stuck_cells(recordings, axes)
-    thermometers = idle_thermometers(recordings) + jumping_thermometers(recordings)
+    doubts = pauses(recordings) + idle_thermometers(recordings) + jumping_thermometers(recordings)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)
     folds = assign_folds(recordings)
@@ -99,7 +100,7 @@ def calibrate(
     warnings = [warning for recording in recordings for warning in recording.warnings]
     if apart := differences(sensors):
         warnings.append(f'Recordings of several sensors: {apart}. Calibrate every one alone.')
-    warnings += [*dropped, *stepped, *said, *unknown, *thermometers]
+    warnings += [*dropped, *stepped, *said, *unknown, *doubts]
     warnings += work.warnings if work else ()
     if reference in {'unloaded', 'constant'}:
         unexplained = [

@@ -240,19 +240,8 @@ def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
 
 def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that are silent for long, and pauses of everything."""
-    sentences = []
+    sentences = pauses(recordings)
     for recording in recordings:
-        silent = ~(recording.measured.any(axis=1) | np.isfinite(recording.wrench).any(axis=1))
-        cells, first = max(
-            ((last - first, first) for first, last in runs_of(silent)), default=(0, 0)
-        )
-        if cells * recording.period_s > LONG_SILENCE_S:
-            sentences.append(
-                f'Nothing of {recording.name} came for {cells * recording.period_s:.0f} s, from '
-                f'{time_in(recording, first)} on. Temperatures are taken to have moved on a '
-                'straight line, and the drift after it is uncertain. If a clock was set there, '
-                'such as to summer time, correct the times; else record without a pause.'
-            )
         for j in range(recording.thermometers):
             runs, what = _unknown(recording, j, ~recording.measured[:, j])
             if runs:
@@ -263,6 +252,23 @@ def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
                     f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
                     f'--exclude {math.floor(begin_s)}..{math.ceil(end_s)}.'
                 )
+    return sentences
+
+
+def pauses(recordings: Sequence[Recording]) -> list[str]:
+    """Name the longest pause of each recording in which nothing came for long."""
+    sentences = []
+    for recording in recordings:
+        came = recording.measured.any(axis=1) | np.isfinite(recording.wrench).any(axis=1)
+        silent = runs_of(np.asarray(~came, dtype=bool))
+        cells, first = max(((last - first, first) for first, last in silent), default=(0, 0))
+        if cells * recording.period_s > LONG_SILENCE_S:
+            sentences.append(
+                f'Nothing of {recording.name} came for {cells * recording.period_s:.0f} s, from '
+                f'{time_in(recording, first)} on. Temperatures are taken to have moved on a '
+                'straight line, and the drift after it is uncertain. If a clock was set there, '
+                'such as to summer time, correct the times; else record without a pause.'
+            )
     return sentences
 
 
