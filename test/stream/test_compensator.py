@@ -272,10 +272,8 @@ class TestTare:
                 compensator.add_temperature(j, second * SECOND, 20.0 + second / 100)
             if second in {120, 300, 405, 499}:
                 compensator.set_tare(LOAD, second * SECOND)
-                doubts = compensator.zero_doubts
-                assert ['thermometer 2 was silent' in why for why in doubts] == [True] * (
-                    second == 300
-                )
+                said = ['thermometer 2 was silent' in why for why in compensator.zero_doubts]
+                assert any(said) == (second == 300)
 
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_when_the_drift_begins(
         self, model

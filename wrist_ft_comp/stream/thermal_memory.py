@@ -175,13 +175,15 @@ def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> Floa
     rate_k = np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)
     if not rate_k.any():
         return np.zeros(len(AXES))
-    before = np.arange(round(memory_s * NANOSECONDS / model.period_ns), 0, -1)[:, np.newaxis]
+    remembered = round(memory_s * NANOSECONDS / model.period_ns)
+    cells = max(remembered // _PATH_STEPS, 1)
+    before = np.arange(remembered, 0, -cells)[:, np.newaxis]
     ranges_c = np.array([axis.range_c for axis in model.axes.values()])
     coldest_c = np.minimum(ranges_c[:, 0].min(axis=0) + ROOMS_K, start_c[0])
     hottest_c = np.maximum(ranges_c[:, 1].max(axis=0), start_c[0])
     path_c = np.clip(start_c[0] - rate_k * before, coldest_c, hottest_c)
     soaked = drift_model.at_rest(model, start_c[: model.start_cells])
-    moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c)
+    moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)
     zero = [drift_model.run(model, state, start_c)[1].zero[-1] for state in (soaked, moving)]
     return np.asarray(np.abs(zero[1] - zero[0]))
 
