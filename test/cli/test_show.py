@@ -84,7 +84,7 @@ def test_a_recording_of_one_pose_says_that_it_shows_no_payload(done, make, tmp_p
     out = done('show', make.csv(tmp_path / 'work.csv', columns))
     assert re.search(r'linear_acceleration_x +m/s² .* specific force', out)
     assert re.search(r'rotation_speed +rad/s .* specific force', out)
-    assert 'along 0 of 3 directions; a payload needs 2: tilt the tool' in ' '.join(out.split())
+    assert '0 of 3 directions; a payload needs 2: tilt the tool about' in ' '.join(out.split())
 
 
 def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, tmp_path):

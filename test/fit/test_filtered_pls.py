@@ -74,11 +74,3 @@ def test_the_model_is_that_of_the_textbook(constants, outputs):
     for latent, tau_s in zip(model.latents, constants, strict=True):
         poles = relaxation(tau_s, PERIOD_S).poles
         np.testing.assert_array_equal(latent.poles, poles, 'h_r is of its own latent only')
-
-
-def test_an_exhausted_block_ends_the_latents():
-    block = drawn_block(inputs=2)
-    model, notes = fit_filtered_pls(scale_block(*block), (10.0, 30.0, 100.0), PERIOD_S)
-    assert len(model.latents) == len(notes) == 2
-    silent = scale_block(block[0], [0 * y for y in block[1]])
-    assert fit_filtered_pls(silent, (0.0,), PERIOD_S) == (None, ())

@@ -24,7 +24,7 @@ OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
     output=Path('out/model.yaml'),
     settings=CalibrationSettings(
-        reference='recorded', min_temperature_span_k=1.25, max_gap_s=33.0,
+        reference='recorded', min_temperature_span_k=1.25,
         identification=IdentificationSettings(
             method='filtered_pls', features='hats', degree=3, hat_temperatures_c=(20.0, 35.5),
             latents=2, orders=(Orders(2, 2, 1), Orders(1, 1, 0, direct=True)),

@@ -12,7 +12,6 @@ from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE
 from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, reason, take
 from wrist_ft_comp.learning.separated_day import describe, left, look_at
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
-from wrist_ft_comp.stream.offline import simulate_drift
 
 QUICK = CalibrationSettings(identification=IdentificationSettings('pls', degree=1))
 NAMES = [f'day_{number:05d}.csv' for number in range(20)]
@@ -158,7 +157,7 @@ def test_the_drift_left_is_that_of_evaluate(separated, good):
     before = np.array([axis.rms_before for axis in figures.values()])
     after = np.array([axis.rms_after for axis in figures.values()])
     np.testing.assert_allclose(describe(day).left[NONE], before, rtol=0.03)
-    np.testing.assert_allclose(left(simulate_drift(good, day.drift), day), after, rtol=0.06)
+    np.testing.assert_allclose(left(day.simulate(good), day), after, rtol=0.06)
 
 
 def test_a_new_model_is_compared_on_days_that_neither_learnt_from():
@@ -181,7 +180,7 @@ def test_a_live_model_for_other_thermometers_is_named(look, good):
 
 
 def entries(count, **more):
-    return [DayEntry(name, known=frozenset({(1, 1)}), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
+    return [DayEntry(name, known=((1, 1),), left={NONE: (1.0,) * 6, 'a': (0.1,) * 6},
                      live='a', **more) for name in NAMES[:count]]  # fmt: skip
 
 
@@ -212,7 +211,7 @@ def test_a_bad_day_is_a_reason():
 
 def test_newer_days_and_those_with_temperatures_of_no_other_day_are_kept():
     diary = entries(6)
-    diary[1] = replace(diary[1], known=frozenset({(9, 0)}))
-    diary[4] = replace(diary[4], kind='contacts', known=frozenset({(5, 5)}))
+    diary[1] = replace(diary[1], known=((9, 0),))
+    diary[4] = replace(diary[4], kind='contacts', known=((5, 5),))
     assert [day.name for day in worthiest(diary, 3)] == [NAMES[1], NAMES[3], NAMES[5]]
     assert [day.name for day in worthiest(diary, 2)] == [NAMES[1], NAMES[5]]

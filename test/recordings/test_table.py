@@ -158,7 +158,9 @@ def test_what_a_library_reads_that_is_not_there_is_a_sentence(
 ):
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
-    with pytest.raises(RecordingError, match=f"needs {library}, .* 'pip install {library}', or "):
+    with pytest.raises(
+        RecordingError, match=f"cannot be read by {library} .* 'pip install {library}' if"
+    ):
         all_samples(make_csv(b'PK', name))
 
 

@@ -42,7 +42,6 @@ def make_axis(kind, outputs, seed, filters=()):
         upper_c=rng.uniform(40, 60, 2 * count),
         degree=2 if kind == 'powers' else 1,
         knots_c=() if kind == 'powers' else knots * count,
-        beyond='tangents' if kind == 'powers' else 'clamped',
     )
     inputs = (4 if kind == 'powers' else 5) * count
     return AxisModel(
@@ -248,7 +247,7 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
     [
         ('axes force_q', {}, 'force_q'),
         ('format', 'another', 'expected "format: wrist_ft_comp drift model"'),
-        *(('version', n, 'version of .* reads format 3') for n in (0, 4, '1', 1.5, None, [1])),
+        *(('version', n, 'version of .* reads format 4') for n in (0, 5, '1', 1.5, None, [1])),
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),

@@ -12,7 +12,6 @@ from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored.model_store import (
     day_of_choice,
     HistoryEntry,
-    MAX_HISTORY,
     MAX_RECORDINGS,
     model_on,
     ModelStore,
@@ -47,7 +46,7 @@ def test_nothing_is_made_before_something_is_written(store):
 
 
 def test_history_is_bounded_and_moves_with_its_folder_but_not_with_others(store, tmp_path):
-    outside = [tmp_path / f'{k}.yaml' for k in range(MAX_HISTORY)]
+    outside = [tmp_path / f'{k}.yaml' for k in range(100)]
     store.activate(entries(*outside, store.directory / 'models/a.yaml'))
     moved = store.directory.rename(tmp_path / 'moved')
     assert ModelStore(moved).history() == entries(*outside[1:], moved / 'models/a.yaml')

@@ -185,17 +185,17 @@ class Sheet:
     table: FloatArray
     pairs: tuple[Pair, ...]
     ends: tuple[float, float]
-    cells: frozenset[tuple[int, ...]]
+    cells: tuple[tuple[int, ...], ...]
     by_name: Mapping[str, bool]
     path: Path | None = None
 
 
-#: To plain values and back it goes; sets and tuples with names are written by who owns them.
+#: To plain values and back it goes; tuples with names are written by who owns them.
 PLAIN = {
     'kind': 'a', 'share': None, 'table': [[1.0, 0.0], [0.0, 1.0]], 'pairs': [{'number': 1}],
     'ends': [1, 2.0], 'cells': [[1, 2]], 'by_name': {'x': True},
 }  # fmt: skip
-SHEET = Sheet('a', np.nan, np.eye(2), (Pair(1),), (1.0, 2.0), frozenset({(1, 2)}), {'x': True})
+SHEET = Sheet('a', np.nan, np.eye(2), (Pair(1),), (1.0, 2.0), ((1, 2),), {'x': True})
 
 
 def test_a_record_comes_back_from_plain_values():

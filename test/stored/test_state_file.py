@@ -14,8 +14,8 @@ import pytest
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory
-from wrist_ft_comp.stream.thermometer_faults import ThermometerState
+from wrist_ft_comp.stream.thermal_memory import Block, ThermalMemory, Uncertainty
+from wrist_ft_comp.stream.thermometer_faults import Jump, ThermometerState
 
 number = st.floats(-1e99, 1e99)
 six = st.lists(number, min_size=6, max_size=6).map(np.array)
@@ -35,6 +35,8 @@ memories = st.builds(
     st.lists(st.integers(0, 1000), min_size=1, max_size=5).map(tuple),
     st.dictionaries(st.sampled_from(['force_x', 'force_z', 'torque_y']), filters),
     st.builds(Drift, six, six), rows, blocks, st.none() | thermometers,
+    st.none() | st.builds(Uncertainty, stamps, six),
+    st.lists(st.builds(Jump, number, st.none() | stamps, number), max_size=3).map(tuple),
 )  # fmt: skip
 states = st.builds(
     SavedState, stamps, st.one_of(st.none(), st.just('f' * 64)), six, st.none() | memories, six
@@ -124,7 +126,8 @@ def test_a_state_of_another_version_is_refused(load, version):
     [
         ('period_ns', 0), ('period_ns', 10**12), ('silent', [-1]), ('zero', [0.0] * 5),
         ('zero', [1e101] * 6), ('temperature_c', [1e101]), ('temperature_c', [None]),
-        ('filters', {'force_q': [1.0]}), ('history', [{'temperature_c': [20.0], 'cells': 10**6}]),
+        ('uncertainty', {'since_ns': 0, 'bound': [1.0]}), ('filters', {'force_q': [1.0]}),
+        ('history', [{'temperature_c': [20.0], 'cells': 10**6}]),
     ],
 )  # fmt: skip
 def test_what_nothing_can_go_on_from_is_refused(load, place, value):

@@ -98,14 +98,6 @@ def test_stamps_of_wrenches_are_judged_by_their_steps():
         assert watch.unstamped == unstamped
 
 
-def test_stamps_stand_still_from_the_sixth_at_the_same_time():
-    watch = SensorWatch()
-    for stamp_ns in [7] * 6 + [8] * 6:
-        before = watch.stamps_stand_still
-        watch.look(stamp_ns, RAW)
-    assert (before, watch.stamps_stand_still) == (False, True)
-
-
 def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():
     """Though its stamps leap, and arrival shows nothing of it, as where a bag is played fast."""
     clocks = make(2)

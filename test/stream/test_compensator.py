@@ -11,7 +11,7 @@ from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.limits import axis_limits, Limits, MAX_SENSITIVITY, MAX_SENSITIVITY_RATE
+from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 SECOND = 1_000_000_000
@@ -145,7 +145,7 @@ def test_the_force_path_has_no_memory(model):
 def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(sign):
     limits, drift = Limits(200.0, 2.0), Drift(np.arange(6.0), np.full(6, 0.1))
     for share, reached, too_fast in ((0.9, 0.9, ()), (1.0, 1.0, ()), (1e3, 1.0, AXES)):
-        rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * MAX_SENSITIVITY_RATE
+        rates = sign * 2.5 * axis_limits(2.0), sign * 2.5 * 0.01
         target = Drift(*(part + share * rate for part, rate in zip(drift, rates, strict=True)))
         moved = limits.rate_limit(target, drift, 2.5)
         np.testing.assert_allclose(moved.zero - drift.zero, reached * rates[0])
@@ -154,7 +154,7 @@ def test_a_drift_moves_as_far_as_its_rate_allows_in_the_time(sign):
 
 
 def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_number():
-    limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [MAX_SENSITIVITY] * 6)
+    limits, largest = Limits(30.0, 1.0), Drift([30.0] * 3 + [3.0] * 3, [0.5] * 6)
     for share, reached in ((-1e3, -1), (0.9, 0.9), (1, 1), (np.inf, 1)):
         target = Drift(*(share * np.array(part) for part in largest))
         for part, limit in zip(limits.saturate(target), largest, strict=True):

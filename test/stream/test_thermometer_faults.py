@@ -303,7 +303,7 @@ def test_two_that_are_exchanged_are_named(learn, make_day):
         assert bool(said) == bool(named)
 
 
-def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):
+def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(learn, make_day):
     model, day = learn(3).model, failing(make_day(7), 'frozen')
     compensator = Compensator(3, model=model)
     stream(compensator, day, end=800)
@@ -312,3 +312,7 @@ def test_one_that_is_replaced_stays_so_under_another_model(learn, make_day):
     assert compensator.tracker.replaced == [1]
     stream(compensator, day, 800, 810)
     assert compensator.tracker.temperature_c == pytest.approx(believed_c, abs=2.0)
+    again = Compensator(3, model=compensator.model)
+    again.resume(compensator.memory(), 0.0)
+    stream(again, day, 810, 820)
+    assert again.tracker.replaced == [1]

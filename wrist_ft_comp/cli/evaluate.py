@@ -13,7 +13,6 @@ from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
 from wrist_ft_comp.ranges import rounded
@@ -179,7 +178,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     silent = [replace(recording, measured=heard)]
-    sentences += silent_stretches(silent, CalibrationSettings().max_gap_s)
+    sentences += silent_stretches(silent)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
         for doubt, share in thermometer_doubts(stored.model, recording).items()

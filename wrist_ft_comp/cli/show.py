@@ -16,7 +16,6 @@ from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
 from wrist_ft_comp.ranges import rounded
@@ -99,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
             code = int(recording is None and not described.candidates)  # nothing could be read
             learnt_from = list[str]()
             if recording and not refusal:
-                silent = silent_stretches([recording], CalibrationSettings().max_gap_s)
+                silent = silent_stretches([recording])
                 learnt_from += [*recording.warnings, *silent]
             doubts = dict.fromkeys((*described.warnings, *learnt_from))
             said = tuple(doubt for doubt in doubts if doubt not in refusal)
@@ -124,7 +123,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of a node, as plain values and in words."""
     diary, memory = diaries.survey(folder), diaries.Memory()
-    warnings = [diaries.diary_problem(folder)]
+    warnings = [diary.problem]
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:

@@ -109,7 +109,7 @@ class AxisModel:
     def start(self, temperature_c: FloatArray) -> FloatArray:
         """State of a soaked sensor, shape (S,): that of the filters, then that of the latents."""
         clamped = self.features.clamp(temperature_c)
-        x = self.features.expand_within(np.tile(clamped, max(len(self.filters), 1)))
+        x = self.features.expand(np.tile(clamped, max(len(self.filters), 1)))
         states = self._filter_bank.start(clamped), self.dynamics.start(x)
         return np.concatenate([state.ravel() for state in states])
 
@@ -118,7 +118,7 @@ class AxisModel:
         before, behind = self._split(state)
         # Temperatures are clamped before a filter remembers them.
         before, filtered = self._filter_bank.run(before, self.features.clamp(temperature_c))
-        behind, outputs = self.dynamics.run(behind, self.features.expand_within(filtered))
+        behind, outputs = self.dynamics.run(behind, self.features.expand(filtered))
         return np.concatenate((before.ravel(), behind.ravel())), outputs
 
     def skip(self, state: FloatArray, temperature_c: FloatArray, cells: int = 1) -> FloatArray:
@@ -129,7 +129,7 @@ class AxisModel:
         clamped = self.features.clamp(temperature_c)
         before = self._filter_bank.skip(before, clamped, cells)
         if behind.size:
-            behind = self.dynamics.skip(behind, self.features.expand_within(clamped), cells)
+            behind = self.dynamics.skip(behind, self.features.expand(clamped), cells)
         return np.concatenate((before.ravel(), behind.ravel()))
 
     def _split(self, state: FloatArray) -> tuple[FloatArray, FloatArray]:

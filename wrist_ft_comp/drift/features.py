@@ -9,11 +9,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.series import FloatArray
 
-#: Clamped features follow temperatures up to this share of the calibrated span beyond it: drift
-#: does not stop at the coldest morning that was recorded, but how it goes on is a guess that must
-#: stay small.
-MARGIN = 0.2
-#: Tangents follow temperatures up to this share of the calibrated span beyond it: farther out is a
+#: Features follow temperatures up to this share of the calibrated span beyond it: farther out is a
 #: faulty thermometer, or another robot.
 _FAR_MARGIN = 3.0
 #: Squares keep their curvature for this share of the calibrated span before they become tangents.
@@ -22,8 +18,6 @@ _CURVED_SHARE = 0.33
 _HIGHEST_DEGREE = 10
 
 FeatureKind = Literal['powers', 'hats']
-#: How features go on outside the calibrated range.
-Beyond = Literal['clamped', 'tangents']
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +25,9 @@ class Features:
     """
     How J temperatures become F features.
 
-    Outside [lower_c, upper_c], the range that was calibrated, temperatures are clamped from
-    MARGIN on; or powers go on for three ranges, as tangents at its edge, squares curved for a
-    third. Hats, which have no slope beyond their last knot, stay constant from there.
+    Outside [lower_c, upper_c], the range that was calibrated, powers go on as tangents at its
+    edge, squares curved for a third of the range, and temperatures are held from three ranges on.
+    Hats, which have no slope beyond their last knot, stay constant from there.
     """
 
     #: Powers of θ_j up to ``degree``, or one hat function per knot.
@@ -47,7 +41,6 @@ class Features:
     degree: int = 1
     #: Increasing knot temperatures of each thermometer, °C; empty for powers.
     knots_c: tuple[FloatArray, ...] = field(default=())
-    beyond: Beyond = 'clamped'
 
     def __post_init__(self) -> None:
         check_range('degree', self.degree, 1, _HIGHEST_DEGREE)
@@ -79,30 +72,24 @@ class Features:
     @property
     def width(self) -> int:
         """Number of features F."""
-        return len(self.expand_within(self.reference_c))
+        return len(self.expand(self.reference_c))
 
     def clamp(self, temperature_c: FloatArray) -> FloatArray:
         """Hold temperatures of the first thermometers, °C, (..., J), near the calibrated range."""
         count = temperature_c.shape[-1]
         lower_c, upper_c = self.lower_c[:count], self.upper_c[:count]
-        margin = (MARGIN if self.beyond == 'clamped' else _FAR_MARGIN) * (upper_c - lower_c)
+        margin = _FAR_MARGIN * (upper_c - lower_c)
         return np.asarray(np.clip(temperature_c, lower_c - margin, upper_c + margin))
 
     def expand(self, temperature_c: FloatArray) -> FloatArray:
         """
-        Compute the features, shape (..., F), of temperatures, °C, shape (..., J).
+        Compute the features, shape (..., F), of temperatures that were clamped, °C, (..., J).
 
         Powers: θ_1 … θ_J, then their squares, and so on (K, K² …). Hats: those of thermometer 1,
         then those of thermometer 2, and so on, all between 0 and 1.
         """
-        return self.expand_within(self.clamp(temperature_c))
-
-    def expand_within(self, temperature_c: FloatArray) -> FloatArray:
-        """Compute the features of temperatures that need no clamping, as ``expand``."""
         if self.kind == 'powers':
             theta = temperature_c - self.reference_c
-            if self.beyond == 'clamped':
-                return np.concatenate([theta**p for p in range(1, self.degree + 1)], axis=-1)
             low, high = self.lower_c - self.reference_c, self.upper_c - self.reference_c
             inside = np.minimum(np.maximum(theta, low), high)
             excess = theta - inside

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.features import Beyond, Features
+from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.recording import Recording, Reference
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level, stretches
@@ -179,7 +179,6 @@ def build_features(
     temperature_c: Sequence[FloatArray],
     settings: IdentificationSettings,
     residual: Sequence[FloatArray] = (),
-    beyond: Beyond = 'clamped',
 ) -> Features:
     """
     Choose reference, range and knots of features from temperatures, °C, shapes (N_i, J).
@@ -204,4 +203,4 @@ def build_features(
         kind=settings.features, reference_c=everything.mean(axis=0),
         lower_c=everything.min(axis=0), upper_c=everything.max(axis=0),
         degree=settings.highest_degree if settings.features == 'powers' else 1,
-        knots_c=tuple(knots), beyond=beyond)  # fmt: skip
+        knots_c=tuple(knots))  # fmt: skip

@@ -78,7 +78,7 @@ def calibrate(
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)
     ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
-    recordings, unknown = drop_unknown_temperatures(recordings, settings.max_gap_s)
+    recordings, unknown = drop_unknown_temperatures(recordings)
     recordings, dropped = drop_stuck_cells(recordings, axes)
     thermometers = idle_thermometers(recordings) + jumping_thermometers(recordings)
     # Begin a segment at each step of a still load.

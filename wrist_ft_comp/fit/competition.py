@@ -14,8 +14,8 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.day_limit import day_over_blocks, expected_rms
-from wrist_ft_comp.fit.folds import fold_means, HeldOutFold, hold_out, unexplained
-from wrist_ft_comp.fit.result import AxisFit, Candidate
+from wrist_ft_comp.fit.folds import fold_means, hold_out, unexplained
+from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut, rms_by_fold
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: A candidate has to lower the mean square error by this share to be worth its complexity.
@@ -40,11 +40,15 @@ def simplest_good(squares: Sequence[float]) -> int:
     return next(i for i, square in enumerate(squares) if square - best <= WORTHWHILE * square)
 
 
-def is_worth_running(left: Sequence[HeldOutFold], weights: FloatArray) -> bool:
+def averaged(left: HeldOut, weights: FloatArray) -> HeldOut:
+    """Add the errors of an average of candidates, weights (C,)."""
+    return replace(left, errors=np.column_stack((left.errors, left.errors @ weights)))
+
+
+def is_worth_running(left: HeldOut, weights: FloatArray) -> bool:
     """Tell whether an average, weights (C,), leaves less of the folds than no compensation."""
-    after = np.array([np.sqrt(np.mean((fold.errors @ weights) ** 2)) for fold in left])
-    before = np.array([np.sqrt(np.mean(fold.errors[:, 0] ** 2)) for fold in left])
-    several = len({fold.recording for fold in left}) > 1
+    before, after = rms_by_fold(averaged(left, weights))
+    several = len(np.unique(left.recording)) > 1
     harmful = several and (after > HARMFUL_FOLD * before).any()
     return bool(after.mean() < (1 - _WORTH_RUNNING) * before.mean() and not harmful)
 
@@ -70,12 +74,10 @@ def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = 
     names = list(means)
     if not names[first:]:
         raise too_short
-    left = []
-    by_fold = zip(*means.values(), strict=True)
-    for (i, fold), of_candidates in zip(data.folds_by_recording, by_fold, strict=True):
-        cells, errors = zip(*of_candidates, strict=True)
-        left.append(HeldOutFold(i, fold, cells[0], np.stack(errors, axis=1)))
-    squares = np.mean([np.mean(fold.errors**2, axis=0) for fold in left], axis=0)[first:].tolist()
+    cells = [cells for cells, _ in means['none']]
+    by_fold = zip(*([errors for _, errors in of_one] for of_one in means.values()), strict=True)
+    left = hold_out(data, cells, [np.stack(errors, axis=1) for errors in by_fold])
+    squares = left.squares().mean(axis=0)[first:].tolist()
     winner = simplest_good(squares)
     chosen, best = names[first + winner], names[first + squares.index(min(squares))]
     model, notes = refits[chosen](data)
@@ -113,7 +115,7 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
     data: AxisData,
     model: AxisModel | None,
     chosen: str,
-    left: Sequence[HeldOutFold],
+    left: HeldOut,
     names: Sequence[str],
     weights: FloatArray,
     notes: tuple[str, ...] = (),
@@ -123,8 +125,8 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
 
     Candidates of one name are stated together, in their weighted mean.
     """
-    errors = [np.column_stack((fold.errors, fold.errors @ weights)) for fold in left]
-    squares = np.array([np.mean(of_fold**2, axis=0) for of_fold in errors])  # (folds, C + 1)
+    held_out = averaged(left, weights)
+    squares = held_out.squares()  # (folds, C + 1)
     each = np.sqrt(squares).mean(axis=0)
     before, after = float(each[0]), float(each[-1])
     factor = day_over_blocks(data, before)
@@ -147,5 +149,5 @@ def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
     return AxisFit(
         model=model, chosen=chosen, candidates=tuple(tried), rms_before=tried[0].rms,
         rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis),
-        held_out=hold_out(data, left, weights), expected_rms=expected if after else 0.0,
+        held_out=held_out, expected_rms=expected if after else 0.0,
         )  # fmt: skip

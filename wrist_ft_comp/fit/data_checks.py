@@ -26,6 +26,8 @@ _NEARLY_ALL = 0.9
 #: silent where it misses as many of its usual ones. Where a tenth of the neighbours are equal by
 #: chance, ten in a row are never.
 _SEVERAL = 10
+#: A thermometer is silent for long from this time on, s: the drift of that time is a guess.
+LONG_SILENCE_S = 600.0
 #: Of a channel up to this share may be left out; with more, something is wrong with it.
 MOST_LEFT_OUT = 0.05
 
@@ -176,7 +178,7 @@ def _find_stuck(series: Sequence[FloatArray]) -> list[BoolArray]:
 
 
 def drop_unknown_temperatures(
-    recordings: Sequence[Recording], max_gap_s: float
+    recordings: Sequence[Recording],
 ) -> tuple[list[Recording], list[str]]:
     """
     Make wrenches NaN while a thermometer is silent or frozen for long, and say so.
@@ -190,7 +192,7 @@ def drop_unknown_temperatures(
             measured = recording.measured[:, j]
             values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
             (frozen,) = _find_stuck([values_c])
-            runs, what = _unknown(recording, j, ~measured | frozen, max_gap_s)
+            runs, what = _unknown(recording, j, ~measured | frozen)
             for first, last in runs:
                 wrench[first:last] = np.nan
             if np.isfinite(wrench).sum() < np.isfinite(recording.wrench).sum() / 2:
@@ -206,17 +208,18 @@ def drop_unknown_temperatures(
 
 
 def _unknown(
-    recording: Recording, j: int, missing: BoolArray, max_gap_s: float
+    recording: Recording, j: int, missing: BoolArray
 ) -> tuple[list[tuple[int, int]], str]:
     """Find where a thermometer is missing for long while wrenches come; say the longest."""
     # One that always reports seldom is not silent in between.
     reports = np.flatnonzero(recording.measured[:, j])
     usual = np.median(np.diff(reports)) if len(reports) > 1 else 0.0
+    longest = max(LONG_SILENCE_S / recording.period_s, _SEVERAL * usual)
     present: BoolArray = np.asarray(np.isfinite(recording.wrench).any(axis=1))
     runs = []
     for first, last in runs_of(missing):
         at = first + np.flatnonzero(present[first:last])
-        if len(at) and at[-1] + 1 - at[0] > max(max_gap_s / recording.period_s, _SEVERAL * usual):
+        if len(at) and at[-1] + 1 - at[0] > longest:
             runs.append((int(at[0]), int(at[-1]) + 1))
     if not runs:
         return [], ''
@@ -235,12 +238,12 @@ def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def silent_stretches(recordings: Sequence[Recording], max_gap_s: float) -> list[str]:
+def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that are silent for long."""
     sentences = []
     for recording in recordings:
         for j in range(recording.thermometers):
-            runs, what = _unknown(recording, j, ~recording.measured[:, j], max_gap_s)
+            runs, what = _unknown(recording, j, ~recording.measured[:, j])
             if runs:
                 begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
                 held = not recording.measured[runs[0][1] :, j].any()

@@ -1,7 +1,6 @@
 """Which stretches of recordings are held out in turn, and what a model leaves of them."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -57,17 +56,6 @@ def averaged_s(model: DriftModel) -> float:
     return averaged_cells(period_s) * period_s
 
 
-class HeldOutFold(NamedTuple):
-    """What no compensation and C - 1 candidates leave of a fold that they did not see."""
-
-    recording: int
-    fold: int
-    #: Mean number of each bin's cells, shape (n,).
-    cells: FloatArray
-    #: Means over the bins, tared or counted from the other plateaus, shape (n, C).
-    errors: FloatArray
-
-
 def unexplained(data: AxisData, model: AxisModel | None, recording: int) -> FloatArray:
     """Subtract a model's free run from r - w of a recording, (N_i,), up to a constant."""
     residual, temperature_c = data.residual[recording], data.temperature_c[recording]
@@ -115,15 +103,10 @@ def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray
     return np.asarray(sums / counts.reshape(-1, *[1] * (values.ndim - 1)))
 
 
-def hold_out(data: AxisData, left: Sequence[HeldOutFold], weights: FloatArray) -> HeldOut:
-    """Keep errors of all folds, in time order, of no compensation and of an average, (C,)."""
-    bins = [len(one.cells) for one in left]
+def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[FloatArray]) -> HeldOut:
+    """Put mean numbers of cells, (n,), and errors, (n, C), of all folds together, in order."""
+    bins = list(map(len, cells))
+    recording, fold = np.repeat(data.folds_by_recording, bins, axis=0).T
     return HeldOut(
-        recording=np.repeat([one.recording for one in left], bins),
-        fold=np.repeat([one.fold for one in left], bins),
-        cell=np.concatenate([one.cells for one in left]),
-        before=np.concatenate([one.errors[:, 0] for one in left]),
-        after=np.concatenate([one.errors @ weights for one in left]),
-        bin_s=data.bin_s,
-        tared=data.tared,
+        recording, fold, np.concatenate(cells), np.concatenate(errors), data.bin_s, data.tared
     )

@@ -185,7 +185,7 @@ def _behind(
     Gives the squares that are left, and gains of all columns but r - w, (P - 1,).
     """
     relaxed_c = data.relaxed(time_constants_s)
-    sums = sum_by_fold(data, [features.expand_within(c).reshape(len(c), -1) for c in relaxed_c])
+    sums = sum_by_fold(data, [features.expand(c).reshape(len(c), -1) for c in relaxed_c])
     products = sums.centred(sums.fold >= -1)
     size = 1 / np.sqrt(np.where(np.diagonal(products) > 0, np.diagonal(products), np.inf))
     scaled = products * np.outer(size, size)

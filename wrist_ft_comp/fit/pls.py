@@ -142,18 +142,20 @@ class Pls:
     inner: FloatArray
     #: Q, columns of length 1, shape (M, R).
     output_loadings: FloatArray
-    #: T of the data that were fitted, shape (N, R).
-    scores: FloatArray
-
-    @property
-    def coefficients(self) -> FloatArray:
-        """Regression matrix C, shape (F, M), with Y ≈ X C (eq. 8)."""
-        return (self.rotations * self.inner) @ self.output_loadings.T
 
 
-def fix_signs(weights: FloatArray) -> FloatArray:
-    """Resolve the sign freedom of a weight vector: its largest component becomes positive."""
-    return weights if weights[np.argmax(np.abs(weights))] >= 0 else -weights
+def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
+    """
+    Find the next latent's weights, what NIPALS converges to, shape (F,), of length 1.
+
+    They are the leading eigenvector of EᵀF FᵀE, E of shape (N, F), F of shape (N, M), whose
+    largest component is positive. Where E explains nothing of F but rounding errors, they are 0.
+    """
+    covariance = e.T @ f  # (F, M)
+    if np.linalg.norm(covariance) <= ROUNDING * np.linalg.norm(e) * np.linalg.norm(f):
+        return np.zeros(len(covariance))
+    weights = np.linalg.svd(covariance, full_matrices=False)[0][:, 0]
+    return np.asarray(weights * np.sign(weights[np.argmax(np.abs(weights))]))
 
 
 def fit_pls(
@@ -161,12 +163,14 @@ def fit_pls(
     y: FloatArray,
     latents: int,
     behind: Callable[[int, FloatArray], FloatArray] | None = None,
+    weights: Callable[[FloatArray, FloatArray], FloatArray] = dominant_weights,
 ) -> Pls:
     """
     Fit PLS by NIPALS (eq. 3 to 10) to x, (N, F), and y, (N, M), until either is exhausted.
 
     ``behind(r, D)`` gives E_r = X D, (N, F), behind the filter of latent r, counted from 0, for a
-    deflation D, (F, F); without it there are no filters.
+    deflation D, (F, F); without it there are no filters. ``weights(E, F)`` gives those of the next
+    latent, (F,).
     """
     f, deflation = y.copy(), np.eye(x.shape[1])  # F_r of eq. 5; E_r = E_0 D
     # A block of which no more than rounding remains is exhausted.
@@ -174,7 +178,7 @@ def fit_pls(
     components: list[tuple[FloatArray, ...]] = []
     while len(components) < latents and np.sum(f**2) > y_limit:
         e = behind(len(components), deflation) if behind else x @ deflation  # eq. 11
-        w = dominant_weights(e, f)  # eq. 12
+        w = weights(e, f)  # eq. 12
         t = e @ w
         tt = float(t @ t)
         if tt <= x_limit:
@@ -184,40 +188,18 @@ def fit_pls(
         b = np.linalg.norm(slopes)
         f -= np.outer(t, slopes)  # eq. 5 with eq. 10
         deflation = deflation @ (np.eye(len(w)) - np.outer(w, p))  # eq. 3
-        components.append((w, p, slopes / b, t, np.array([b])))
-    w_, p_, q_, t_, b_ = (
+        components.append((w, p, slopes / b, np.array([b])))
+    w_, p_, q_, b_ = (
         np.reshape([latent[part] for latent in components], (-1, size)).T  # (0, size) without any
-        for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], len(x), 1))
+        for part, size in enumerate((x.shape[1], x.shape[1], y.shape[1], 1))
     )
     # (F, R) = (F, R) (R, R)⁻¹
-    return Pls(w_ @ np.linalg.inv(p_.T @ w_), inner=b_[0], output_loadings=q_, scores=t_)
-
-
-def dominant_weights(e: FloatArray, f: FloatArray) -> FloatArray:
-    """
-    Find the next latent's weights, what NIPALS converges to, shape (F,), of length 1.
-
-    They are the leading eigenvector of EᵀF FᵀE, E of shape (N, F), F of shape (N, M). Where E
-    explains nothing of F but rounding errors, the weights are 0.
-    """
-    covariance = e.T @ f  # (F, M)
-    if np.linalg.norm(covariance) <= ROUNDING * np.linalg.norm(e) * np.linalg.norm(f):
-        return np.zeros(len(covariance))
-    return fix_signs(np.linalg.svd(covariance, full_matrices=False)[0][:, 0])
+    return Pls(w_ @ np.linalg.inv(p_.T @ w_), inner=b_[0], output_loadings=q_)
 
 
 def fit_pcr(x: FloatArray, y: FloatArray, latents: int) -> Pls:
-    """Fit principal component regression, the paper's starting point, as ``fit_pls``."""
-    _, singular, directions = np.linalg.svd(x, full_matrices=False)
-    rank = int(np.count_nonzero(singular > ROUNDING * np.linalg.norm(singular)))
-    kept = directions[: min(latents, rank) if np.any(y) else 0]
-    weights = np.reshape([fix_signs(v) for v in kept], (-1, x.shape[1])).T
-    scores = x @ weights
-    # slopes (M, R): each output on each score; scores are orthogonal, so one at a time
-    slopes = y.T @ scores / np.sum(scores**2, axis=0)
-    inner = np.linalg.norm(slopes, axis=0)
-    output_loadings = np.divide(slopes, inner, out=np.zeros_like(slopes), where=inner > 0)
-    return Pls(weights, inner, output_loadings, scores)
+    """Fit principal component regression, the paper's starting point: its weights are X's own."""
+    return fit_pls(x, y, latents, weights=lambda e, _: dominant_weights(e, e))
 
 
 def fit_filtered_pls(

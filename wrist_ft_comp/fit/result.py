@@ -38,10 +38,10 @@ class FoldErrors(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class HeldOut:
     """
-    Errors of one axis on held-out folds, means of bins by recording and time, (n,).
+    Errors of one axis on held-out folds, means of n bins by recording and time.
 
-    Both errors are counted from the first minute of the fold, as if the sensor had been tared in
-    it, or, for plateaus of a chamber test, from the mean of the other plateaus.
+    They are counted from the first minute of the fold, as if the sensor had been tared in it, or,
+    for plateaus of a chamber test, from the mean of the other plateaus.
     """
 
     #: Which recording, counted from 0, and which fold was held out.
@@ -49,23 +49,34 @@ class HeldOut:
     fold: IntArray
     #: Mean number of the bin's cells, counted from the recording's first.
     cell: FloatArray
-    #: Without compensation, and of the chosen candidate fitted to the other folds, N or N m.
-    before: FloatArray
-    after: FloatArray
+    #: Without compensation, then of candidates fitted to the other folds, N or N m, shape (n, C);
+    #: in a result the last one runs.
+    errors: FloatArray
     #: Length of a bin, s.
     bin_s: float
     #: Whether they are counted from the fold's first minute.
     tared: bool
 
+    @property
+    def before(self) -> FloatArray:
+        """Errors without compensation, (n,)."""
+        return self.errors[:, 0]
+
+    @property
+    def after(self) -> FloatArray:
+        """Errors of what runs, (n,)."""
+        return self.errors[:, -1]
+
+    def squares(self) -> FloatArray:
+        """Mean squares fold by fold, in increasing order of the fold's number, (folds, C)."""
+        folds = [self.fold == fold for fold in np.unique(self.fold)]
+        return np.array([np.mean(self.errors[inside] ** 2, axis=0) for inside in folds])
+
 
 def rms_by_fold(held_out: HeldOut) -> FoldErrors:
     """Sum held-out errors up fold by fold, in increasing order of the fold's number."""
-    folds = np.unique(held_out.fold)
-    before, after = (
-        np.array([np.sqrt(np.mean(errors[held_out.fold == fold] ** 2)) for fold in folds])
-        for errors in (held_out.before, held_out.after)
-    )
-    return FoldErrors(before, after)
+    rms = np.sqrt(held_out.squares())
+    return FoldErrors(rms[:, 0], rms[:, -1])
 
 
 @dataclass(frozen=True, eq=False)

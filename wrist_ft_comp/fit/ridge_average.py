@@ -26,8 +26,8 @@ from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, build_features
 from wrist_ft_comp.fit.competition import is_worth_running, state_fit
-from wrist_ft_comp.fit.folds import bin_means, HeldOutFold, tare
-from wrist_ft_comp.fit.result import AxisFit
+from wrist_ft_comp.fit.folds import bin_means, hold_out, tare
+from wrist_ft_comp.fit.result import AxisFit, HeldOut
 from wrist_ft_comp.fit.settings import IdentificationSettings
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 
@@ -112,7 +112,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     fits = candidates(settings.highest_degree)
     bins = bin_axis_data(data, data.bin_cells)
     relaxed_c = bins.relaxed(POOL_S)
-    features = build_features(bins.temperature_c, settings, beyond='tangents')
+    features = build_features(bins.temperature_c, settings)
     sums = sum_by_fold(
         bins, [features.expand(values_c).reshape(len(values_c), -1) for values_c in relaxed_c]
     )
@@ -123,7 +123,7 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         none = np.append(np.zeros(len(products) - 1), -1.0)
         return np.stack([none, *(fit_ridge(fit, *shape, products) for fit in fits)])
 
-    left, compared = [], []
+    cells, errors, compared = [], [], []
     for i, fold in data.folds_by_recording:
         gains = fit_all(sums.centred(sums.fold != fold))
         # What runs has the range that the other folds saw, so the rule beyond it is judged, too.
@@ -131,11 +131,12 @@ def identify_auto(data: AxisData, settings: IdentificationSettings) -> AxisFit:
         others_c = np.concatenate([values_c[folds != fold] for values_c, folds in pairs])
         seen = replace(features, lower_c=others_c.min(axis=0), upper_c=others_c.max(axis=0))
         rows = np.flatnonzero((bins.folds[i] == fold) & (bins.moments[i][:, 0, 0] > 0))
-        x = seen.expand(relaxed_c[i][rows]).reshape(len(rows), -1)
-        errors = -bins.mean_columns(i, rows, x) @ gains.T
-        middles = np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1)
-        left.append(HeldOutFold(i, fold, middles, tare(errors, data.bin_s)))
-        compared.append(_compared_squares(errors, data.bin_s))
+        x = seen.expand(seen.clamp(relaxed_c[i][rows])).reshape(len(rows), -1)
+        of_fold = -bins.mean_columns(i, rows, x) @ gains.T
+        cells.append(np.minimum((rows + 0.5) * bins.cells - 0.5, len(data.residual[i]) - 1))
+        errors.append(tare(of_fold, data.bin_s))
+        compared.append(_compared_squares(of_fold, data.bin_s))
+    left = hold_out(data, cells, errors)
     weights = weigh(left, compared)
     used = weights[0] < 1
     model = None
@@ -171,7 +172,7 @@ def _compared_squares(errors: FloatArray, bin_s: float) -> FloatArray:
     return np.asarray((means**2).mean(axis=0) + precision @ level**2 / count)
 
 
-def weigh(left: Sequence[HeldOutFold], compared: Sequence[FloatArray]) -> FloatArray:
+def weigh(left: HeldOut, compared: Sequence[FloatArray]) -> FloatArray:
     """
     Weigh no compensation and all fits by the squares that they leave of the folds: (C,), of sum 1.
 
@@ -212,8 +213,8 @@ class BinnedData:
     def mean_columns(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
         """Put all columns together, means of some bins of a recording: x is (n, K·F)."""
         means = self.moments[recording][rows, 0] / self.moments[recording][rows, 0, :1]
-        products = means[:, :, np.newaxis] * _with_constant(x)[:, np.newaxis]
-        return np.asarray(products.reshape(len(x), -1)[:, : -x.shape[1]])  # no x (r - w)
+        behind = means[:, :-1, np.newaxis] * _with_constant(x)[:, np.newaxis]
+        return np.concatenate((behind.reshape(len(x), -1), means[:, -1:]), axis=1)
 
 
 def _with_constant(x: FloatArray) -> FloatArray:
@@ -273,14 +274,15 @@ def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
         for pair in np.unique(pair_of_bin[used], axis=0):
             rows = used & (pair_of_bin == pair).all(axis=1)
             moments, columns = data.moments[i][rows], _with_constant(x[rows])
-            # 1, w and r - w, each times 1 and x; the last of these, x (r - w), are no columns.
-            weighed = moments[..., np.newaxis] * columns[:, np.newaxis, np.newaxis]
-            parts, width = moments.shape[1], columns.shape[1]
-            whole = (weighed.reshape(len(columns), -1).T @ columns).reshape(
-                parts, parts, width, width
-            )
-            whole = whole.swapaxes(1, 2).reshape(parts * width, parts * width)
-            products.append(whole[: -x.shape[1], : -x.shape[1]])
+            # Of 1 and w, each times 1 and x, with one another; then of these with r - w.
+            behind = moments[:, :-1, :-1, np.newaxis] * columns[:, np.newaxis, np.newaxis]
+            parts, width = behind.shape[1], columns.shape[1]
+            square = behind.reshape(len(columns), -1).T @ columns
+            square = square.reshape(parts, parts, width, width).swapaxes(1, 2)
+            square = square.reshape(parts * width, parts * width)
+            last = (moments[:, :-1, -1].T @ columns).reshape(-1, 1)
+            corner = moments[:, -1, -1].sum().reshape(1, 1)
+            products.append(np.block([[square, last], [last.T, corner]]))
             pairs.append(pair)
     segment, fold = np.transpose(pairs)
     return SumsByFold(np.array(products), segment, fold)

@@ -74,8 +74,8 @@ class IdentificationSettings:
             raise SettingsError(f'Unknown features {self.features!r}; expected powers or hats.')
         if self.degree not in {None, 1, 2, 3, 4}:
             raise SettingsError(f'The degree must be between 1 and 4; got {self.degree}.')
-        if self.latents is not None and not 1 <= self.latents < np.inf:
-            raise SettingsError(f'At least 1 latent is needed; got {self.latents}.')
+        if self.latents is not None:
+            check_range('latents', self.latents, 1)
         if len(self.orders) > 1 and self.latents not in {None, len(self.orders)}:
             raise SettingsError(
                 f'Orders of {len(self.orders)} latents do not fit {self.latents} latents; give '
@@ -103,8 +103,6 @@ class CalibrationSettings:
     reference: Reference = 'unloaded'
     #: Refuse when no thermometer spans at least this much, K.
     min_temperature_span_k: float = 3.0
-    #: Warn when temperatures are missing for longer than this, s.
-    max_gap_s: float = 600.0
     #: Method and structure.
     identification: IdentificationSettings = field(default_factory=IdentificationSettings)
 
@@ -115,4 +113,3 @@ class CalibrationSettings:
                 f'{", ".join(get_args(Reference))}.'
             )
         check_range('min_temperature_span_k', self.min_temperature_span_k, 0.0)
-        check_range('max_gap_s', self.max_gap_s, 0.0)

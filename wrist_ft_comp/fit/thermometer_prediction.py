@@ -13,17 +13,13 @@ from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx import free_run, relaxation
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.fit.data_checks import runs_of
+from wrist_ft_comp.fit.data_checks import LONG_SILENCE_S, runs_of
 from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
 
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
-#: An averaged error changes within this time, s, and errors are averaged over half of it before
-#: they say what is usual; no thermometer is dead that is silent for less. Less than six times
-#: this cannot tell one thermometer by another.
-_USUAL_S = 600.0
 #: No healthy thermometer is called frozen that reads within this of its prediction, K, and none is
 #: believed again that does not. From one or two recordings predictions of healthy thermometers of
 #: drawn worlds were off by up to twelve times this on other days.
@@ -39,14 +35,15 @@ def predict_each_other(
     """
     Learn every thermometer from the others, on means over a minute.
 
-    Errors are those of folds of cells, (N_i,), that were held out. None with one thermometer, or
-    where the recordings last less than an hour.
+    Errors are those of folds of cells, (N_i,), that were held out. They are averaged over half of
+    LONG_SILENCE_S before they say what is usual, and change within that time. None with one
+    thermometer, or where the recordings last less than an hour, six times that.
     """
     period_s, thermometers = recordings[0].period_s, recordings[0].thermometers
     cells = max(1, round(_MEAN_S / period_s))
     mean_s = cells * period_s
     whole_means = sum(len(recording) // cells for recording in recordings)
-    if thermometers < 2 or whole_means * mean_s < 6 * _USUAL_S:
+    if thermometers < 2 or whole_means * mean_s < 6 * LONG_SILENCE_S:
         return None
     # Relaxed cell by cell and then averaged, (n_i, K, J), as what it is compared with.
     filters = [relaxation(tau, period_s) for tau in LONG_BANK_S]
@@ -57,7 +54,8 @@ def predict_each_other(
     means_c = [of_recording[:, 0] for of_recording in relaxed]  # the first has no memory
     relaxed_c, target_c = np.concatenate(relaxed), np.concatenate(means_c)
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
-    averaged, apart = (max(1, round(time_s / mean_s)) for time_s in (_USUAL_S / 2, _USUAL_S))
+    averaged = max(1, round(LONG_SILENCE_S / 2 / mean_s))
+    apart = max(1, round(LONG_SILENCE_S / mean_s))
     gains = np.zeros((thermometers, len(filters), thermometers))
     constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
     for j in range(thermometers):
@@ -87,7 +85,7 @@ def predict_each_other(
                 silent_s = max(silent_s, (last - first) * period_s)
         still_k[j] = max(_NEAR_K, UNUSUAL * moved_k, changed_k)
         agree_k[j] = max(_NEAR_K if len(recordings) > 2 else 12 * _NEAR_K, UNUSUAL * largest_k)
-        silence_s[j] = max(_USUAL_S, UNUSUAL * silent_s)
+        silence_s[j] = max(LONG_SILENCE_S, UNUSUAL * silent_s)
     time_constants_s = np.array(LONG_BANK_S)
     return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)
 

@@ -11,7 +11,7 @@ from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.days_learnt_from import prune
-from wrist_ft_comp.learning.diary import Diary, diary_problem, load_diary, save_diary
+from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
 from wrist_ft_comp.learning.incidents import pause
 from wrist_ft_comp.learning.model_choice import (
     Champion,
@@ -55,9 +55,9 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
 
     # Days are read and separated once.
     look = lru_cache(maxsize=MOST_DAYS + 1)(lambda name: _look(job, name))
-    names, lost = [path.name for path in job.recordings], diary_problem(directory)
+    names, known = [path.name for path in job.recordings], load_diary(directory)
     since, newest = day_of_choice(history), max(names)
-    judged = {day.name: day for day in load_diary(directory).days if day.name != newest}
+    judged = {day.name: day for day in known.days if day.name != newest}
     for name in sorted(set(names) - set(judged) - {newest}):
         before = [judged[other] for other in sorted(judged) if other < name]
         entry = describe_day(name, look, before, champion_of(name))
@@ -70,7 +70,7 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
 
     answer: dict[str, Any] = {'success': True, 'learnt': False, 'paused': diary.paused}
     troubles, advice = [entry.incident], ''
-    if lost:
+    if lost := known.problem:
         troubles.append(f'{lost} The days are judged again; the damaged file is diary.json.kept.')
     with _noted(troubles, 'A better model is lost'):
         if choice.better is not None:

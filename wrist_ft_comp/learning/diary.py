@@ -16,23 +16,21 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
-from wrist_ft_comp.learning.working_day import day_number, days, size_of, span_of
+from wrist_ft_comp.learning.working_day import days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind, to_plain
+from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2,
     max_bytes=20_000_000, error=RecordingError, made_by='A node that learns makes one.',
     renewed_by='Remove it',
-    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
-    'data_directory; until then nothing is learnt.')  # fmt: skip
+    remedy=f'{MAKE_ROOM} until then nothing is learnt.')  # fmt: skip
 MEMORY = Kind(
     name='learning state', says='wrist_ft_comp learning', version=2,
     max_bytes=1_000_000, error=StateFileError,
     made_by='A node that learns makes one.', renewed_by='Remove it',
-    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
-    'data_directory; until then a restart may forget an offered model.')  # fmt: skip
+    remedy=f'{MAKE_ROOM} until then a restart may forget an offered model.')  # fmt: skip
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
@@ -70,7 +68,7 @@ class DayEntry:
     #: Lowest and highest temperature of every thermometer, °C.
     temperature_c: tuple[tuple[float, float], ...] = ()
     #: Coarse temperatures of the day: rare ones make it worth keeping.
-    known: frozenset[Cell] = frozenset()
+    known: tuple[Cell, ...] = ()
     #: RMS of the drift that a model left, tared in the first minute, N and N m, axis order AXES;
     #: NaN on axes without a figure. Keys are the first twelve digits of a model's SHA-256, NONE
     #: and CHALLENGER.
@@ -123,6 +121,8 @@ class Diary:
     history: tuple[HistoryEntry, ...] = ()
     #: Why learning has stopped on its own; empty when it has not.
     paused: str = ''
+    #: Why its file cannot be read; empty where it can, or where there is none.
+    problem: str = ''
 
 
 def diary_path(directory: Path) -> Path:
@@ -132,16 +132,10 @@ def diary_path(directory: Path) -> Path:
 
 def load_diary(directory: Path) -> Diary:
     """Read a diary; an empty one where none can be read."""
-    with suppress(RecordingError, OSError):
-        if diary := KIND.load(Diary, diary_path(directory)):
-            numbered = tuple(day for day in diary.days if day_number(day.name))
-            return replace(diary, days=numbered)
-    return Diary()
-
-
-def diary_problem(directory: Path) -> str:
-    """Say why a diary cannot be read; empty where it can, or where there is none."""
-    return KIND.problem(Diary, diary_path(directory))
+    try:
+        return KIND.load(Diary, diary_path(directory)) or Diary()
+    except (RecordingError, OSError) as error:
+        return Diary(problem=str(error))
 
 
 def save_diary(directory: Path, diary: Diary) -> None:
@@ -150,8 +144,8 @@ def save_diary(directory: Path, diary: Diary) -> None:
 
     One that cannot be read, such as that of a later version, is kept beside it, once.
     """
-    entries = [to_plain({**vars(day), 'known': sorted(day.known)}) for day in diary.days]
-    KIND.save(diary_path(directory), {'days': entries, 'paused': diary.paused})
+    content = {'days': to_plain(diary.days), 'paused': diary.paused}
+    KIND.save(diary_path(directory), content)
 
 
 def node_folders(path: Path) -> list[Path]:
@@ -216,11 +210,7 @@ class Memory:
 
 def load_memory(directory: Path) -> Memory | None:
     """Read a memory; None where there is none."""
-    memory = MEMORY.load(Memory, directory / 'learning.json')
-    if memory is None:
-        return None
-    # The name of a stray file, such as day_1.csv, would be newer than every day to come.
-    return memory if day_number(memory.judged) else replace(memory, judged='')
+    return MEMORY.load(Memory, directory / 'learning.json')
 
 
 def save_memory(directory: Path, memory: Memory) -> None:

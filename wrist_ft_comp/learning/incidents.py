@@ -23,7 +23,6 @@ from wrist_ft_comp.fit.data_checks import (
     idle_thermometers,
     jumping_thermometers,
 )
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
 from wrist_ft_comp.learning.diary import (
     DayEntry,
@@ -118,7 +117,7 @@ def _thermometer_trouble(recording: Recording) -> str:
     if moved and (idle := idle_thermometers([recording])):
         return idle[0]
     try:
-        _, sentences = drop_unknown_temperatures([recording], CalibrationSettings().max_gap_s)
+        _, sentences = drop_unknown_temperatures([recording])
     except CalibrationRefusedError as error:
         return str(error)
     return ' '.join([*sentences, *jumping_thermometers([recording])])

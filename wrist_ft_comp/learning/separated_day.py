@@ -23,7 +23,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.offline import simulate_drift, streamed_drift
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
@@ -52,7 +52,7 @@ class Day:
 
     def simulate(self, model: DriftModel) -> Drift:
         """Run a model freely over the day, as it ran live: (N, 6)."""
-        return simulate_drift(model, self.drift, self.before)
+        return streamed_drift(model, self.drift, self.before)
 
 
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
@@ -111,9 +111,9 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
     return tuple(rms.tolist())
 
 
-def known_cells(recording: Recording) -> frozenset[Cell]:
+def known_cells(recording: Recording) -> tuple[Cell, ...]:
     """List a recording's coarse temperatures: the first one, and the others relative to it."""
     coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
     coarse_c[:, 0] = recording.temperature_c[:, 0]
     numbers = np.floor(coarse_c / _COARSE_K).astype(int)
-    return frozenset(map(tuple, np.unique(numbers, axis=0).tolist()))
+    return tuple(map(tuple, np.unique(numbers, axis=0).tolist()))

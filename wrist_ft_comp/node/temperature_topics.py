@@ -223,7 +223,7 @@ class TemperatureInput(Part):
         rejected = clocks.rejected + tracker.grid.rejected + clocks.strays
         grown, elapsed_s = self._growth.since(
             usable=self.usable, unusable=self.unusable, rejected=rejected,
-            leapt=clocks.leaps,
+            leapt=clocks.leaps, strays=clocks.strays,
             **{f'spike {j}': spikes.dropped for j, spikes in enumerate(tracker.spikes)},
         )  # fmt: skip
         numbers = {
@@ -281,6 +281,8 @@ class TemperatureInput(Part):
                     f'{spikes.believed_c:.1f} to {spikes.strange_c:.1f} °C; that is left out; is '
                     'it loose?'
                 )
+        if 'strays' in lately:
+            yield 'a temperature was dropped, because its stamp was far from those around it'
         if 'leapt' in lately:
             yield 'stamps of temperatures leapt; was a clock set, or a simulation restarted?'
         for j, thermometer in enumerate(self.thermometers, start=1):

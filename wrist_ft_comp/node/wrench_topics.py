@@ -22,12 +22,10 @@ from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
 #: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
 Newest: TypeAlias = tuple[int, Sequence[float], bytes]
-#: An axis that reads exactly 0 for this many looks in a row, 5 s, is dead, ...
-_DEAD_LOOKS = 50
-#: ... unless more than this share of its other looks repeat the one before, as coarse steps do.
-_COARSE_SHARE = 0.1
 #: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
 _AWAY_S = 5.0
+#: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
+_HELD_UP_S = 1.0
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
@@ -73,12 +71,10 @@ class WrenchInput(Part):
         self._counts, self._compensator = counts, compensator
         self.sensor = SensorWatch()
         self._heard_s: float | None = None
+        #: When it was looked last, and since when no wrench has come, s.
+        self._looked_s = self._quiet_s = 0.0
         #: Stamp of the wrench that was looked at last, ns, and the first frame_id.
         self._stamp_ns, self._frame = 0, ''
-        #: By axis, how many looks in a row read exactly 0, how many others there were, and how
-        #: many of those were the same as the one before.
-        self._zeros, self._others, self._repeats = np.zeros((3, len(AXES)), np.int64)
-        self._last_raw: FloatArray = np.full(len(AXES), np.nan)
         #: Number of the wrench that was looked at last.
         self._looked_at = 0
         self._growth = Growth()
@@ -104,11 +100,14 @@ class WrenchInput(Part):
 
     def poll(self) -> None:
         """Look at the newest wrench, if it is another one than at the last look."""
-        newest, number = self._counts.newest, self._counts.wrenches
+        newest, number, now_s = self._counts.newest, self._counts.wrenches, time.monotonic()
+        if now_s - self._looked_s > _HELD_UP_S:
+            self._quiet_s = now_s
+        self._looked_s = now_s
         if newest is None or number == self._looked_at:
             return
-        heard_s, (stamp_ns, raw, data) = time.monotonic(), newest
-        away_s = 0.0 if self._heard_s is None else heard_s - self._heard_s
+        stamp_ns, raw, data = newest
+        away_s = 0.0 if self._heard_s is None else now_s - self._quiet_s
         # By the stamps, too: a simulation that was held up goes on with the next one.
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         if away_s > _AWAY_S and not 0 <= passed_s <= _AWAY_S:
@@ -118,15 +117,11 @@ class WrenchInput(Part):
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'
             )
-        self._looked_at, self._heard_s, self._stamp_ns = number, heard_s, stamp_ns
+        self._heard_s = self._quiet_s = now_s
+        self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
         self._frame = self._frame or layout.frame_id(data)
         is_stamped = layout.decode(data)[0] != 0
-        reading = np.array(raw)
-        self._zeros = np.where(reading == 0, self._zeros + 1, 0)
-        self._others += reading != 0
-        self._repeats += (reading != 0) & (reading == self._last_raw)
-        self._last_raw = reading
         self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
 
     def statuses(self) -> Iterator[Status]:
@@ -171,21 +166,14 @@ class WrenchInput(Part):
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'
-            if absent := ', '.join(self._absent()):
-                well += f'; {absent} never had a number'
-            if unused := ', '.join(self._dead(lived=False)):
-                well += f'; {unused} never read anything but 0'
+            raw = () if counts.newest is None else counts.newest[1]
+            absent = [axis for axis, value in zip(AXES, raw, strict=False) if math.isnan(value)]
+            unused = [axis for axis in sensor.unused if axis not in absent]
+            if absent:
+                well += f'; {", ".join(absent)} never had a number'
+            if unused:
+                well += f'; {", ".join(unused)} never read anything but 0'
             yield doubtful(self.title, self._doubts(topic, ends), well, numbers)
-
-    def _absent(self) -> list[str]:
-        """List axes of which the newest wrench had no number."""
-        return [AXES[i] for i in np.flatnonzero(np.isnan(self._last_raw))]
-
-    def _dead(self, *, lived: bool) -> list[str]:
-        """List axes that read exactly 0, and read something else before, or never did."""
-        is_coarse = self._repeats > _COARSE_SHARE * self._others
-        is_dead = (self._zeros >= _DEAD_LOOKS) & ~is_coarse & ((self._others > 0) == lived)
-        return [AXES[i] for i in np.flatnonzero(is_dead)]
 
     def sickness(self) -> str:
         """Say that the sensor is frozen, or an axis stuck; empty where it lives."""
@@ -214,9 +202,7 @@ class WrenchInput(Part):
             )
         if sick := self.sickness():
             yield sick
-        elif dead := ', '.join(self._dead(lived=True)):
-            yield f'{dead} reads exactly 0 for seconds; is the axis dead, or a cable loose?'
-        elif model and (lost := model.axes.keys() & (*self._absent(), *self._dead(lived=False))):
+        elif model and (lost := model.axes.keys() & sensor.unused):
             yield (
                 f'{", ".join(sorted(lost))} never read anything but 0 or NaN, but worked when the '
                 'model was learnt; is it broken?'

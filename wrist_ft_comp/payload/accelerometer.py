@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.weight import ForceFrame
+from wrist_ft_comp.payload.weight import ForceFrame, SAME_SHARE
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 
@@ -24,8 +24,6 @@ CONTRAST = 0.3
 _REST_RAD_S = 0.03
 #: Expected bias of an accelerometer, m/s².
 _BIAS = 0.3
-#: Expected error of the scale, relative.
-_SCALE = 0.03
 #: No bias is as large as this share of gravity: samples whose norm differs by more are left out,
 #: and a recording that does so at rest is in another unit.
 OUTLIER_SHARE = 0.3
@@ -136,10 +134,10 @@ def fit_norm(force: FloatArray, theta: FloatArray) -> tuple[ForceFrame, FloatArr
     near = np.abs(np.linalg.norm(force, axis=1) - GRAVITY) < OUTLIER_SHARE * GRAVITY
     force, theta = force[near], theta[near]
     # Over 30 K the bias may change by as much as it is.
-    widths = np.repeat([_BIAS, _SCALE, *[_BIAS / 30] * theta.shape[1]], 3)
+    widths = np.repeat([_BIAS, SAME_SHARE, *[_BIAS / 30] * theta.shape[1]], 3)
     prior = np.diag(widths**2)
     # Half of a scale's variance is common to all axes.
-    prior[3:6, 3:6] = _SCALE**2 * (np.eye(3) + 1) / 2
+    prior[3:6, 3:6] = SAME_SHARE**2 * (np.eye(3) + 1) / 2
     roots = np.linalg.cholesky(np.linalg.inv(prior)).T
 
     def errors(found: FloatArray) -> FloatArray:

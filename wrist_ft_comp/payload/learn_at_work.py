@@ -48,7 +48,6 @@ from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_dri
 
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
-
 #: Above this share of changes between poses that do not turn with the specific force, no payload
 #: is identified, and above three times this share nothing is learnt at all. Poses in a cone of 30°
 #: reach 0.59 on drawn days that are well.

@@ -22,7 +22,8 @@ MOST_KG = 1000.0
 #: Largest distance of the centre of mass from the origin, along an axis, m.
 FARTHEST_M = 10.0
 #: Two payloads, or accelerometers, may be the same where mass, gains or norm differ by a smaller
-#: share; a frame that changes forces by a smaller one does nothing.
+#: share; a frame that changes forces by a smaller one does nothing. It is the expected error of
+#: an accelerometer's scale.
 SAME_SHARE = 0.03
 
 

@@ -18,7 +18,7 @@ from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr, temperature_source
 from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader, Path
-from wrist_ft_comp.wire.temperature_source import path_text, TemperatureSource
+from wrist_ft_comp.wire.temperature_source import TemperatureSource
 from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: Storage plugin by suffix.
@@ -119,9 +119,11 @@ class Bag:
             )
         for connection in found:
             if message_type not in {connection.msgtype, None}:
+                is_heat = message_type == cdr.TEMPERATURE
+                inside = f', or a number inside, as in {topic}:temperature' if is_heat else ''
                 raise RecordingError(
                     f'{connection.topic} of {self.name} is {connection.msgtype}; the {role} must '
-                    f'be {message_type}. Name another topic.'
+                    f'be {message_type}. Name another topic{inside}.'
                 )
         if not any(connection.msgcount for connection in found):
             raise RecordingError(
@@ -241,14 +243,6 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
         if source.path:
             fields[source.topic.strip('/')].append((channel, source))
             continue
-        for connection in bag.named(source.topic):
-            inside = temperatures_inside(bag, connection)[:1]
-            if inside and connection.msgtype != cdr.TEMPERATURE:
-                raise RecordingError(
-                    f'{connection.topic} of {bag.name} is {connection.msgtype}; the temperature '
-                    f'must be {cdr.TEMPERATURE}, or a number inside. Did you mean '
-                    f'{source.topic}:{path_text(inside[0])}?'
-                )
         named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:

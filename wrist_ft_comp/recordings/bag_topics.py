@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
 import re
 
 import numpy as np
@@ -127,9 +126,8 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
 
     The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
     sensor are not used. The thermometer inside the sensor comes first: the one without the name of
-    a motor, with the longest common beginning of its name and the wrench's, or with the name of
-    something at the tool; the same holds for IMUs. In an array, the last element is taken for the
-    nearest to the tool. Without a raw wrench, its topic is empty.
+    a motor, with most words of the wrench's topic, or with the name of something at the tool; the
+    same holds for IMUs. Of an array, the last element. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
@@ -144,11 +142,10 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     theirs = {name for other in wrenches[1:] for name in names(other.entry)}
 
     def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
-        pairs = zip(candidate.entry.split('/'), wrench.split('/'), strict=False)
-        common = list(takewhile(lambda pair: pair[0] == pair[1], pairs))
         indices = re.findall(r'\[(\d+)\]', candidate.entry)
         far, near = FAR.search(candidate.entry), _NEAR.search(candidate.entry)
-        return far is not None, -len(common), near is None, -int(indices[-1] if indices else -1)
+        common = len(names(candidate.entry) & ours)
+        return far is not None, -common, near is None, -int(indices[-1] if indices else -1)
 
     topics = replace(topics, wrench=wrench)
     candidates = [

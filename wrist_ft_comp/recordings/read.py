@@ -10,6 +10,7 @@ from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -18,19 +19,11 @@ from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
+from wrist_ft_comp.recordings import read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.log_proposal import Proposal, propose, warn_of_unused
-from wrist_ft_comp.recordings.read_options import (
-    COMPENSATED,
-    KINDS,
-    listed,
-    options_beside,
-    parse_options,
-    Placed,
-    ReadOptions,
-    samples_of,
-)
-from wrist_ft_comp.recordings.table import Columns, Rows, Table, TableInMemory
+from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions, samples_of
+from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.batch_grid import grid_samples
@@ -39,6 +32,8 @@ from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSour
 from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
+#: Columns of equal length by name, such as a dict of arrays or a DataFrame.
+Columns = Any
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
 
@@ -171,7 +166,7 @@ class OpenTable:
         #: What the sensor is called: by the name of a column.
         self.sensor = sensor_in(names)
         #: Says that drift was removed from it; empty where it was not.
-        is_raw = not any(name.startswith(COMPENSATED) for name in names)
+        is_raw = not any(name.startswith(read_options.COMPENSATED) for name in names)
         already = f'{self.name} was compensated already. Name the raw recording.'
         self.compensated = '' if is_raw else already
 
@@ -252,10 +247,11 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
     """Open a recording of any kind for as long as the context lasts."""
     if kind_of(path) == BAG:
         with open_bag(path) as bag:
-            yield OpenBag(bag, parse_options(topics))
+            yield OpenBag(bag, read_options.parse_options(topics))
     else:
         files = files_of(path)
-        yield OpenTable([Table(file) for file in files], options_beside(files[0], topics))
+        options = read_options.options_beside(files[0], topics)
+        yield OpenTable([Table(file) for file in files], options)
 
 
 def read_recording(

@@ -41,8 +41,6 @@ KINDS = {'stamp': (STAMP,), 'raw wrench': AXES, 'temperature': ('temperature_c',
 _THERMOMETER = re.compile(r'(temperature_(?:(?:[2-9]|[1-9]\d+)_)?)([ckf])')
 #: Name of the empty column of a recording from which drift was removed.
 COMPENSATED = 'compensated_by_wrist_ft_comp'
-#: A word beside times of a clock that is no unit.
-_CLOCK_WORD = re.compile(r'TS|UTC|GMT|local|iso\W*\d*|[dhmsyf:./ -]+', re.IGNORECASE)
 #: A name of ours, a column of theirs, a factor, and a unit.
 _ENTRY = re.compile(
     r'(?P<ours>\w+)=(?P<theirs>.+?)(\*(?P<factor>[-+]?\d*\.?\d+([eE]-?\d\d?)?))?'
@@ -142,11 +140,9 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
         # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
         said = '' if ours.unit == 'C' else ours.unit
         understood.append(Column(match['theirs'].strip(), ours.channel, unit or said, factor))
-    for word in filter(None, times):
-        if (
-            word not in {*TIME_UNITS_NS, *units.DAYS_TO_1970, units.TIMEDELTA, 'iso'}
-            and '%' not in word
-        ):
+    forms = {*TIME_UNITS_NS, *units.DAYS_TO_1970, units.TIMEDELTA, 'iso', ''}
+    for word in times:
+        if word not in forms and '%' not in word:
             raise SettingsError(
                 f'A time is {", ".join(TIME_UNITS_NS)}, iso, excel, datenum, timedelta, or a '
                 f'form such as %d.%m.%Y %H:%M:%S.%f; got {word!r}.'
@@ -237,8 +233,8 @@ class ReadOptions:
                 beside = header.units[place] if 0 <= place < len(header.units) else ''
                 unit = units.known_unit(channel, name, beside)
                 word = next(iter(units.said_units(name, beside)[-1:]), '')
-                is_clock = channel == STAMP and _CLOCK_WORD.fullmatch(word)
-                if word and not unit and not is_clock:
+                # What stands beside times is often a zone, or their form.
+                if word and not unit and channel != STAMP:
                     taken = next(iter(units_of(channel)))
                     warnings.append(
                         f'{name} of {table} is in {word}, a unit that is not understood, and is '
@@ -246,12 +242,6 @@ class ReadOptions:
                         f"such as '{channel}={name}:{taken}' or '{channel}={name}*0.001'."
                     )
             found[channel] = replace(column, name=name, unit=unit, place=place)
-        stamp = found.get(STAMP)
-        if STAMP_NANOSEC in found and stamp and stamp.unit not in {'', 's'}:
-            raise RecordingError(
-                f'{table} has nanoseconds beside stamps that are not in seconds; leave '
-                f'{STAMP_NANOSEC} out, or give the seconds as stamp.'
-            )
         return Placed(table, header, found, missing, tuple(warnings))
 
 

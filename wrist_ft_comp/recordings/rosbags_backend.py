@@ -8,27 +8,16 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
+from rosbags import rosbag2
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
-from rosbags.rosbag2 import (
-    CompressionFormat,
-    CompressionMode,
-    Reader,
-    StoragePlugin,
-    Writer,
-    WriterError,
-)
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
-from wrist_ft_comp.wire.message_layout import (
-    define_installed,
-    Definitions,
-    FieldType,
-    SEQUENCE,
-)
+from wrist_ft_comp.wire import message_layout
+from wrist_ft_comp.wire.message_layout import Definitions, FieldType
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = b'\x0f'
@@ -37,7 +26,7 @@ _MCAP_DATA_END = b'\x0f'
 def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     """Let rosbags open it; fall back on scanning an .mcap file that lost its end."""
     try:
-        reader = stack.enter_context(Reader(chosen))
+        reader = stack.enter_context(rosbag2.Reader(chosen))
     except Exception:
         if salvaged := _salvage(name, chosen, stack):
             return salvaged
@@ -109,16 +98,17 @@ def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
 def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
     """Make a bag of another's storage in a new folder; an OSError if it cannot be written."""
     try:
-        writer = Writer(folder, version=9, storage_plugin=StoragePlugin[like.storage.upper()])
-        mode = CompressionMode[compression.upper() or 'NONE']
-        writer.set_compression(mode, CompressionFormat.ZSTD)
+        storage = rosbag2.StoragePlugin[like.storage.upper()]
+        writer = rosbag2.Writer(folder, version=9, storage_plugin=storage)
+        mode = rosbag2.CompressionMode[compression.upper() or 'NONE']
+        writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
         with writer:
             yield partial(_add_topic, writer), writer.write
-    except (WriterError, sqlite3.Error) as error:
+    except (rosbag2.WriterError, sqlite3.Error) as error:
         raise OSError(errno.EIO, str(error)) from error
 
 
-def _add_topic(writer: Writer, like: Connection, topic: str, kind: str) -> Any:
+def _add_topic(writer: rosbag2.Writer, like: Connection, topic: str, kind: str) -> Any:
     """Add a topic with the quality of service of another, and its definition or a standard one."""
     extra = like.native.ext
     qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
@@ -152,7 +142,7 @@ def _define(connection: Connection) -> Definitions:
     with suppress(Exception):  # a text that is no definition is none
         types.update(_parse(connection.native))
     if connection.msgtype not in types:
-        return define_installed(connection.topic, connection.msgtype)
+        return message_layout.define_installed(connection.topic, connection.msgtype)
     return {
         name: [(field, _field_type(what)) for field, what in fields]
         for name, (_, fields) in types.items()
@@ -163,5 +153,6 @@ def _field_type(what: FieldDesc) -> FieldType:
     """Say in this package's words what rosbags says of a field."""
     if what[0] is Nodetype.ARRAY or what[0] is Nodetype.SEQUENCE:
         element, size = what[1]
-        return _field_type(element)[0], SEQUENCE if what[0] is Nodetype.SEQUENCE else size
+        is_sequence = what[0] is Nodetype.SEQUENCE
+        return _field_type(element)[0], message_layout.SEQUENCE if is_sequence else size
     return (what[1] if what[0] is Nodetype.NAME else what[1][0]), None

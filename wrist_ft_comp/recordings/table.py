@@ -8,7 +8,7 @@ incomplete, it is left out.
 
 import bz2
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, getincrementaldecoder
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from math import nan
 from pathlib import Path
 import re
 import shlex
-from typing import Any, Protocol
+from typing import Any
 import zlib
 
 import numpy as np
@@ -241,20 +241,10 @@ class Table:
         return convert(pandas.DataFrame.from_dict(rows, 'index', str).fillna(''))
 
 
-class Columns(Protocol):
-    """Columns of equal length by name; NaN where a channel has no sample at a stamp."""
-
-    def keys(self) -> Iterable[Any]:
-        """Give the names."""
-
-    def __getitem__(self, name: str, /) -> Any:
-        """Give what numpy makes an array of."""
-
-
 class TableInMemory:
     """Columns in memory, read as a table in a file is: they are a single block of it."""
 
-    def __init__(self, columns: Columns, name: str) -> None:
+    def __init__(self, columns: Any, name: str) -> None:
         self._columns, self.name, self.warnings = columns, name, list[str]()
         self.header = Header(names=tuple(map(str, columns.keys())))
 
@@ -406,6 +396,6 @@ def _by_library(path: Path) -> Iterator[str]:
     except Exception as error:
         what = ' '.join(str(error).split())[:200].rstrip('.')
         raise RecordingError(
-            f"{path.name} needs {library}, and cannot be read by it ({what}). Run 'pip install "
-            f"{library}', or save the table as CSV."
+            f'{path.name} cannot be read by {library} ({what}). Save the table as CSV, or run '
+            f"'pip install {library}' if it is not installed."
         ) from error

@@ -16,6 +16,7 @@ gain drifts (eq. 2). A run gives duty cycle, room temperature and load by simula
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,21 +89,16 @@ class FtSensorSettings:
     torque_quantum_nm: float = 0.0005
 
 
-@dataclass(frozen=True, eq=False)
-class HeatFlow:
-    """Linear heat flow between M nodes: motor, the body's cells, tool, in this order."""
+class HeatFlow(NamedTuple):
+    """Linear heat flow of a time step between M nodes: motor, the body's cells, tool."""
 
-    #: dT/dt = rates T + inputs (duty cycle, room temperature), 1/s, shape (M, M), and K/s and 1/s,
-    #: shape (M, 2).
-    rates: FloatArray
-    inputs: FloatArray
-    #: The same for one time step.
+    #: T(k + 1) = transition T(k) + inputs (duty cycle, room temperature), (M, M) and (M, 2).
     transition: FloatArray
-    step_inputs: FloatArray
+    inputs: FloatArray
 
 
 def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
-    """Build the matrices of heat flow, continuous and exact for one time step."""
+    """Build the matrices of heat flow, exact for one time step."""
     # capacity · dT/dt = conduction + convection + motor, of every node
     s, n = settings, settings.cells
     half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border
@@ -123,8 +119,7 @@ def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
     inputs = np.column_stack((motor, convection)) / capacity[:, None]
     # The outputs, which the library wants as well, are the states.
     space = rates, inputs, np.eye(n + 2), np.zeros((n + 2, 2))
-    transition, step_inputs, *_ = cont2discrete(space, s.step_s)
-    return HeatFlow(rates, inputs, transition, step_inputs)
+    return HeatFlow(*cont2discrete(space, s.step_s)[:2])
 
 
 def interpolation(cells: int, positions: FloatArray) -> FloatArray:
@@ -190,7 +185,7 @@ def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> Floa
 
     ``drive``, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
     """
-    warming = drive @ sensor.heat.step_inputs.T
+    warming = drive @ sensor.heat.inputs.T
     states_c = np.empty((len(drive) + 1, len(nodes_c)))
     states_c[0] = nodes_c
     for k in range(len(drive)):

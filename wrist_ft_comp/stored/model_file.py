@@ -59,12 +59,11 @@ def _parse(content: bytes) -> Any:
 # A model of six axes with hats and banks takes some tens of kilobytes.
 KIND = Kind(
     name='model file', says='wrist_ft_comp drift model',
-    begins=r'format: wrist_ft_comp drift model\nversion: \d+\n\w', version=3, max_bytes=4_000_000,
+    begins=r'format: wrist_ft_comp drift model\nversion: \d+\n\w', version=4, max_bytes=4_000_000,
     endings='.yaml .yml', error=ModelFileError, parse=_parse,
     made_by='Make a model with wrist_ft_comp calibrate.',
     renewed_by='Calibrate again',
-    unwritable='{path} cannot be written: {reason}. Name another file, or make room; no file was '
-    'changed.')  # fmt: skip
+    remedy='Name another file, or make room; no file was changed.')  # fmt: skip
 
 
 class _Candidate(NamedTuple):
@@ -121,21 +120,6 @@ class _Model:
         check_range('duration_s', self.duration_s, 0.0)
         check_range('start_s', self.start_s, 0.0, longest_s)
 
-    def drift_model(self) -> DriftModel:
-        """Build what runs."""
-        return DriftModel(
-            period_ns=self.period_ns, thermometers=len(self.thermometers),
-            axes={
-                axis: entry.model for axis, entry in self.axes.items() if entry.model is not None
-            },
-            deviation={axis: entry.expected_rms for axis, entry in self.axes.items()},
-            day_limits={
-                axis: entry.day_limit
-                for axis, entry in self.axes.items()
-                if entry.day_limit is not None
-            },
-            start_s=self.start_s, prediction=self.prediction)  # fmt: skip
-
 
 def load_model(path: Path | str) -> StoredModel:
     """
@@ -152,10 +136,19 @@ def load_model(path: Path | str) -> StoredModel:
 def restore_model(path: Path, sha256: str, document: Document) -> StoredModel:
     """Build a stored model from the document of a model file of this version."""
     record = KIND.restore(_Model, path, document, whole=True)
+    entries = record.axes.items()
     try:
-        return StoredModel(path, sha256, record.drift_model(), document)
+        model = DriftModel(
+            period_ns=record.period_ns, thermometers=len(record.thermometers),
+            axes={axis: entry.model for axis, entry in entries if entry.model is not None},
+            deviation={axis: entry.expected_rms for axis, entry in entries},
+            day_limits={
+                axis: entry.day_limit for axis, entry in entries if entry.day_limit is not None
+            },
+            start_s=record.start_s, prediction=record.prediction)  # fmt: skip
     except WristFtCompError as error:
         raise KIND.damaged(path, str(error)) from error
+    return StoredModel(path, sha256, model, document)
 
 
 def save_model(

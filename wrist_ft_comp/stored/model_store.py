@@ -23,7 +23,7 @@ from typing import Literal
 from weakref import finalize
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError, WristFtCompError
-from wrist_ft_comp.stored.own_file import Kind, remove_leftovers, to_plain
+from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, remove_leftovers, to_plain
 
 #: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
 MAX_HISTORY = 100
@@ -34,8 +34,7 @@ _LIST = Kind(
     name='list of models', says='wrist_ft_comp live models', version=1, max_bytes=1_000_000,
     error=ModelFileError, made_by='Remove it and set model_file.',
     renewed_by='Remove it and set model_file',
-    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
-    'data_directory; the model is active until the node ends.')  # fmt: skip
+    remedy=f'{MAKE_ROOM} the model is active until the node ends.')  # fmt: skip
 
 #: Why a model went live: a person chose it, the node learnt it, or ~/rollback went back to it.
 How = Literal['chosen', 'learnt', 'back']

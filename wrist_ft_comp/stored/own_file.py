@@ -33,6 +33,8 @@ _SUFFIX = '.wrist_ft_comp.tmp'
 _ABANDONED_S = 60.0
 #: Bytes at the beginning of a file that show its kind.
 _BEGINNING = 4096
+#: What to do where a node's own file is refused by the disk; what is lost until then follows.
+MAKE_ROOM = 'Make room, or choose another data_directory;'
 #: Endings that promise a content: a new file of another content may not have them.
 _PROMISING = '.yaml .yml .json .html .htm .png .svg .jpg .pdf .csv .mcap .db3'
 #: What no path holds: a NUL, or half of a character of two; bytes that are no text are others.
@@ -139,8 +141,8 @@ class Output:
     endings: str
     #: What is raised.
     error: type[WristFtCompError] = OutputError
-    #: What is said where the disk refuses one, with {path} and {reason}.
-    unwritable: str = '{path} cannot be written: {reason}. Name another path, or make room.'
+    #: What to do where the disk refuses one, a sentence.
+    remedy: str = 'Name another path, or make room.'
 
     def is_own(self, path: Path) -> bool:
         """Tell by its content whether a file is of this kind, of whatever version."""
@@ -157,8 +159,7 @@ class Output:
         filled = path.is_file() and (path.stat().st_size > 0 or not self.begins)
         promises_other = ending in _PROMISING.split() and ending not in self.endings.split()
         # Two paths may lead to one file, spelt differently or by links.
-        same = [one for one in others if os.path.realpath(one) == os.path.realpath(path)
-                or (path.exists() and one.exists() and path.samefile(one))]  # fmt: skip
+        same = [one for one in others if os.path.realpath(one) == os.path.realpath(path)]
         if same:
             reason = f'it is the same file as {same[0]}'
         elif path.is_dir():
@@ -174,7 +175,7 @@ class Output:
         elif not os.access(folder, os.W_OK):
             reason = f'{folder} may not be written to'
         if reason:
-            raise self.error(self.unwritable.format(path=path, reason=reason))
+            raise self.error(f'{path} cannot be written: {reason}. {self.remedy}')
 
     def write(self, path: Path, content: str | bytes) -> None:
         """Write a file, and its folder where it is missing, in one step, as far as it may."""
@@ -184,8 +185,8 @@ class Output:
             self.check_target(path)
             replace_file(path, content)
         except OSError as error:
-            reason = self.unwritable.format(path=path, reason=error.strerror)
-            raise self.error(reason) from error
+            why = f'{path} cannot be written: {error.strerror}. {self.remedy}'
+            raise self.error(why) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,14 +287,6 @@ class Kind(Output):
         document = {'format': self.says, 'version': self.version, **content}
         self.write(path, json.dumps(document, indent=indent, allow_nan=False))
 
-    def problem(self, record: type[Any], path: Path) -> str:
-        """Say why a file cannot be read; empty where it can, or where there is none."""
-        try:
-            self.load(record, path)
-        except (WristFtCompError, OSError) as error:
-            return str(error)
-        return ''
-
 
 def to_plain(value: Any) -> Any:
     """Turn records, named tuples and arrays into plain values; NaN and infinity become None."""
@@ -354,7 +347,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
         finite = all(type(item) in {int, float} and abs(item) <= largest for item in numbers)
         require(finite, 'finite numbers, in rows of one length')
         return np.array(value, dtype=float)
-    if origin in {tuple, Sequence, frozenset}:
+    if origin in {tuple, Sequence}:
         require(isinstance(value, list), 'a list')
         kinds = arguments
         if origin is not tuple or arguments[-1] is ...:
@@ -362,7 +355,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
         require(len(kinds) == len(value), f'{len(kinds)} values')
         pairs = enumerate(zip(kinds, value, strict=True))
         members = [inner(each, item, f'{where}/{i}') for i, (each, item) in pairs]
-        return frozenset(members) if origin is frozenset else tuple(members)
+        return tuple(members)
     if origin is Literal:
         require(value in arguments, f'one of {", ".join(map(str, arguments))}')
     elif kind in _SCALARS:

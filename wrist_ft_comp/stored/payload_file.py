@@ -28,7 +28,7 @@ KIND = Kind(
     name='file of payloads', says='wrist_ft_comp payloads', version=2, max_bytes=10_000_000,
     error=ModelFileError, made_by='A calibration with --reference payload makes one.',
     renewed_by='Remove it, calibrate again',
-    unwritable='{path} cannot be written: {reason}. Make room, or choose another folder.',
+    remedy='Make room, or choose another folder.',
 )  # fmt: skip
 #: By name, oldest first.
 Learnt = dict[str, tuple[Payload, ForceFrame]]

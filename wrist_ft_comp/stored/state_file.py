@@ -10,7 +10,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.own_file import Kind, to_plain
+from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
@@ -18,8 +18,7 @@ KIND = Kind(
     name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000,
     error=StateFileError, made_by='A running node makes one.',
     renewed_by='Remove it',
-    unwritable='{path} cannot be written: {reason}. Make room, or choose another '
-    'data_directory; until then a restart loses the thermal state and the tare.')  # fmt: skip
+    remedy=f'{MAKE_ROOM} until then a restart loses the thermal state and the tare.')  # fmt: skip
 
 #: No larger number is read, and neither NaN nor infinities.
 _LARGEST = 1e100

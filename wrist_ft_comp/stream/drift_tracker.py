@@ -155,6 +155,8 @@ class DriftTracker:
         if gap or self.awaited:
             is_doubtful |= not self._cross(gap)
         gap = 0 if self._next is None else max(gap, 0)
+
+        # Which thermometers are believed; the others are predicted.
         believed_c = cell.temperature_c
         agreed_k: FloatArray = np.zeros(self._count)
         if self.model is not None and (prediction := self.model.prediction) is not None:
@@ -167,6 +169,8 @@ class DriftTracker:
             believed_c = self.thermometers.believed_c
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
+
+        # Run the model through the gap, on a straight line, and through the cell.
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
@@ -177,18 +181,24 @@ class DriftTracker:
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
-        # What was predicted of a thermometer, or nobody knows of a gap, is remembered.
-        off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
+
+        # The model remembers what was predicted of a thermometer, and what nobody knows of a gap.
+        if agreed_k.any():
+            self._doubt(self.effect(agreed_k))
         if is_doubtful and self.model is not None and state_before is not None and len(history_c):
             bounds = bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
-            off += np.abs(bounds - self.drift.zero).max(axis=0)
-        off += self._doubt_start(len(self.history_c) - len(line_c))
-        if off.any():
-            if self.uncertainty is not None:
-                off += self.uncertainty.left(self.end_ns, self.memory_s)
-            self.uncertainty = Uncertainty(self.end_ns, off)
+            self._doubt(np.abs(bounds - self.drift.zero).max(axis=0))
+        off_at_start = self._doubt_start(len(self.history_c) - len(line_c))
+        if off_at_start.any():
+            self._doubt(off_at_start)
+
+    def _doubt(self, off: FloatArray) -> None:
+        """Note that the drift may be off from now on, N and N m, (6,), beside what is left."""
+        if self.uncertainty is not None:
+            off = off + self.uncertainty.left(self.end_ns, self.memory_s)
+        self.uncertainty = Uncertainty(self.end_ns, off)
 
     def _doubt_start(self, cells_before: int) -> FloatArray:
         """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""

@@ -127,13 +127,14 @@ def track_drift(model: DriftModel, recording: Recording) -> DriftTrack:
     )
 
 
-def streamed_drift(model: DriftModel, recording: Recording) -> Drift:
+def streamed_drift(
+    model: DriftModel, recording: Recording, before: Recording | None = None
+) -> Drift:
     """Give the means over cells of what the stream subtracts in them, (N, 6): see track_drift."""
-    zero, sensitivity = (
-        (np.concatenate((ends[:1], ends[:-2])) + ends[:-1]) / 2
-        for ends in track_drift(model, recording).drift
-    )
-    return Drift(zero, sensitivity)
+    cell = np.arange(len(recording))
+    earlier, last = np.maximum(cell - 2, 0), np.maximum(cell - 1, 0)
+    simulated = simulate_drift(model, recording, before)
+    return Drift(*((part[earlier] + part[last]) / 2 for part in simulated))
 
 
 def correct_many(
@@ -159,7 +160,7 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
 
 
 def tare_at_start(
-    recording: Recording, true: FloatArray, drift: Drift, tare_s: float
+    recording: Recording, true: FloatArray | float, drift: Drift, tare_s: float
 ) -> FloatArray:
     """
     Tare as a robot does under the load w: r - o - (1 + s) w, shape (6,).

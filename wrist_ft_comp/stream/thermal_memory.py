@@ -252,7 +252,7 @@ def belongs_to(model: DriftModel, memory: ThermalMemory) -> bool:
     if _shapes(memory.filters, memory.thermometers) != expected:
         return False
     with np.errstate(all='ignore'):
-        _, drift = drift_model.step(model, memory.filters, reading_c)
+        _, drift = drift_model.run(model, memory.filters, reading_c[np.newaxis])
     return bool(np.isfinite(drift).all())
 
 

@@ -53,7 +53,8 @@ class SensorWatch:
         held = self._same > _RUN_LOOKS
         # Forces have one resolution, and torques another one.
         others_live = ((self._lively > _LIVELY_SHARE) & ~held).reshape(2, 3).any(axis=1).repeat(3)
-        is_odd = (extreme & (self._least < self._most)) | (others_live & (self._raw != 0))
+        has_moved = self._least < self._most
+        is_odd = (has_moved & (extreme | others_live)) | (others_live & (self._raw != 0))
         stuck = held & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
@@ -84,9 +85,15 @@ class SensorWatch:
         Axes that repeat one value again and again while others move.
 
         Either it is their largest or least one, or the other forces, or torques, all but never
-        repeat one. An axis of exact zeros is an absent one.
+        repeat one. An axis that never read anything but 0 is an absent one.
         """
         if self.frozen:
             return ()
         stuck = self._still[:-1] >= LOOKS - _RUN_LOOKS
         return tuple(AXES[i] for i in np.flatnonzero(stuck))
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Axes that have not read anything but 0 for seconds, and never did."""
+        zero = (self._least == 0) & (self._most == 0) & (self._same >= LOOKS - _RUN_LOOKS)
+        return tuple(AXES[i] for i in np.flatnonzero(zero))

@@ -83,17 +83,19 @@ def test_a_fault_on_the_way_of_the_wrench_costs_that_wrench_and_is_an_error(rig,
     assert len(node.ask_output(START + 4 * SECOND, [1.0] * 6)) == 6
 
 
-def test_a_refusal_is_no_fault_and_is_logged_once(rig, capfd):
-    node = rig()
+@pytest.mark.parametrize(('error', 'calls'), [(SettingsError, 3), (Sabotage, 1)])
+def test_a_refusal_is_no_fault_and_a_part_is_not_called_after_one(rig, capfd, error, calls):
+    node, called = rig(), []
 
-    def refuse():
-        raise SettingsError('not today')
+    def fail():
+        called.append(True)
+        raise error('not today')
 
-    node.node.recorder.poll = refuse
+    node.node.recorder.poll = fail
     for _ in range(3):
         node.node.housekeep()
-    assert not node.node.recorder.stopped
-    assert capfd.readouterr().err.count('not today') == 1
+    assert (len(called), bool(node.node.recorder.stopped)) == (calls, error is Sabotage)
+    assert capfd.readouterr().err.count('[ERROR]') == 1
 
 
 def test_the_part_in_the_documentation_runs_beside_the_others(rig, monkeypatch):

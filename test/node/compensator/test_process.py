@@ -41,15 +41,6 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, numb
     metadata = endless(tmp_path)
     process = start('fits', '-p', f'calibration.recordings:=[{metadata.parent}]')
     answers = bench.ask(Trigger, '/fits/fits/calibrate', Trigger.Request())
-    # Opening the other end waits until the calibration process has opened this one.
-    with metadata.open('wb'):
-        code, errors = process.end(number)
-    if number == signal.SIGTERM:
-        assert code == 0, errors
-        assert 'Traceback' not in errors
-        assert 'terminate called' not in errors
-        answer = answers.get(timeout=20.0)
-        assert answer.message == 'The node is shutting down.'
 
     def nobody_reads():
         with suppress(OSError):
@@ -57,4 +48,13 @@ def test_the_end_of_a_node_ends_its_calibration_too(bench, start, tmp_path, numb
             return False
         return True
 
-    bench.wait_until(nobody_reads, 'the end of the calibration')
+    # Opening the other end waits until the calibration process has opened this one.
+    with metadata.open('wb'):
+        code, errors = process.end(number)
+        bench.wait_until(nobody_reads, 'the end of the calibration')
+    if number == signal.SIGTERM:
+        assert code == 0, errors
+        assert 'Traceback' not in errors
+        assert 'terminate called' not in errors
+        answer = answers.get(timeout=20.0)
+        assert answer.message == 'The node is shutting down.'

@@ -120,6 +120,9 @@ def test_a_state_that_cannot_be_used_is_said_and_logged(restart, warm, change, w
     np.testing.assert_array_equal(restarted.compensator.tare, TARE if tared else np.zeros(6))
     first = 400 + max(-later_s, 700)
     restarted.warm(range(first, first + 3))
+    if words[1] == HELD:  # from what it was, at 1 N/s
+        moved = restarted.compensator.compensation.zero - warm.thermal.compensation.zero
+        assert 0.9 < moved[2] < 3.1
     assert words[0] in restarted.keeper.outcome
     assert 'starts at the steady state of the' in restarted.keeper.outcome
     assert any(words[0] in line for line in restarted.hub.logged)
@@ -175,6 +178,26 @@ def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
     restarted.output(0, LOAD)
     restarted.keeper.end()
     assert list(tmp_path.glob('state*')) == []
+
+
+@pytest.mark.parametrize(
+    ('later_s', 'changed', 'saved'), [(4.9, '', 0), (5.1, '', 1), (0, 'tare', 1), (0, 'model', 1)]
+)
+def test_a_state_is_saved_every_five_seconds_and_with_tare_or_model_at_once(  # noqa: PLR0913, PLR0917
+    restart, warm, monkeypatch, later_s, changed, saved
+):
+    now_s, puts = [1000.0], []
+    monkeypatch.setattr('time.monotonic', lambda: now_s[0])
+    restarted = restart(warm)
+    restarted.keeper.writer.put = lambda *_: puts.append(1)
+    restarted.warm(range(410, 413))
+    now_s[0] += later_s
+    if changed == 'tare':
+        restarted.compensator.set_tare(TARE, START)
+    if changed == 'model':
+        restarted.keeper.live.sha256 = 'f' * 64
+    restarted.keeper.poll()
+    assert len(puts) == saved
 
 
 @pytest.mark.usefixtures('haste')

@@ -2,7 +2,9 @@
 
 import os
 import resource
+import shutil
 
+from moments import WARN
 import numpy as np
 import pytest
 
@@ -45,6 +47,19 @@ def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learn
     node.rig.diagnosis('learning', 'no better model is offered')
     assert node.files() == ['day_00001.csv']
     assert len(read_recording(path)) == 29, 'five are missing, one is not complete'
+
+
+def test_a_day_whose_folder_is_deleted_is_a_warning_and_another_one_begins(learner, monkeypatch):
+    node = learner()
+    node.hear(20)
+    shutil.rmtree(node.days)
+    node.hear(5)
+    assert node.rig.diagnosis('learning', 'day_00001.csv cannot be written: it was').level == WARN
+    monkeypatch.setattr(node.node.learning.diary, '_wait_until', 0.0)
+    node.hear(20)
+    node.rig.diagnosis('learning', 'no better model is offered')
+    assert node.files() == ['day_00002.csv']
+    assert len(node.rig.take(45)) == 45, 'wrenches went on'
 
 
 def test_a_job_makes_room_once_where_days_take_more_than_they_may(learner, tmp_path):
