@@ -239,9 +239,20 @@ def runs_of(marked: BoolArray) -> Iterator[tuple[int, int]]:
 
 
 def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
-    """Name thermometers that are silent for long."""
+    """Name thermometers that are silent for long, and pauses of everything."""
     sentences = []
     for recording in recordings:
+        silent = ~(recording.measured.any(axis=1) | np.isfinite(recording.wrench).any(axis=1))
+        cells, first = max(
+            ((last - first, first) for first, last in runs_of(silent)), default=(0, 0)
+        )
+        if cells * recording.period_s > LONG_SILENCE_S:
+            sentences.append(
+                f'Nothing of {recording.name} came for {cells * recording.period_s:.0f} s, from '
+                f'{time_in(recording, first)} on. Temperatures are taken to have moved on a '
+                'straight line, and the drift after it is uncertain. If a clock was set there, '
+                'such as to summer time, correct the times; else record without a pause.'
+            )
         for j in range(recording.thermometers):
             runs, what = _unknown(recording, j, ~recording.measured[:, j])
             if runs:
