@@ -268,6 +268,8 @@ class TestTemperature:
             celsius = 30.0 + max(second - 60, 0) / 50
             for j, read_c in enumerate((celsius, min(celsius, 31.0))):
                 node.node.inputs.take(j, START + second * SECOND, read_c)
+            if second == 280:
+                warns(node, 'temperature', 'thermometer 2 has read the same for 169 s while the')
         words = 'thermometer 2 stands still at 31.0 °C while the others show that it moved by 3.'
         status = warns(node, 'temperature', words)
         assert status.values['thermometer_2_c'] == '31.00'
