@@ -42,7 +42,7 @@ def test_a_model_of_gain_drift_is_learnt_and_judged_with_its_reference(done, mak
         assert judged['recordings'][0]['reference'] == reference
         assert judged == json.loads(done(*argv, '--reference', reference))
     force = judged['axes']['force_z']
-    assert force['rms_after'] < 0.05
+    assert force['rms_after'] < 0.1  # it drifts by 0.04 N/s, and a correction comes 1.5 s later
     assert force['rms_before'] > 2
 
 

@@ -6,8 +6,8 @@ import re
 from typing import get_args
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
 from wrist_ft_comp.cli.show import payloads_json
+from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.features import FeatureKind
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit import settings

@@ -9,7 +9,7 @@ from pathlib import Path
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import range_warnings
-from wrist_ft_comp.cli.output import print_result, progress_bar
+from wrist_ft_comp.cli.terminal import print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor
 from wrist_ft_comp.payload.learn_at_work import external_correction, learn_at_work
 from wrist_ft_comp.recording import Correction

@@ -12,7 +12,7 @@ from typing import Any, TYPE_CHECKING
 
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluate_recordings
-from wrist_ft_comp.cli.output import content_words, filled, print_words, progress_bar, waiting
+from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progress_bar, waiting
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import Progress
@@ -20,7 +20,7 @@ from wrist_ft_comp.stored.model_store import ModelStore
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.operate import Operator, Watch
+    from wrist_ft_comp.cli.node_client import Operator, Watch
 
 _Process = subprocess.Popen[bytes]
 #: ROS domains whose ports Linux does not use for others; people choose from the other end.
@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
 def play(arguments: argparse.Namespace, folder: Path) -> None:
     """Let the node record, calibrate and record again."""
     os.environ.update(own_domain())
-    from wrist_ft_comp.cli.operate import ask, operating, Watch  # noqa: PLC0415 -- ROS
+    from wrist_ft_comp.cli.node_client import ask, operating, Watch  # noqa: PLC0415 -- ROS
 
     node: dict[str, object] = {
         'data_directory': folder, 'temperature_topics': '[temperature, temperature_2]',

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import content_words, print_result, progress_bar
+from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
 from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s

@@ -11,7 +11,7 @@ import sys
 import wrist_ft_comp
 from wrist_ft_comp.cli import calibrate, compensate, demo, evaluate, node, show
 from wrist_ft_comp.cli.options import Parser
-from wrist_ft_comp.cli.output import print_json
+from wrist_ft_comp.cli.terminal import print_json
 from wrist_ft_comp.errors import INTERRUPTED, UsageError, WristFtCompError
 
 EXAMPLES = """\

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.output import (
+from wrist_ft_comp.cli.terminal import (
     coloured,
     filled,
     print_json,
@@ -26,7 +26,7 @@ from wrist_ft_comp.cli.output import (
 from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
-    from wrist_ft_comp.cli.operate import Operator, Watch
+    from wrist_ft_comp.cli.node_client import Operator, Watch
 
 HELP = 'operate a running compensator: record, calibrate, tare, look at its status'
 DESCRIPTION = """\
@@ -63,16 +63,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit code."""
     options.require_ros(NodeError, 'A running node is reached by rclpy')
-    from wrist_ft_comp.cli import operate  # noqa: PLC0415 -- loads rclpy
+    from wrist_ft_comp.cli import node_client  # noqa: PLC0415 -- loads rclpy
 
     action = arguments.action
-    with operate.operating() as operator:
+    with node_client.operating() as operator:
         name = operator.find(arguments.name)
-        watch = operate.Watch(operator, name)
+        watch = node_client.Watch(operator, name)
         if action == 'status':
-            if not operator.wait_for(lambda: watch.reports, operate.SILENCE_S):
+            if not operator.wait_for(lambda: watch.reports, node_client.SILENCE_S):
                 raise NodeError(
-                    f'{name} has published no diagnostics for {operate.SILENCE_S:.0f} s.'
+                    f'{name} has published no diagnostics for {node_client.SILENCE_S:.0f} s.'
                 )
             return _show(operator, name, watch, arguments)
         service = 'record' if action == 'stop' else action
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
                 describe(': '.join([action, *said]))
 
             operator.node.create_timer(0.5, show)
-            answer = operate.ask(operator, name, action, watch)
+            answer = node_client.ask(operator, name, action, watch)
     if arguments.json:
         print_json({'node': name, 'action': action, 'answer': answer})
     else:

@@ -11,8 +11,8 @@ import numpy as np
 from rich.table import Table
 
 from wrist_ft_comp.channels import axis_unit, SENSOR_FACTS
-from wrist_ft_comp.cli import describe, options
-from wrist_ft_comp.cli.output import filled, print_result, progress_bar, table
+from wrist_ft_comp.cli import options, recording_summary
+from wrist_ft_comp.cli.terminal import filled, print_result, progress_bar, table
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         with progress_bar('reading') as progress:
             topics = options.topics_from(arguments)
             options.check_recordings([path], topics)
-            described, recording = describe.describe_recording(path, topics, progress)
+            described, recording = recording_summary.describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
             code = int(recording is None and not described.candidates)  # nothing could be read
             learnt_from = list[str]()
@@ -168,7 +168,7 @@ def _model_lines(stored: StoredModel) -> Iterator[str | Table]:
 
 
 def _recording_lines(
-    summary: describe.RecordingSummary, path: Path, refusal: str
+    summary: recording_summary.RecordingSummary, path: Path, refusal: str
 ) -> Iterator[str | Table]:
     span_s = ((summary.last_ns or 0) - (summary.first_ns or 0)) / NANOSECONDS
     span = 'no samples' if summary.first_ns is None else f'{span_s:.1f} s'
@@ -218,7 +218,7 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
             yield f'If {candidate.entry} is in {unit}, write {candidate.entry}{field}{suffix}.'
 
 
-def _refusal(summary: describe.RecordingSummary, recording: Recording | None) -> str:
+def _refusal(summary: recording_summary.RecordingSummary, recording: Recording | None) -> str:
     """Say why nothing can be learnt from a recording; empty where something can."""
     if summary.is_open:
         return summary.refusal
@@ -238,7 +238,7 @@ def _refusal(summary: describe.RecordingSummary, recording: Recording | None) ->
     return ''
 
 
-def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
+def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
     if refusal:
         yield refusal
@@ -272,11 +272,11 @@ def _use(summary: describe.RecordingSummary, path: Path, refusal: str) -> Iterat
     yield from _commands(summary, path)
 
 
-def _commands(summary: describe.RecordingSummary, path: Path) -> list[str]:
+def _commands(summary: recording_summary.RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
     topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
     force, words = summary.specific_force, list[str]()
-    referred = any(c.role == describe.REFERENCE and c.samples for c in summary.channels)
+    referred = any(c.role == recording_summary.REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
     at_work = force is not None and force.seen > 0 and not referred
     if referred or at_work:

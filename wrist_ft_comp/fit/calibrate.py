@@ -23,7 +23,7 @@ from wrist_ft_comp.fit.data_checks import (
     jumping_thermometers,
     pauses,
 )
-from wrist_ft_comp.fit.day_limit import day_limit, largest_drift
+from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.named_methods import (
     identify_hats,
@@ -157,8 +157,13 @@ def _learn(
                 f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
                 'auto.'
             )
+        latest = 0.0
+        if fit.model is not None:
+            late = late_errors(fit.model, recordings)
+            fit = replace(fit, expected_rms=float(np.hypot(fit.expected_rms, np.std(late))))
+            latest = float(np.abs(late).max(initial=0.0))
         if data.tared:
-            limit = day_limit(data, fit.expected_rms)
+            limit = day_limit(data, fit.expected_rms, latest)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))

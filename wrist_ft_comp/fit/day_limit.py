@@ -1,9 +1,13 @@
 """What is expected of another day, RMS, and the limit that its largest error stays below."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 
 #: What another day is expected to keep is stated of a day of at least this length, s.
@@ -68,7 +72,27 @@ def largest_drift(data: AxisData) -> float:
     return max(drifts)
 
 
-def day_limit(data: AxisData, rms: float) -> float:
-    """Limit that the largest error of another day stays below; NaN where drift does so, too."""
-    limit = rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
+def late_errors(model: AxisModel, recordings: Sequence[Recording]) -> FloatArray:
+    """
+    Compute what is left in operation because the drift of a cell is subtracted in the next one.
+
+    Zero drift of an axis in the recordings, on a ramp as the stream has it, in means over 10 s.
+    """
+    errors = []
+    for recording in recordings:
+        start = model.start(recording.temperature_c[0])
+        drift = model.run(start, recording.temperature_c)[1][:, 0]
+        cells = np.arange(2, len(drift))
+        late = drift[2:] - (drift[1:-1] + drift[:-2]) / 2
+        errors.append(bin_means(late, cells, averaged_cells(recording.period_s)))
+    return np.concatenate(errors)
+
+
+def day_limit(data: AxisData, rms: float, latest: float) -> float:
+    """
+    Limit that the largest error of another day stays below; NaN where drift does so, too.
+
+    Takes the RMS that is expected, and the largest of the ``late_errors``.
+    """
+    limit = latest + rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     return limit if limit <= largest_drift(data) else np.nan

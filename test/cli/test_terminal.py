@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from wrist_ft_comp.cli.output import filled, print_words, table
+from wrist_ft_comp.cli.terminal import filled, print_words, table
 
 word = st.text(st.characters(categories=['Ll', 'Nd'], max_codepoint=127), min_size=1, max_size=18)
 cell = st.lists(word, min_size=1, max_size=6).map(' '.join)
