@@ -163,18 +163,20 @@ def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR091
 
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
-    """The driver tared in the middle of the day, and the axis is still called good."""
+    """The driver tared in the middle of the day: little is left, and the axis is not good."""
     columns, limits = make.drifting(3600, seed=3), load_model(slow_model).model.day_limits
     days = [make.csv(tmp_path / 'day.csv', columns)]
     assert 'largest error is above' not in run('evaluate', slow_model, days[0]).out
     columns['force_z'] = [value + 2.0 * (k > 1800) for k, value in enumerate(columns['force_z'])]
     days.append(make.csv(tmp_path / 'tared.csv', columns))
     outcome = run('evaluate', slow_model, *days)
-    assert re.search('force_z +N +good', outcome.out)
+    assert re.search('force_z +N +weak', outcome.out)
     judged = json.loads(done('evaluate', slow_model, *days, '--json'))
     peak = judged['axes']['force_z']['max_after']
     said = judged['advice'][0]
+    assert 'is above the limit of' in judged['verdicts']['force_z']['why']
     assert 'holds' not in ' '.join(judged['advice'])
     assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). See in the report' in said
+    assert '--report) when the error began: ' in said
     assert outcome.out.count('largest error is above') == 1
     assert 'torque' not in said

@@ -126,9 +126,19 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
         assert 'thermometer 1 left the range' in advice(coverage, learnt_c=[learnt_c], **model)
     said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
     assert said == 'The model holds on these recordings. Run it:\nros2 run x'
+    loose = advice(coverage, learnt_c=[(20.0, 35.0)], loose=['force_x', 'force_z'], **model)
+    assert loose.startswith('The limit of force_x and force_z is unknown or as large as the drift')
+    assert 'ros2' not in loose
     weak = {'force_x': 'good', 'force_z': 'weak'}
+    for learnt_c, said in (((20.0, 30.0), True), ((20.0, 35.0), False)):
+        beyond = {'force_z': 'force_z 3 N (limit 0.3)'}
+        text = advice(coverage, weak, learnt_c=[learnt_c], beyond=beyond, **model)
+        assert text.startswith('The largest error is above the limit')
+        assert 'force_z 3 N (limit 0.3).' in text
+        assert ('thermometer 1 left the range' in text) == said
+        assert '\n' not in text, 'a thermometer is not what is missing'
     poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
-    assert '\nOne thermometer does not explain force_z well: heat enters at' in poor
+    assert poor.startswith('One thermometer does not explain force_z well: heat enters at')
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,9 @@ def level(**changes):
         ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
         ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
         ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
+        ({'peak': 0.5, 'limit': 0.5}, 'good'),
+        ({'peak': 0.5 + JUST, 'limit': 0.5}, 'weak'),
+        ({'peak': 0.5}, 'good'),
     ],
 )
 def test_every_level_begins_where_the_table_says(changes, expected):

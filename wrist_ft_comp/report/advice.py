@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import json
 from pathlib import Path
 import shlex
@@ -35,6 +35,7 @@ _ONE_WAY_SHARE = 0.2
 SAME_K = 0.5
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
+_CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +92,10 @@ class Case:
     learnt_c: Sequence[tuple[float, float]] = ()
     #: And the command that runs it; empty where it was learnt from what it is judged on.
     run: str = ''
-    #: Of an evaluation: axes whose errors are above the stated limit, with both.
-    beyond: Sequence[str] = ()
+    #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
+    beyond: Mapping[str, str] = field(default_factory=dict)
+    #: Good axes whose limit says nothing: it is unknown, or nearly as large as the drift.
+    loose: Sequence[str] = ()
 
 
 def run_command(topics: Topics, model: object) -> str:
@@ -121,6 +124,7 @@ def advise(case: Case) -> tuple[str, ...]:
             'still while recording, or record its specific force and use --reference payload.'
         )
     poor = [axis for axis, level in case.levels.items() if level in {'weak', 'harmful'}]
+    unexplained = [axis for axis in poor if axis not in case.beyond]
     # Thermometers that left the temperatures which the model was learnt at.
     outside = [
         f'thermometer {number}'
@@ -129,16 +133,18 @@ def advise(case: Case) -> tuple[str, ...]:
         )
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
-    if poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
+    if case.learnt_c:
+        steps += _judged(case, outside)
+    elif poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
         steps.append(
             'The beginning of the warm-up is missing: the temperature rises by '
             f'{k_per_h:.0f} K/h from the first minutes on. Switch the robot off for two hours, '
             'start recording first, then switch it on.'
         )
     some_are_good = 'good' in case.levels.values()
-    if poor and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
-        steps.append(_missing_thermometer(case, poor, is_searched=not some_are_good))
-    return (*steps, *(_judged(case, outside) if case.learnt_c else _recorded(case)))
+    if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
+        steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
+    return (*steps, *(() if case.learnt_c else _recorded(case)))
 
 
 def _missing_thermometer(case: Case, poor: Sequence[str], *, is_searched: bool) -> str:
@@ -200,21 +206,26 @@ def _recorded(case: Case) -> Iterator[str]:
 
 def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     """Say what an evaluation asks for."""
-    if outside:
-        yield (
-            f'In these recordings {" and ".join(outside)} left the range that the model was '
-            'learnt from. Calibrate again with these recordings among the others.'
-        )
-    elif case.beyond:
+    left = f'In these recordings {_enumerate(outside)} left the range that the model was learnt'
+    if case.beyond:
+        where = f' {left} from, and outside of it no limit holds.' if outside else ''
         yield (
             'The largest error is above the limit that the calibration stated for 95 of 100 days: '
-            f'{", ".join(case.beyond)}. See in the report (--report) when it began: the zero may '
-            'have jumped (a tare in the driver, a contact, another tool), a temperature may be '
-            'missing, or it is another sensor. If it is nothing of that, calibrate again with '
-            'these recordings among the others.'
+            f'{", ".join(case.beyond.values())}.{where} See in the report (--report) when the '
+            'error began: the zero may have jumped (a tare in the driver, a contact, another '
+            'tool), a cable may pull, a temperature may be missing, or it is another sensor. If '
+            'it is nothing of that, calibrate again with these recordings among the others.'
         )
+    elif outside:
+        yield f'{left} from. {_CALIBRATE_AGAIN}'
     elif case.run and {'good'} <= {*case.levels.values()} <= {'good', 'uncalibrated'}:
-        yield f'The model holds on these recordings. Run it:\n{case.run}'
+        if case.loose:
+            yield (
+                f'The limit of {_enumerate(case.loose)} is unknown or as large as the drift: how '
+                f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN}'
+            )
+        else:
+            yield f'The model holds on these recordings. Run it:\n{case.run}'
 
 
 def _enumerate(words: Sequence[str]) -> str:

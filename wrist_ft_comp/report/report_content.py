@@ -233,7 +233,8 @@ def evaluation_content(
     )
     before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
     axes: list[AxisView] = []
-    beyond: list[str] = []
+    beyond: dict[str, str] = {}
+    loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         column, limit = AXES.index(axis), stored.model.day_limits.get(axis, np.nan)
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
@@ -248,21 +249,23 @@ def evaluation_content(
         evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
-            parts=each)  # fmt: skip
+            parts=each, peak=errors.max_after, limit=limit)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
             largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
-            beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
+            beyond[axis] = f'{axis} {largest} (limit {rounded(limit)})'
+        elif verdict.level == 'good' and not limit < errors.max_before:
+            loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, run=run_command(topics or stored.topics, stored.path) if is_another_day
-        else '',
+        beyond=beyond, loose=loose,
+        run=run_command(topics or stored.topics, stored.path) if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
