@@ -90,6 +90,7 @@ ASKED = [
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
     (ramp(20, 35), {'hours': (2.0, 2.0)}, '', 'second day'),
+    (ramp(20, 35), {'loose': ['force_z']}, 'limit of force_z is more than half', 'second day'),
 ]
 
 

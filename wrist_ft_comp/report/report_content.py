@@ -18,7 +18,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
+from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, LOOSE_SHARE, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -160,6 +160,7 @@ def calibration_content(
     held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
+    loose: list[str] = []
     for axis, fit in fits.items():
         held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
@@ -185,10 +186,12 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         is_weak = verdict.level == 'uncalibrated' and drifts
         levels[axis] = 'weak' if is_weak else verdict.level
+        if verdict.level == 'good' and fit.day_limit > LOOSE_SHARE * fit.largest_drift:
+            loose.append(axis)
     case = Case(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()),
+        stored.sensor.get('temperature_topics', ()), loose=loose,
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, first = _FIGURES, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
