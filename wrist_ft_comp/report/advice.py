@@ -52,7 +52,7 @@ class Coverage:
     #: How far the leading thermometer went up, and down, in one recording at most.
     risen_k: float
     fallen_k: float
-    #: How steeply it rises where a recording begins, at most, K/h.
+    #: How steeply it rises where a recording begins, K/h; 0 unless it rises nowhere faster.
     begins_k_per_h: float
 
 
@@ -70,9 +70,10 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     means = [bin_means(one.temperature_c[at, leading], at, cells) for one, at in pairs if len(at)]
     moves = [np.diff(of_one) for of_one in means]
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
-    begins = [(one.elapsed_s / 3600, one.temperature_c[:, leading]) for one in recordings]
-    slopes = [np.polyfit(t[: cells + 1], c[: cells + 1], 1)[0] for t, c in begins if len(t) > 1]
-    return Coverage(range_c, leading, risen_k, fallen_k, max(slopes, default=0.0))
+    # A warm-up begins slowly; one that rises fastest at once began earlier.
+    begins_k = [k[0] for k in moves if len(k) > 1 and k[0] == k.max()]
+    begins_k_per_h = max(begins_k, default=0.0) * 3600 / _TREND_S
+    return Coverage(range_c, leading, risen_k, fallen_k, begins_k_per_h)
 
 
 @dataclass(frozen=True, eq=False)
