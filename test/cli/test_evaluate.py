@@ -109,6 +109,19 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
         assert said.count('thermometer 2 stands still') == 1
 
 
+def test_exchanged_columns_are_noticed(done, make, pair_model, tmp_path):
+    columns = lagged_pair(11)
+    right = make.csv(tmp_path / 'right.csv', columns)
+    swapped = dict(columns, temperature_c=columns['temperature_2_c'])
+    swapped['temperature_2_c'] = columns['temperature_c']
+    wrong = make.csv(tmp_path / 'wrong.csv', swapped)
+    for path, exchanged in ((right, False), (wrong, True)):
+        judged = json.loads(done('evaluate', pair_model, path, '--json'))
+        warned = 'thermometers 1 and 2 read what is expected' in ' '.join(judged['warnings'])
+        asked = judged['advice'][0].startswith('Are the thermometers in the order of the model?')
+        assert (warned, asked) == (exchanged, exchanged)
+
+
 def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):
     """Also one whose column is empty, because its thermometer was dead all day."""
     columns, out = lagged_pair(7), ['-o', tmp_path / 'out.csv']

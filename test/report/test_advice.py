@@ -153,6 +153,19 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
 
 
 @pytest.mark.parametrize(
+    ('temperature_c', 'level', 'asked'),
+    [(PAIR, 'weak', True), (PAIR, 'good', False), (ramp(20, 35), 'weak', False)],
+)
+def test_where_no_axis_is_good_the_order_of_thermometers_is_asked_for(
+    seen, temperature_c, level, asked
+):
+    levels = {'force_x': level, 'force_y': 'weak', 'force_z': 'uncalibrated'}
+    learnt_c = [(0.0, 50.0)] * seen(temperature_c).range_c.shape[0]
+    text = advice(seen(temperature_c), levels, learnt_c=learnt_c)
+    assert text.startswith('Are the thermometers in the order of the model?') == asked
+
+
+@pytest.mark.parametrize(
     ('topics', 'words'),
     [
         (Topics(), []),

@@ -25,7 +25,7 @@ from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
-from wrist_ft_comp.stream.offline import thermometer_doubts
+from wrist_ft_comp.stream.offline import exchange_doubts, thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -179,8 +179,10 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     silent = [replace(recording, measured=heard)]
     sentences += silent_stretches(silent)
+    doubts = thermometer_doubts(stored.model, recording)
+    doubts |= exchange_doubts(stored.model, recording)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
-        for doubt, share in thermometer_doubts(stored.model, recording).items()
+        for doubt, share in doubts.items()
     ]
     return tuple(sentences)

@@ -16,6 +16,7 @@ from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.stream.thermometer_faults import EXCHANGE_SIGN
 
 #: Where the node hears an IMU, unless it is remapped.
 IMU_TOPIC = 'imu'
@@ -138,6 +139,13 @@ def advise(case: Case) -> tuple[str, ...]:
         if seen[0] < learnt[0] - SAME_K or seen[1] > learnt[1] + SAME_K
     ]
     if case.learnt_c:
+        none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
+        doubted = any(EXCHANGE_SIGN in warning for warning in case.warnings)
+        if doubted or (none_is_good and len(case.learnt_c) > 1):
+            steps.append(
+                'Are the thermometers in the order of the model? Where two are exchanged, every '
+                'correction is wrong. Name topics or columns in the order of the calibration.'
+            )
         steps += _judged(case, outside)
     elif poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
         steps.append(
