@@ -100,6 +100,7 @@ ASKED = [
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
     (ramp(20, 35), {'hours': (2.0, 2.0)}, '', 'second day'),
+    (ramp(20, 35), {'run': 'evaluate m.yaml DAY'}, 'not seen:\nevaluate m.yaml DAY', ''),
     (ramp(20, 35), {'loose': ['force_z']}, 'limit of force_z is more than half', 'second day'),
 ]
 
@@ -139,7 +140,8 @@ def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(s
     assert said == 'The model holds on these recordings. Run it:\nros2 run x'
     loose = advice(coverage, learnt_c=[(20.0, 35.0)], loose=['force_x', 'force_z'], **model)
     assert loose.startswith('The limit of force_x and force_z is unknown or as large as the drift')
-    assert 'ros2' not in loose
+    assert loose.endswith('Until then:\nros2 run x')
+    assert 'holds' not in loose
     weak = {'force_x': 'good', 'force_z': 'weak'}
     for learnt_c, said in (((20.0, 30.0), True), ((20.0, 35.0), False)):
         beyond = {'force_z': 'force_z 3 N (limit 0.3)'}

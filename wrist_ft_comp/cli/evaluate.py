@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
@@ -128,10 +127,6 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     }
     if 'imu' in sources and not topics.force_source:
         topics = replace(topics, imu=IMU_TOPIC)
-    if len(topics.temperatures) != stored.model.thermometers:  # a table has no topics
-        channels = map(temperature_channel, range(stored.model.thermometers))
-        names = tuple(f'/{channel.removesuffix("_c")}' for channel in channels)
-        topics = replace(topics, temperatures=names)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     document = {
         'model': str(stored.path),

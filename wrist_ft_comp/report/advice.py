@@ -91,16 +91,23 @@ class Case:
     #: Where the recordings lie, and the thermometers of them that were used, as options name them.
     paths: Sequence[Path] = ()
     thermometers: Sequence[str] = ()
+    #: The command to go on with: it runs a model that was judged, and judges one that was learnt.
+    #: Empty where a model was judged on what it was learnt from.
+    run: str = ''
     #: Slowest time constant of a calibration; 0 if unknown.
     slowest_s: float = 0.0
     #: Of an evaluation: the temperatures that the model learnt, °C.
     learnt_c: Sequence[tuple[float, float]] = ()
-    #: And the command that runs it; empty where it was learnt from what it is judged on.
-    run: str = ''
     #: Of an evaluation: axes whose errors are above the stated limit, and a text with both.
     beyond: Mapping[str, str] = field(default_factory=dict)
     #: Good axes whose limit says nothing: it is unknown, or large beside the drift.
     loose: Sequence[str] = ()
+
+
+def compensate_command(model: object, table: object) -> str:
+    """Write the command that corrects a table, and say what the node needs."""
+    command = shlex.join(['wrist_ft_comp', 'compensate', str(model), str(table)])
+    return f'{command} -o compensated.csv --tare 60\nA live node needs its topics by name.'
 
 
 def run_command(topics: Topics, model: object) -> str:
@@ -218,7 +225,7 @@ def _recorded(case: Case) -> Iterator[str]:
         f'The recordings go from {low_c:.0f} to {high_c:.0f} °C{where}. If the robot gets colder '
         'or hotter, record that, too: outside of this range the correction is a guess.'
     )
-    yield 'Judge this model on a recording that it has not seen: wrist_ft_comp evaluate.'
+    yield f'Judge this model on a recording that it has not seen:\n{case.run}'
 
 
 def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
@@ -239,7 +246,8 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
         if case.loose:
             yield (
                 f'The limit of {_enumerate(case.loose)} is unknown or as large as the drift: how '
-                f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN}'
+                f'good the model is on other days is not sure yet. {_CALIBRATE_AGAIN} Until then:'
+                f'\n{case.run}'
             )
         else:
             yield f'The model holds on these recordings. Run it:\n{case.run}'

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import shlex
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +19,15 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, LOOSE_SHARE, run_command
+from wrist_ft_comp.report.advice import (
+    advise,
+    Case,
+    compensate_command,
+    cover,
+    Coverage,
+    LOOSE_SHARE,
+    run_command,
+)
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -192,6 +201,7 @@ def calibration_content(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()), loose=loose,
+        run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY']),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, first = _FIGURES, next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
@@ -263,12 +273,16 @@ def evaluation_content(
             loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
+    # A table and a model of tables name no topics.
+    run = run_command(topics or stored.topics, stored.path)
+    if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
+        run = compensate_command(stored.path, paths[0])
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()),
         beyond=beyond, loose=loose,
-        run=run_command(topics or stored.topics, stored.path) if is_another_day else '',
+        run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
