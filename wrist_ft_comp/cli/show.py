@@ -180,8 +180,11 @@ def _recording_lines(
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
-    yield f'{summary.name}: {summary.kind}, {span}'
-    yield table(header, rows)
+    if summary.is_open:  # nothing of it was read
+        yield f'{summary.name}: {summary.kind}'
+    else:
+        yield f'{summary.name}: {summary.kind}, {span}'
+        yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.
