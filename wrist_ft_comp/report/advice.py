@@ -16,7 +16,6 @@ from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
 from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.thermometer_faults import EXCHANGE_SIGN
 
 #: Where the node hears an IMU, unless it is remapped.
 IMU_TOPIC = 'imu'
@@ -39,6 +38,9 @@ LOOSE_SHARE = 0.5
 SAME_K = 0.5
 #: What a calibration warns of where a load that was declared still moves (fit/segments.py).
 _MOTION = 'swings around its levels'
+#: What an evaluation warns of where thermometers are exchanged (stream/thermometer_faults.py).
+_EXCHANGED = 'read what is expected of each other'
+#: What helps where a model does not know enough.
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
@@ -147,7 +149,7 @@ def advise(case: Case) -> tuple[str, ...]:
     ]
     if case.learnt_c:
         none_is_good = poor and {*case.levels.values()} <= {'weak', 'harmful', 'uncalibrated'}
-        doubted = any(EXCHANGE_SIGN in warning for warning in case.warnings)
+        doubted = any(_EXCHANGED in warning for warning in case.warnings)
         if doubted or (none_is_good and len(case.learnt_c) > 1):
             steps.append(
                 'Are the thermometers in the order of the model? Where two are exchanged, every '

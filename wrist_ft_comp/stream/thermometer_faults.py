@@ -41,8 +41,6 @@ AGREED_S = 1800.0
 #: Two may be exchanged where both are farther from their predictions than this many times what a
 #: healthy one is.
 EXCHANGED = 2.0
-#: By this a warning of exchanged thermometers is known.
-EXCHANGE_SIGN = 'read what is expected of each other'
 #: Predictions are compared after a relaxation with this time constant, s, against their noise.
 _SMOOTHING_S = 60.0
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -363,7 +361,7 @@ def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> lis
         near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
         if near[[i, j]].all():
             sentences.append(
-                f'thermometers {i + 1} and {j + 1} {EXCHANGE_SIGN}; are their plugs, topics or '
-                'columns exchanged? The drift is wrong until that is mended'
+                f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
+                'plugs, topics or columns exchanged? The drift is wrong until that is mended'
             )
     return sentences
