@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -77,7 +78,8 @@ def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, flo
     """Give what a node would have said of replaced thermometers, and in which share of cells."""
     said, judged = Counter[str](), 0
     for state in judge(model, recording.temperature_c, recording.measured):
-        said.update(state.sentences)
+        # Why it was replaced; how long it has agreed since then changes with every cell.
+        said.update(replace(state, agreed_s=np.zeros_like(state.agreed_s)).sentences)
         judged += 1
     return {sentence: count / judged for sentence, count in said.items()}
 
