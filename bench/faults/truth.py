@@ -37,8 +37,8 @@ GRACE_S, NAMED_S = 60.0, 30.0
 #: Hours are quiet this long after the last event, s.
 QUIET_S = 3600.0
 #: For this long behind events that touch these, s, a status may say what a model remembers of
-#: them, by these words: three of its slowest time constants.
-REMEMBERED_S = 9000.0
+#: them, by these words: four of its slowest time constants.
+REMEMBERED_S = 12000.0
 REMEMBERING = {'thermometer', 'clock', 'node'}
 REMEMBERED = 'thermal state|model remembers'
 #: Mean time between events, s.
