@@ -127,7 +127,8 @@ class Oracle:
             remembers = now_s - self.remembers_s < REMEMBERED_S
             kind = ''
             for sentence in text.split('; ') if quiet_s and text else []:
-                if not (remembers and re.search(REMEMBERED, sentence)):
+                is_remembered = remembers and re.search(REMEMBERED, sentence)
+                if sentence not in self._warned and not is_remembered:
                     kind = 'false warning'
             self._note(kind, f'{self.last if kind else "statuses"}: {said or "all OK"}')
         self._warned = text
