@@ -152,12 +152,11 @@ def test_hooks_before_a_commit_run_what_make_lint_runs():
 
 
 def test_the_figures_of_the_readme_stand_in_accuracy():
-    """Shares of its first table, and errors in N, as the tables with their commands have them."""
-    table = (ROOT / 'README.md').read_text('utf-8').partition('| drift that is left')[2]
-    accuracy = (ROOT / 'docs/accuracy.md').read_text('utf-8')
-    figures = re.findall(r'\| ([\d.]+) (%|N) (?=\|)', table.partition('\n\n')[0])
-    assert len(figures) == 6
-    for figure, unit in figures:
-        if figure != '100':
-            text = f'{float(figure) / 100:.3f}' if unit == '%' else f'{figure} ('
-            assert text in accuracy, figure
+    readme, accuracy = (
+        (ROOT / name).read_text('utf-8') for name in ('README.md', 'docs/accuracy.md')
+    )
+    table = readme.partition('| drift that is left')[2].partition('\n\n')[0]
+    shares, errors = (re.findall(rf'([\d.]+) {unit} (?=\|)', table) for unit in ('%', 'N'))
+    texts = [f'{float(share) / 100:.3f}' for share in shares if share != '100']
+    for text in (*texts, *(f'{error} (' for error in errors)):
+        assert text in accuracy, text

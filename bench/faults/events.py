@@ -205,6 +205,7 @@ def _events() -> Iterator[tuple[str, Event]]:
     for kind, words, least_s, most_s in (
         ('frozen', 'frozen', 20, 900), ('zeros', 'frozen|zero', 20, 900),
         ('saturated', 'saturated', 30, 600), ('pulses', 'saturated', 120, 300),
+        ('stuck', 'one value', 30, 600),
         ('nan', 'NaN|unusable', 20, 300), ('silent', 'no raw wrenches', 20, 900),
         ('unstamped', 'stamp', 20, 600), ('mixed', 'publisher', 70, 300),
     ):  # fmt: skip

@@ -326,6 +326,8 @@ class Robot:
         how, raw = self.wrench, self.unit * self.turn @ clean
         if how == 'saturated' or (how == 'pulses' and self.steady_s % 8 < 4):
             raw[0] = EXTREME_N
+        if how == 'stuck':
+            raw[2] = self.frozen_n[2]
         if how == 'mixed' and round(self.steady_s * 10) % 3 == 0:
             raw = 0.2 * raw
         if how != 'frozen':

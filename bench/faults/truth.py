@@ -37,8 +37,8 @@ GRACE_S, NAMED_S = 60.0, 30.0
 #: Hours are quiet this long after the last event, s.
 QUIET_S = 3600.0
 #: For this long behind events that touch these, s, a status may say what a model remembers of
-#: them, by these words: three of its slowest time constants.
-REMEMBERED_S = 9000.0
+#: them, by these words: four of its slowest time constants.
+REMEMBERED_S = 12000.0
 REMEMBERING = {'thermometer', 'clock', 'node'}
 REMEMBERED = 'thermal state|model remembers'
 #: Mean time between events, s.
@@ -127,7 +127,8 @@ class Oracle:
             remembers = now_s - self.remembers_s < REMEMBERED_S
             kind = ''
             for sentence in text.split('; ') if quiet_s and text else []:
-                if not (remembers and re.search(REMEMBERED, sentence)):
+                is_remembered = remembers and re.search(REMEMBERED, sentence)
+                if sentence not in self._warned and not is_remembered:
                     kind = 'false warning'
             self._note(kind, f'{self.last if kind else "statuses"}: {said or "all OK"}')
         self._warned = text

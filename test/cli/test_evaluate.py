@@ -112,16 +112,14 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
 
 
 def test_exchanged_columns_are_noticed(done, make, pair_model, tmp_path):
-    columns = lagged_pair(11)
-    right = make.csv(tmp_path / 'right.csv', columns)
-    swapped = dict(columns, temperature_c=columns['temperature_2_c'])
-    swapped['temperature_2_c'] = columns['temperature_c']
-    wrong = make.csv(tmp_path / 'wrong.csv', swapped)
-    for path, exchanged in ((right, False), (wrong, True)):
+    columns, names = lagged_pair(11), ['temperature_c', 'temperature_2_c']
+    for order in (1, -1):
+        swapped = columns | dict(zip(names, [columns[n] for n in names[::order]], strict=True))
+        path = make.csv(tmp_path / f'{order}.csv', swapped)
         judged = json.loads(done('evaluate', pair_model, path, '--json'))
         warned = 'thermometers 1 and 2 read what is expected' in ' '.join(judged['warnings'])
         asked = judged['advice'][0].startswith('Are the thermometers in the order of the model?')
-        assert (warned, asked) == (exchanged, exchanged)
+        assert warned == asked == (order == -1)
 
 
 def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):
@@ -192,6 +190,5 @@ def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, t
     assert 'is above the limit of' in judged['verdicts']['force_z']['why']
     assert 'holds' not in ' '.join(judged['advice'])
     assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). See in the report' in said
-    assert '--report) when the error began: ' in said
     assert outcome.out.count('largest error is above') == 1
     assert 'torque' not in said

@@ -84,7 +84,7 @@ def fail_with(error):
 
 def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
     error = RecordingError('First\nsecond\n  third.. See ../x..')
-    monkeypatch.setattr('wrist_ft_comp.cli.show.describe.describe_recording', fail_with(error))
+    monkeypatch.setattr('wrist_ft_comp.cli.recording_summary.describe_recording', fail_with(error))
     assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third. See ../x.'
 
 
@@ -113,7 +113,9 @@ def test_json_holds_an_error_of_the_system(run, drift_csv, monkeypatch):
     for error, expected in (
         (full, (1, 'operating_system')), (KeyboardInterrupt(), (130, 'interrupted')),
     ):  # fmt: skip
-        monkeypatch.setattr('wrist_ft_comp.cli.show.describe.describe_recording', fail_with(error))
+        monkeypatch.setattr(
+            'wrist_ft_comp.cli.recording_summary.describe_recording', fail_with(error)
+        )
         outcome = run('show', drift_csv, '--json')
         assert (outcome.code, json.loads(outcome.out)['error']['kind']) == expected
 

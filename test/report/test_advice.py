@@ -13,16 +13,7 @@ from scipy.signal import lfilter
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.report.advice import advise, Case, cover, run_command
-from wrist_ft_comp.simulation.ft_sensor import (
-    build_sensor,
-    digitised_temperatures,
-    draw_run,
-    drive,
-    FtSensorSettings,
-    RunSettings,
-    start,
-    trajectory,
-)
+from wrist_ft_comp.simulation import ft_sensor
 
 HOUR = 360  # cells of 10 s
 
@@ -60,13 +51,6 @@ def test_time_without_a_wrench_is_not_counted(make_recording):
     assert 'recordings go from 20 to 35 °C. If the robot gets colder' in advice(coverage)
 
 
-def test_the_thermometer_that_spans_most_leads(seen):
-    flat, hot = np.full(HOUR, 21.0), ramp(21, 45)
-    coverage = seen(np.stack((flat, hot), axis=1))
-    assert coverage.leading == 1
-    assert 'from 21 to 45 °C at thermometer 2' in advice(coverage)
-
-
 NOISE = np.random.default_rng(1).normal(0, 0.2, HOUR)
 PAIR = np.stack((ramp(20, 30), ramp(20, 40)), axis=1)
 BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
@@ -74,6 +58,10 @@ BOTH_WAYS = np.concatenate((ramp(20, 35), ramp(35, 25)))
 WARM_UP = 20 + 12 * (1 - np.exp(-np.maximum(np.arange(HOUR) - 60, 0) / 200)) + NOISE / 10
 #: One that works from its first minute on: it rises at once, but faster later.
 AT_ONCE = 20 + 12 * lfilter([0.01], [1, -0.99], 1 - np.exp(-np.arange(HOUR) / 60)) + NOISE / 10
+#: Of an evaluation, where two thermometers stayed in their range.
+JUDGED = {'learnt_c': [(0.0, 50.0)] * 2}
+BEYOND = {'levels': {'force_z': 'weak'}, 'beyond': {'force_z': 'force_z 3 N (limit 0.3)'}}
+LOOSE = {'loose': ['force_x', 'force_z'], 'run': 'run x'}
 #: Temperatures, what else is known, and a part of what is asked for, or of what is not.
 ASKED = [
     (ramp(20, 35) + NOISE, {}, 'Let it cool down', ''),
@@ -84,25 +72,32 @@ ASKED = [
     (WARM_UP[HOUR // 2 :], {'levels': {'force_x': 'good'}}, '', 'beginning of the warm-up'),
     (WARM_UP, {'levels': {'force_x': 'weak'}}, '', 'beginning of the warm-up'),
     (AT_ONCE, {'levels': {'force_x': 'weak'}}, '', 'beginning of the warm-up'),
-    (
-        WARM_UP[HOUR // 2 :],
-        {'levels': {'force_x': 'weak'}, 'learnt_c': [(20.0, 35.0)]},
-        '',
-        'beginning of the warm-up',
-    ),
+    (WARM_UP[HOUR // 2 :], JUDGED | {'levels': {'force_x': 'weak'}}, '', 'beginning of the warm'),
+    (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'uncalibrated'}}, 'order of', ''),
+    (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'the order of'),
+    (ramp(20, 35), {'levels': {'force_x': 'weak'}, 'learnt_c': [(0.0, 50.0)]}, '', 'order of'),
     (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak'}}, 'The 2 thermometers do not explain force_x', ''),
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
+    (PAIR, {}, 'from 20 to 40 °C at thermometer 2', ''),
     (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
     (ramp(20, 35), {}, 'A lag can only be measured if the sensor also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),
     (ramp(20, 35), {'hours': (2.0, 2.0)}, '', 'second day'),
+    (ramp(20, 35), {'learnt_c': [(20.0, 30.0)], 'run': 'run x'}, '1 left the range', 'holds'),
+    (ramp(20, 35), {'learnt_c': [(25.0, 40.0)], 'run': 'run x'}, '1 left the range', 'holds'),
+    (ramp(20, 35), JUDGED | {'run': 'run x'}, 'recordings. Run it:\nrun x', ''),
+    (ramp(20, 35), JUDGED | {'levels': {'force_x': 'good', 'force_z': 'weak'}}, '_z well:', ''),
+    (ramp(20, 35), BEYOND | {'learnt_c': [(20.0, 30.0)]}, '0.3). In these', 'not explain'),
+    (ramp(20, 35), BEYOND | JUDGED, 'force_z 3 N (limit 0.3). See in the report', 'left the'),
+    (ramp(20, 35), LOOSE | JUDGED, 'force_x and force_z is unknown or as large', 'holds'),
+    (ramp(20, 35), LOOSE | JUDGED, 'Until then:\nrun x', ''),
     (ramp(20, 35), {'run': 'evaluate m.yaml DAY'}, 'not seen:\nevaluate m.yaml DAY', ''),
     (ramp(20, 35), {'loose': ['force_z']}, 'limit of force_z is more than half', 'second day'),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(('temperature_c', 'known', 'asked', 'not_asked'), ASKED)
@@ -121,50 +116,16 @@ def test_warming_and_cooling_are_those_of_one_recording(seen):
 def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
     make_recording, seed, thermometer
 ):
-    sensor, rng = build_sensor(FtSensorSettings(), seed), np.random.default_rng(seed)
-    duty = RunSettings(duty_start_s=(0.0, 600.0), duty_level=(0.0, 0.9))
-    driven = drive(draw_run(duty, rng), np.arange(5400.0))
-    nodes_c = trajectory(sensor, start(sensor, driven[0, 1]), driven)[:-1:10]
-    read_c = digitised_temperatures(sensor, nodes_c, rng)[:, thermometer]
+    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), seed)
+    rng = np.random.default_rng(seed)
+    duty = ft_sensor.RunSettings(duty_start_s=(0.0, 600.0), duty_level=(0.0, 0.9))
+    driven = ft_sensor.drive(ft_sensor.draw_run(duty, rng), np.arange(5400.0))
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, driven[0, 1]), driven)[:-1:10]
+    read_c = ft_sensor.digitised_temperatures(sensor, nodes_c, rng)[:, thermometer]
     for begin in (0, 240):  # cells of 10 s
         part = read_c[begin:]
         k_per_h = cover([make_recording(part, unloaded(len(part)))]).begins_k_per_h
         assert (k_per_h > 2.0) == bool(begin), k_per_h
-
-
-def test_an_evaluation_beyond_the_model_says_so_and_one_that_holds_what_to_run(seen):
-    coverage, model = seen(ramp(20, 35)), {'run': 'ros2 run x'}
-    for learnt_c in ((20.0, 30.0), (25.0, 40.0)):
-        assert 'thermometer 1 left the range' in advice(coverage, learnt_c=[learnt_c], **model)
-    said = advice(coverage, learnt_c=[(20.0, 35.0)], **model)
-    assert said == 'The model holds on these recordings. Run it:\nros2 run x'
-    loose = advice(coverage, learnt_c=[(20.0, 35.0)], loose=['force_x', 'force_z'], **model)
-    assert loose.startswith('The limit of force_x and force_z is unknown or as large as the drift')
-    assert loose.endswith('Until then:\nros2 run x')
-    assert 'holds' not in loose
-    weak = {'force_x': 'good', 'force_z': 'weak'}
-    for learnt_c, said in (((20.0, 30.0), True), ((20.0, 35.0), False)):
-        beyond = {'force_z': 'force_z 3 N (limit 0.3)'}
-        text = advice(coverage, weak, learnt_c=[learnt_c], beyond=beyond, **model)
-        assert text.startswith('The largest error is above the limit')
-        assert 'force_z 3 N (limit 0.3).' in text
-        assert ('thermometer 1 left the range' in text) == said
-        assert '\n' not in text, 'a thermometer is not what is missing'
-    poor = advice(coverage, weak, learnt_c=[(20.0, 35.0)], **model)
-    assert poor.startswith('One thermometer does not explain force_z well: heat enters at')
-
-
-@pytest.mark.parametrize(
-    ('temperature_c', 'level', 'asked'),
-    [(PAIR, 'weak', True), (PAIR, 'good', False), (ramp(20, 35), 'weak', False)],
-)
-def test_where_no_axis_is_good_the_order_of_thermometers_is_asked_for(
-    seen, temperature_c, level, asked
-):
-    levels = {'force_x': level, 'force_y': 'weak', 'force_z': 'uncalibrated'}
-    learnt_c = [(0.0, 50.0)] * seen(temperature_c).range_c.shape[0]
-    text = advice(seen(temperature_c), levels, learnt_c=learnt_c)
-    assert text.startswith('Are the thermometers in the order of the model?') == asked
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
     model = replace(make_model(axes, range_c=(15.0, 40.0)), deviation={'force_z': 0.02})
     rng, stated = np.random.default_rng(0), set()
     before_c = 20.0 + np.interp(np.arange(1200), [0, 600, 1200], [0, 6, 0])
-    for gap_s in (70, *[2000] * 8):
+    for gap_s in (70, *[1700] * 8):
         rates = 0.01 * rng.choice([-1, 1], gap_s // 100 + 1)
         path_c = 20.0 + np.cumsum(np.repeat(rates, 100)[:gap_s])
         all_c = np.concatenate((before_c, path_c, np.full(3000, path_c[-1])))
@@ -188,6 +188,19 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
             assert 0.95 * apart_n < off_n < 4 * apart_n
         compensator.set_tare(np.zeros(6), START + 75 * SECOND)
         assert ['uncertain' in d for d in compensator.zero_doubts] == [True] * is_said
+
+
+@pytest.mark.parametrize(('morning_c', 'is_doubted'), [(22.0, False), (35.0, True)])
+def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning_c, is_doubted):
+    axes = {'force_z': (0.4, 0.0, 600.0)}
+    model = replace(make_model(axes, range_c=(20.0, 60.0)), deviation={'force_z': 0.02})
+    evening, morning = (Compensator(1, model=model) for _ in range(2))
+    for second in range(1200):
+        evening.add_temperature(0, START + second * SECOND, 22.0 + second / 100)
+    morning.resume(evening.memory(), 12 * 3600.0)
+    for second in range(12 * 3600, 12 * 3600 + 70):
+        morning.add_temperature(0, START + (1200 + second) * SECOND, morning_c)
+    assert bool(morning.gap_doubts()) == is_doubted
 
 
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):

@@ -174,8 +174,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     silent = [replace(recording, measured=heard)]
     sentences += silent_stretches(silent)
-    doubts = thermometer_doubts(stored.model, recording)
-    doubts |= exchange_doubts(stored.model, recording)
+    doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
         for doubt, share in doubts.items()

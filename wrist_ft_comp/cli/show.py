@@ -180,10 +180,9 @@ def _recording_lines(
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
-    if summary.is_open:  # nothing of it was read
-        yield f'{summary.name}: {summary.kind}'
-    else:
-        yield f'{summary.name}: {summary.kind}, {span}'
+    head = f'{summary.name}: {summary.kind}'
+    yield head if summary.is_open else f'{head}, {span}'
+    if not summary.is_open:  # of one that is, nothing was read
         yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:

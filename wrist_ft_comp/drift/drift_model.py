@@ -145,7 +145,7 @@ def check_sensor(stored: StoredModel, sensor: SensorNames, where: str = 'here') 
     found = differences({f'in {name}': stored.sensor, where: sensor})
     warning = (
         f'The model may be of another sensor: {found}. Calibrate this one; or, if only names were '
-        f'changed, write the new ones below provenance in {name}.'
+        f'changed, write the new ones below provenance in {name}, and tare again afterwards.'
     )
     return (warning,) if found else ()
 

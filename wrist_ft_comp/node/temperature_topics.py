@@ -296,18 +296,21 @@ class TemperatureInput(Part):
         """Say which thermometers can't be read or are silent, and why, where that is known."""
         limit_s = self.compensator.settings.temperature_timeout_s
         problems = {j: why for topic in self.by_topic for j, why in topic.problems.items()}
-        drift = 'drift is held' if self.compensator.compensating else 'drift waits for it'
+        drift = 'nothing is compensated until then'
+        if self.compensator.compensating:
+            drift = 'drift is held'
         silent, grid = [], self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):
             topic, heard_s = thermometer.topic, thermometer.heard_s
+            effect = 'it is predicted' if j in self._tracker.replaced else drift
             if j in problems:
-                yield f'thermometer {j + 1}: {problems[j]}; {drift}'
+                yield f'thermometer {j + 1}: {problems[j]}; {effect}'
             elif heard_s is None:
                 why = self.hub.incompatible.get(thermometer.source.topic, '')
                 if not self.hub.count_publishers(topic):
                     why = unpublished(self.hub, topic, TEMPERATURE)
                 why = why or f'the publisher of {topic} sends nothing'
-                yield f'thermometer {j + 1} has not reported: {why}; {drift}'
+                yield f'thermometer {j + 1} has not reported: {why}; {effect}'
             else:
                 spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS
                 is_silent = time.monotonic() - heard_s > max(limit_s, 2 * spacing_s)

@@ -36,11 +36,10 @@ _ONE_WAY_SHARE = 0.2
 LOOSE_SHARE = 0.5
 #: Temperatures that leave a range by less than this do not leave it, K.
 SAME_K = 0.5
-#: What a calibration warns of where a load that was declared still moves (fit/segments.py).
+#: What is warned of where a load moves (fit/segments.py), and where thermometers are exchanged
+#: (stream/thermometer_faults.py).
 _MOTION = 'swings around its levels'
-#: What an evaluation warns of where thermometers are exchanged (stream/thermometer_faults.py).
 _EXCHANGED = 'read what is expected of each other'
-#: What helps where a model does not know enough.
 _CALIBRATE_AGAIN = 'Calibrate again with these recordings among the others.'
 
 
@@ -75,8 +74,8 @@ def cover(recordings: Sequence[Recording]) -> Coverage:
     risen_k, fallen_k = (max(float((sign * k).clip(0).sum()) for k in moves) for sign in (1, -1))
     # A warm-up begins slowly; one that rises fastest at once began earlier.
     begins_k = [k[0] for k in moves if len(k) > 1 and k[0] == k.max()]
-    begins_k_per_h = max(begins_k, default=0.0) * 3600 / _TREND_S
-    return Coverage(range_c, leading, risen_k, fallen_k, begins_k_per_h)
+    steepest_k_per_h = max(begins_k, default=0.0) * 3600 / _TREND_S
+    return Coverage(range_c, leading, risen_k, fallen_k, steepest_k_per_h)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +103,6 @@ class Case:
     beyond: Mapping[str, str] = field(default_factory=dict)
     #: Good axes whose limit says nothing: it is unknown, or large beside the drift.
     loose: Sequence[str] = ()
-
-
-def compensate_command(model: object, table: object) -> str:
-    """Write the command that corrects a table, and say what the node needs."""
-    command = shlex.join(['wrist_ft_comp', 'compensate', str(model), str(table)])
-    return f'{command} -o compensated.csv --tare 60\nA live node needs its topics by name.'
 
 
 def run_command(topics: Topics, model: object) -> str:

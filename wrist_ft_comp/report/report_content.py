@@ -18,16 +18,8 @@ from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
+from wrist_ft_comp.report import advice as advices
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import (
-    advise,
-    Case,
-    compensate_command,
-    cover,
-    Coverage,
-    LOOSE_SHARE,
-    run_command,
-)
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -109,7 +101,7 @@ class ReportContent:
     #: Which the errors are of, with the same thermometers.
     recordings: Sequence[Recording]
     #: Temperatures and loads of these.
-    coverage: Coverage
+    coverage: advices.Coverage
     #: How the errors came about.
     explanation: str
     #: In axis order.
@@ -166,7 +158,7 @@ def calibration_content(
     """Fill a report's content from a calibration."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
-    coverage = cover(recordings if work is None else work.drift)
+    coverage = advices.cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
     held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
@@ -197,9 +189,9 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         is_weak = verdict.level == 'uncalibrated' and drifts
         levels[axis] = 'weak' if is_weak else verdict.level
-        if verdict.level == 'good' and fit.day_limit > LOOSE_SHARE * fit.largest_drift:
+        if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
             loose.append(axis)
-    case = Case(
+    case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()), loose=loose,
@@ -217,7 +209,7 @@ def calibration_content(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         legend=f'{legend} {verdicts.conditions_of_another_day(calibration)}'.strip(),
         explanation=explain_folds(first, recordings, reference),
-        axes=tuple(axes), advice=advise(case),
+        axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
         caption=caption, payloads=calibration.payloads,
         at_work='' if work is None else _at_work(work))  # fmt: skip
@@ -237,7 +229,7 @@ def evaluation_content(
     (by default the model's own).
     """
     recordings = [judged.recording for judged in evaluated]
-    coverage, period_s = cover(recordings), averaged_s(stored.model)
+    coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
     # Means of cells: their middles and errors, all recordings together.
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
@@ -271,22 +263,22 @@ def evaluation_content(
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
-            largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
+            largest = f'{rounded(errors.max_after)} {evidence.unit}'
             beyond[axis] = f'{axis} {largest} (limit {rounded(limit)})'
         elif verdict.level == 'good' and not limit < errors.max_before:
             loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     # A table and a model of tables name no topics.
-    run = run_command(topics or stored.topics, stored.path)
+    run = advices.run_command(topics or stored.topics, stored.path)
     if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
-        run = compensate_command(stored.path, paths[0])
+        compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
+        run = f'{compensate} -o compensated.csv --tare 60\nA live node needs its topics by name.'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
-    case = Case(
+    case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, loose=loose,
-        run=run if is_another_day else '',
+        beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
@@ -296,7 +288,7 @@ def evaluation_content(
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{period_s:g} s. Reference: {", ".join(references)}.',
         legend=_FIGURES + (limits if np.isfinite([a.day_limit for a in axes]).any() else ''),
-        axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
+        axes=tuple(axes), advice=advices.advise(case), warnings=tuple(warnings))  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:

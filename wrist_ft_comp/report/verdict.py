@@ -122,10 +122,8 @@ def judge(evidence: Evidence) -> Verdict:
     if not evidence.promised:
         doubts.append('the limit for another day is not known, so record one more day')
     if evidence.peak > evidence.limit:
-        doubts.append(
-            f'its largest error, {rounded(evidence.peak)} {evidence.unit}, is above the limit of '
-            f'{rounded(evidence.limit)} {evidence.unit}'
-        )
+        peak, limit = rounded(evidence.peak), rounded(evidence.limit)
+        doubts.append(f'its largest error, {peak} {evidence.unit}, is above the limit of {limit}')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
     if is_noise:

@@ -12,6 +12,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.rclpy_internals import Stop
@@ -35,6 +36,7 @@ def run_node(
         sys.stdout.write(usage())
         return 0
     context, stop = Context(), Stop()
+    logger: Any = get_logger('wrist_ft_comp')
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
@@ -50,6 +52,11 @@ def run_node(
                 '\'["/state:data[0]"]\'. In the environment, ROS_LOG_DIR or ROS_HOME must be a '
                 'folder that can be written, and ROS_DOMAIN_ID a number.'
             ) from error
+        if strays := remove_ros_args(words)[1:]:
+            logger.warning(
+                f'{" ".join(strays)} is ignored: what a node is told stands behind --ros-args, '
+                'such as --ros-args -p model_file:=model.yaml'
+            )
         with ExitStack() as stack:  # taken down in the order that does not abort
             node: Any = factory(context=context)
             stack.callback(node.destroy_node)
@@ -65,7 +72,6 @@ def run_node(
         return 0
     except (WristFtCompError, *ROS_REFUSALS) as error:
         # What a user can cause and mend; anything else is a fault of ours and keeps its traceback.
-        logger: Any = get_logger('wrist_ft_comp')
         logger.fatal(str(error))
         return 1
     finally:

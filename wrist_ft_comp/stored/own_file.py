@@ -159,7 +159,12 @@ class Output:
         filled = path.is_file() and (path.stat().st_size > 0 or not self.begins)
         promises_other = ending in _PROMISING.split() and ending not in self.endings.split()
         # Two paths may lead to one file, spelt differently or by links.
-        same = [one for one in others if os.path.realpath(one) == os.path.realpath(path)]
+        same = [
+            one
+            for one in others
+            if os.path.realpath(one) == os.path.realpath(path)
+            or (path.exists() and one.exists() and path.samefile(one))
+        ]
         if same:
             reason = f'it is the same file as {same[0]}'
         elif path.is_dir():

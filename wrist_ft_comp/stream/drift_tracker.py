@@ -19,6 +19,7 @@ from wrist_ft_comp.stream.thermal_memory import (
     SPAN_S,
     ThermalMemory,
     Uncertainty,
+    warmest_room_c,
     why_forgotten,
 )
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
@@ -181,6 +182,9 @@ class DriftTracker:
         # The model remembers what was predicted of a thermometer, and what nobody knows of a gap.
         if agreed_k.any():
             self._doubt(self.effect(agreed_k))
+        # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
+        if self.model is not None and gap_s > self.memory_s:
+            is_doubtful = bool((believed_c > warmest_room_c(self.model)).any())
         if is_doubtful and self.model is not None and state_before is not None and len(history_c):
             bounds = bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -77,7 +78,8 @@ def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, flo
     """Give what a node would have said of replaced thermometers, and in which share of cells."""
     said, judged = Counter[str](), 0
     for state in judge(model, recording.temperature_c, recording.measured):
-        said.update(state.sentences)
+        # Why it was replaced; how long it has agreed since then changes with every cell.
+        said.update(replace(state, agreed_s=np.zeros_like(state.agreed_s)).sentences)
         judged += 1
     return {sentence: count / judged for sentence, count in said.items()}
 
@@ -88,13 +90,11 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
         return {}
     # They are exchanged for long: a look once a minute is enough.
     every = max(round(60 / recording.period_s), 1)
-    readings_c = recording.temperature_c[::every]
+    time_s, readings_c = every * recording.period_s, recording.temperature_c[::every]
     heard = np.ones(recording.thermometers, dtype=bool)
     state, said = thermometer_faults.start(prediction, readings_c[0]), Counter[str]()
     for reading_c in readings_c:
-        state = thermometer_faults.step(
-            prediction, state, reading_c, heard, every * recording.period_s, 0.0
-        )
+        state = thermometer_faults.step(prediction, state, reading_c, heard, time_s, 0.0)
         said.update(thermometer_faults.exchanged(prediction, state))
     return {sentence: count / len(readings_c) for sentence, count in said.items()}
 

@@ -60,8 +60,8 @@ class TareCollector:
             raise TareRefusedError(
                 f'The tare was to last {self._duration_ns / NANOSECONDS:g} s by the stamps of the '
                 f'wrench (tare.duration); {len(self._wrenches)} wrenches came, of '
-                f'{self.lasted_ns / NANOSECONDS:.3g} s. Look whether the sensor publishes on '
-                'wrench_raw, and call again.'
+                f'{self.lasted_ns / NANOSECONDS:.3g} s. Look at the status input, and call '
+                'again.'
             )
         wrenches = np.array(self._wrenches)
         with np.errstate(all='ignore'):

@@ -42,10 +42,10 @@ OUTAGE_S = 5.0
 #: A saved history is averaged over this time, s, so that it takes a few kilobytes; and over it is
 #: measured how fast temperatures move.
 SPAN_S = 60.0
-#: Temperatures that move by less over SPAN_S stand still, K: rooms and rounding move by 0.1 each.
-_MOVES_K = 0.3
+#: Temperatures that move by less over SPAN_S stand still, K: rooms, or rounding, move by 0.1.
+_MOVES_K = 0.15
 #: A room is warmer by this on one day than on another, K.
-ROOMS_K = 5.0
+_ROOMS_K = 5.0
 #: Steps of a path that temperatures may have taken in a gap: more change the bound by percents.
 _PATH_STEPS = 64
 
@@ -162,6 +162,12 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
     return np.stack([drift_model.step(model, end, after_c)[1].zero for end in ends])
 
 
+def warmest_room_c(model: DriftModel) -> FloatArray:
+    """Give what thermometers may read in a room, °C, (J,), by the coldest of the calibration."""
+    coldest_c = [axis.range_c[0] for axis in model.axes.values()]
+    return np.asarray(np.min(coldest_c, axis=0) + _ROOMS_K)
+
+
 def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> FloatArray:
     """
     Bound how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
@@ -178,9 +184,8 @@ def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> Floa
     remembered = round(memory_s * NANOSECONDS / model.period_ns)
     cells = max(remembered // _PATH_STEPS, 1)
     before = np.arange(remembered, 0, -cells)[:, np.newaxis]
-    ranges_c = np.array([axis.range_c for axis in model.axes.values()])
-    coldest_c = np.minimum(ranges_c[:, 0].min(axis=0) + ROOMS_K, start_c[0])
-    hottest_c = np.maximum(ranges_c[:, 1].max(axis=0), start_c[0])
+    coldest_c = np.minimum(warmest_room_c(model), start_c[0])
+    hottest_c = np.max([start_c[0], *(axis.range_c[1] for axis in model.axes.values())], axis=0)
     path_c = np.clip(start_c[0] - rate_k * before, coldest_c, hottest_c)
     soaked = drift_model.at_rest(model, start_c[: model.start_cells])
     moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)

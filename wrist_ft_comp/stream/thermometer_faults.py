@@ -256,12 +256,20 @@ class ThermometerState:
     @property
     def sentences(self) -> list[str]:
         """Say which thermometers are replaced and why, and what the drift follows."""
-        return [
-            f'thermometer {number} {why}; what the others predict of it is used until it agrees '
-            'again'
-            for number, why in enumerate(self.reasons, start=1)
-            if why
-        ]
+        sentences, minutes = [], AGREED_S / 60
+        for number, why in enumerate(self.reasons, start=1):
+            agreed_s = self.agreed_s[number - 1]
+            if why and agreed_s > 0:
+                sentences.append(
+                    f'thermometer {number} agrees with what the others predict of it since '
+                    f'{agreed_s / 60:.0f} min; it is believed again after {minutes:.0f} min'
+                )
+            elif why:
+                sentences.append(
+                    f'thermometer {number} {why}; what the others predict of it is used until it '
+                    f'agrees with that for {minutes:.0f} min'
+                )
+        return sentences
 
 
 def start(

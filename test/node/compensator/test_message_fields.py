@@ -176,4 +176,4 @@ def test_a_misspelt_topic_is_named_and_the_one_that_is_probably_meant(rig, drive
     assert f'thermometer 1 has not reported: {node.topic("heat")} has no publisher' in said
     assert f'or is {node.topic("temperature")}, a sensor_msgs/Temperature, meant?)' in said
     assert f'thermometer 2: {node.topic("state")} has no publisher' in said
-    assert said.endswith('; drift waits for it')
+    assert said.endswith('; nothing is compensated until then')
