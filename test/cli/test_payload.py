@@ -104,7 +104,7 @@ def test_a_day_is_judged_on_what_is_quiet(days, done, model):
 def test_a_day_is_judged_as_its_model_was_learnt_where_no_reference_is_named(days, done, model):
     """A good model seemed weak."""
     argv = 'evaluate', model, days[2]
-    assert ' -p gravity.source:=imu\n' in done(*argv), 'the node needs it for the payloads'
+    assert ' -p gravity.source:=imu.' in done(*argv), 'the node needs it for the payloads'
     assert json.loads(done(*argv, '--json')) == json.loads(
         done(*argv, '--reference', 'payload', '--json')
     )

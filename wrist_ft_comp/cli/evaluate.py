@@ -172,8 +172,7 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
     heard = recording.measured
     if stored.model.prediction is not None:  # one that is silent is predicted by the others
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
-    silent = [replace(recording, measured=heard)]
-    sentences += silent_stretches(silent)
+    sentences += silent_stretches([replace(recording, measured=heard)])
     doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'

@@ -270,10 +270,12 @@ def evaluation_content(
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
     # A table and a model of tables name no topics.
-    run = advices.run_command(topics or stored.topics, stored.path)
+    topics = topics or stored.topics
+    run = advices.run_command(topics, stored.path)
     if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
-        run = f'{compensate} -o compensated.csv --tare 60\nA live node needs its topics by name.'
+        gravity = f' and -p gravity.source:={topics.force_source}' if topics.force_source else ''
+        run = f'{compensate} -o compensated.csv --tare 60\nFor a live node, name the topics{gravity}.'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},

@@ -88,8 +88,7 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
     """Give what a node would have said of exchanged thermometers, and how often, in shares."""
     if (prediction := model.prediction) is None:
         return {}
-    # They are exchanged for long: a look once a minute is enough.
-    every = max(round(60 / recording.period_s), 1)
+    every = max(round(60 / recording.period_s), 1)  # a look once a minute is enough
     time_s, readings_c = every * recording.period_s, recording.temperature_c[::every]
     heard = np.ones(recording.thermometers, dtype=bool)
     state, said = thermometer_faults.start(prediction, readings_c[0]), Counter[str]()
