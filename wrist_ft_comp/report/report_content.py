@@ -275,7 +275,7 @@ def evaluation_content(
     if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
         gravity = f' and -p gravity.source:={topics.force_source}' if topics.force_source else ''
-        run = f'{compensate} -o compensated.csv --tare 60\nFor a live node, name the topics{gravity}.'
+        run = f'{compensate} -o compensated.csv --tare 60\nFor a node, name the topics{gravity}.'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
