@@ -149,3 +149,14 @@ def test_hooks_before_a_commit_run_what_make_lint_runs():
     recipe = re.search(r'^lint:.*\n((?:\t.*\n)+)', makefile, re.M)
     assert recipe is not None
     assert hooks == re.findall(r'\$\(BIN\)/(.*)', recipe[1])
+
+
+def test_the_figures_of_the_readme_stand_in_accuracy():
+    readme, accuracy = (
+        (ROOT / name).read_text('utf-8') for name in ('README.md', 'docs/accuracy.md')
+    )
+    table = readme.partition('| drift that is left')[2].partition('\n\n')[0]
+    shares, errors = (re.findall(rf'([\d.]+) {unit} (?=\|)', table) for unit in ('%', 'N'))
+    texts = [f'{float(share) / 100:.3f}' for share in shares if share != '100']
+    for text in (*texts, *(f'{error} (' for error in errors)):
+        assert text in accuracy, text

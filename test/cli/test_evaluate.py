@@ -103,10 +103,23 @@ def test_a_thermometer_that_froze_in_a_file_is_named_once(run, make, pair_model,
     )
     printed = run('evaluate', pair_model, healthy)
     assert 'stands still' not in printed.err
-    assert '["/temperature", "/temperature_2"]' in printed.out, 'the node has to hear as many'
+    command = f'wrist_ft_comp compensate {pair_model} {healthy} -o compensated.csv'
+    assert command in printed.out, 'a table names no topics that a node could hear'
+    assert 'temperature_topics' not in printed.out
     for argv in (['evaluate'], ['compensate', '-o', tmp_path / 'copy.csv']):
         said = run(argv[0], pair_model, failed, *argv[1:]).err
         assert said.count('thermometer 2 stands still') == 1
+
+
+def test_exchanged_columns_are_noticed(done, make, pair_model, tmp_path):
+    columns, names = lagged_pair(11), ['temperature_c', 'temperature_2_c']
+    for order in (1, -1):
+        swapped = columns | dict(zip(names, [columns[n] for n in names[::order]], strict=True))
+        path = make.csv(tmp_path / f'{order}.csv', swapped)
+        judged = json.loads(done('evaluate', pair_model, path, '--json'))
+        warned = 'thermometers 1 and 2 read what is expected' in ' '.join(judged['warnings'])
+        asked = judged['advice'][0].startswith('Are the thermometers in the order of the model?')
+        assert warned == asked == (order == -1)
 
 
 def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):
@@ -163,17 +176,18 @@ def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR091
 
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
-    """The driver tared in the middle of the day, and the axis is still called good."""
+    """The driver tared in the middle of the day: little is left, and the axis is not good."""
     columns, limits = make.drifting(3600, seed=3), load_model(slow_model).model.day_limits
     days = [make.csv(tmp_path / 'day.csv', columns)]
     assert 'largest error is above' not in run('evaluate', slow_model, days[0]).out
     columns['force_z'] = [value + 2.0 * (k > 1800) for k, value in enumerate(columns['force_z'])]
     days.append(make.csv(tmp_path / 'tared.csv', columns))
     outcome = run('evaluate', slow_model, *days)
-    assert re.search('force_z +N +good', outcome.out)
+    assert re.search('force_z +N +weak', outcome.out)
     judged = json.loads(done('evaluate', slow_model, *days, '--json'))
     peak = judged['axes']['force_z']['max_after']
     said = judged['advice'][0]
+    assert 'is above the limit of' in judged['verdicts']['force_z']['why']
     assert 'holds' not in ' '.join(judged['advice'])
     assert f': force_z {peak:.3g} N (limit {limits["force_z"]:.3g}). See in the report' in said
     assert outcome.out.count('largest error is above') == 1

@@ -174,6 +174,7 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
 PROPOSALS = {
     't,k,temp': ('tfK', 'stamp=t,temperature_c=temp:K,force_z=…', 's'),
     't,Fz,temp': ('tfD', 'stamp=t,force_z=Fz,temperature_c=temp*0.1', 's'),
+    't,a,b,temp': ('tffT', 'stamp=t,temperature_c=temp,force_z=…', 's'),
     't,fz,temp': ('tfW', 'stamp=t,force_z=fz,temperature_c=…', 's'),
     't,ch1,ch2,ch3,ch4,ch5,ch6,temp': (
         'tffffffT', ','.join(['stamp=t', 'temperature_c=temp', *(f'{axis}=…' for axis in AXES)]),
@@ -201,10 +202,13 @@ def test_columns_are_what_their_names_and_values_say(header, tmp_path, run):
     }  # fmt: skip
     path = write(tmp_path / 'log.csv', header, [made[kind] for kind in kinds])
     shown = run('show', path)
+    assert ('Add other axes' in shown.out) == (header == 't,a,b,temp')
     assert (shown.code, proposed(shown.out)) == ('…' in columns, (columns, time))
     words = ['calibrate', path, '-o', tmp_path / 'model.yaml']
     assert f"such as --columns '{columns}'" in run(*words).sentence
     if '…' in columns:
+        assert 'samples' not in shown.out, 'nothing of it was read'
+        assert shown.out.count(columns) == 1
         refused = run(*words, '--columns', columns).sentence
         assert 'is left open: put its name, or its number' in refused
 

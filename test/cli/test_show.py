@@ -12,14 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from wrist_ft_comp.learning.diary import (
-    DayEntry,
-    Diary,
-    diary_path,
-    Memory,
-    save_diary,
-    save_memory,
-)
+from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES
@@ -110,15 +103,15 @@ def folder(tmp_path):
     folder = tmp_path / 'robots/left'
     left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
     days = (
-        DayEntry('day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
+        diary.DayEntry('day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
                  verdict='the challenger is better by chance only'),
-        DayEntry('day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
+        diary.DayEntry('day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
                  left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
                  incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
-        DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all is well'),
+        diary.DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all well'),
     )  # fmt: skip
-    save_diary(folder, Diary(days, paused='zero of force_z jumped'))
-    save_memory(folder, Memory(offered='m.yaml'))
+    diary.save_diary(folder, diary.Diary(days, paused='zero of force_z jumped'))
+    diary.save_memory(folder, diary.Memory(offered='m.yaml'))
     adopted = HistoryEntry(
         folder / 'models/model_x.yaml', since='2026-05-02T06:00:00+00:00',
         why='model_x.yaml was adopted', day='day_00001.csv',
@@ -141,7 +134,7 @@ def test_the_table_of_days_has_a_row_for_every_day(done, folder):
         'day_00002 2026-02-03 23.5 24.0 to 29.0 4 - -',
         'day_00005 2026-02-06 12.0',
         '2026-02-03 zero jumped: zero of force_z jumped by 4.1 N at 13:02',
-        'day_00004.csv: all is well',
+        'day_00004.csv: all well',
         'day_00005.csv: not judged yet',
         '2026-02-02 person chose model: model_x.yaml was adopted',
         'last change: 2026-05-02',
@@ -176,7 +169,7 @@ def day(number, live='', *, kind='', incident='', at=None):
     """One of many days: 3 N without a model, a tenth of that with one, and a tool of 1.4 kg."""
     left = {'none': (3.0,) * 6, **({live: (0.3,) * 6} if live else {})}
     first_ns = START + (number if at is None else at) * DAY
-    return DayEntry(
+    return diary.DayEntry(
         f'day_{number:05d}.csv', first_ns, 9.0, ((18.0, 25.0),), left=left, live=live, kind=kind,
         incident=incident, payloads=((1.4, 0.0, 0.0, 0.1),))  # fmt: skip
 
@@ -200,7 +193,7 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     ModelStore(tmp_path).activate(history)
     found = {2: 'a.yaml', 11: 'c.yaml'}
     days = (replace(day, better=found.get(int(day.name[4:9]), '')) for day in days)
-    save_diary(tmp_path, Diary(tuple(days)))
+    diary.save_diary(tmp_path, diary.Diary(tuple(days)))
     (document,) = json.loads(done('show', tmp_path, '--json')).values()
     happened = [
         (event['name'], event['first'][4:9], event['last'][4:9]) for event in document['events']
@@ -223,7 +216,7 @@ def test_no_label_of_a_picture_lies_on_another_or_outside(count):
         day(n + 1, 'a', kind=kinds[n % 9], incident=f'Thermometer {n % 4 + 1} was hit.')
         for n in range(count)
     ]
-    figure = days_figure(Diary(tuple(days)))
+    figure = days_figure(diary.Diary(tuple(days)))
     FigureCanvasAgg(figure).draw()
     whole = figure.bbox
     for panel in figure.axes:
@@ -235,7 +228,7 @@ def test_no_label_of_a_picture_lies_on_another_or_outside(count):
 
 @pytest.mark.parametrize('content', [None, '{', '{"format": "other"}'])
 def test_without_a_diary_the_files_are_listed(done, folder, content):
-    path = diary_path(folder)
+    path = diary.diary_path(folder)
     path.unlink() if content is None else path.write_text(content)
     text = done('show', folder)
     assert 'that learns, 1\n' in text

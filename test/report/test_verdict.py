@@ -6,43 +6,43 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO
-from wrist_ft_comp.report.verdict import (
-    Evidence,
-    GOOD_REMAINDER,
-    judge,
-    NOISE_MARGIN,
-    SMALLEST_CHANGE_K,
-    summarise,
-)
+from wrist_ft_comp.report import verdict
 
-FINE = Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
+FINE = verdict.Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
 JUST = 1e-9
+#: Two blocks, of which the first gets worse by what may be noise.
+SMALL = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
 
 
 def level(**changes):
-    return judge(replace(FINE, **changes)).level
+    return verdict.judge(replace(FINE, **changes)).level
 
 
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
-        ({'after': 10 * GOOD_REMAINDER - JUST}, 'good'),
-        ({'after': 10 * GOOD_REMAINDER + JUST}, 'weak'),
+        ({'after': 10 * verdict.GOOD_REMAINDER - JUST}, 'good'),
+        ({'after': 10 * verdict.GOOD_REMAINDER + JUST}, 'weak'),
         ({'after': 10 * HARMFUL_RATIO - JUST}, 'weak'),
         ({'after': 10 * HARMFUL_RATIO + JUST}, 'harmful'),
-        ({'after': 8.0, 'noise': 8.0 / NOISE_MARGIN + JUST}, 'good'),
-        ({'after': 8.0, 'noise': 8.0 / NOISE_MARGIN - JUST}, 'weak'),
+        ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
+        ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN - JUST}, 'weak'),
         ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),
         ({'slowest_s': 5000.0 + JUST, 'longest_s': 10000.0}, 'weak'),
         ({'slowest_s': 5000.0}, 'good'),
         ({'promised': False}, 'weak'),
         ({'promised': False, 'noise': 1.0}, 'weak'),
         ({'compensated': False, 'after': 10.0}, 'uncalibrated'),
-        ({'moved_k': SMALLEST_CHANGE_K}, 'good'),
-        ({'moved_k': SMALLEST_CHANGE_K - JUST}, 'unjudged'),
-        ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
-        ({'after': 8.0, 'noise': 4.0 / NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
+        ({'moved_k': verdict.SMALLEST_CHANGE_K}, 'good'),
+        ({'moved_k': verdict.SMALLEST_CHANGE_K - JUST}, 'unjudged'),
+        ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN + JUST, 'widening': 2.0}, 'good'),
+        ({'after': 8.0, 'noise': 4.0 / verdict.NOISE_MARGIN - JUST, 'widening': 2.0}, 'weak'),
         ({'before': 0.0, 'after': 0.0, 'noise': 0.0}, 'good'),
+        ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.01}, 'good'),
+        ({'before': 0.05, 'after': 0.01, 'parts': SMALL, 'noise': 0.009}, 'weak'),
+        ({'peak': 0.5, 'limit': 0.5}, 'good'),
+        ({'peak': 0.5 + JUST, 'limit': 0.5}, 'weak'),
+        ({'peak': 0.5}, 'good'),
     ],
 )
 def test_every_level_begins_where_the_table_says(changes, expected):
@@ -51,24 +51,18 @@ def test_every_level_begins_where_the_table_says(changes, expected):
 
 def test_a_block_that_got_worse_makes_an_axis_weak():
     before = np.array([1.0, 3.0, 1.0])
-    worse = judge(replace(FINE, parts=FoldErrors(before, np.array([0.1, 3.2, 0.1]))))
+    worse = verdict.judge(replace(FINE, parts=FoldErrors(before, np.array([0.1, 3.2, 0.1]))))
     assert worse.level == 'weak'
     assert 'in 1 of 3 parts it leaves more' in worse.sentence
     assert level(parts=FoldErrors(before, np.array([0.1, 3.1, 0.1]))) == 'good'
-    quiet = FoldErrors(before, np.array([10 * GOOD_REMAINDER - JUST, 0.1, 0.1]))
+    quiet = FoldErrors(before, np.array([10 * verdict.GOOD_REMAINDER - JUST, 0.1, 0.1]))
     assert level(parts=quiet) == 'good', 'it hardly drifts there, and little is left'
 
 
-def test_a_block_within_the_noise_is_not_worse():
-    small = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
-    assert level(before=0.05, after=0.01, parts=small, noise=0.01) == 'good'
-    assert level(before=0.05, after=0.01, parts=small, noise=0.009) == 'weak'
-
-
 def test_a_sentence_holds_its_numbers():
-    assert judge(FINE).sentence == '10 % of the drift is left (10 → 1 N RMS).'
-    assert judge(replace(FINE, after=0.01)).sentence.endswith('the noise of the sensor.')
-    weak = judge(replace(FINE, unit='N m', after=5.0))
+    assert verdict.judge(FINE).sentence == '10 % of the drift is left (10 → 1 N RMS).'
+    assert verdict.judge(replace(FINE, after=0.01)).sentence.endswith('the noise of the sensor.')
+    weak = verdict.judge(replace(FINE, unit='N m', after=5.0))
     assert weak.sentence.startswith('50 % of the drift is left (10 → 5 N m RMS)')
     assert 'at most 25 %' in weak.sentence
 
@@ -76,10 +70,10 @@ def test_a_sentence_holds_its_numbers():
 def test_an_axis_without_a_model_has_its_reason():
     bare = replace(FINE, compensated=False, after=10.0)
     passes = 'It passes unchanged, with its drift of 10 N RMS.'
-    assert judge(bare).sentence == f'No model was clearly better than none. {passes}'
-    refused = judge(replace(bare, refusal='It drifts too slowly')).sentence
+    assert verdict.judge(bare).sentence == f'No model was clearly better than none. {passes}'
+    refused = verdict.judge(replace(bare, refusal='It drifts too slowly')).sentence
     assert refused == f'It drifts too slowly. {passes}'
-    quiet = judge(replace(bare, noise=10.0)).sentence
+    quiet = verdict.judge(replace(bare, noise=10.0)).sentence
     assert quiet.startswith('There is nothing to remove')
 
 
@@ -87,7 +81,9 @@ def test_an_axis_without_a_model_has_its_reason():
 def test_a_calibration_is_a_line_per_axis_and_warnings_follow(after, more):
     fits = {'force_z': AxisFit(None, 'pls', (), 12.3456, after, after, unit='N', day_limit=0.5)}
     ranges_c = np.array([[20, 35.5], [-5, 30]])
-    assert summarise(Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))).splitlines() == [
+    assert verdict.summarise(
+        Calibration(None, fits, ranges_c, 5400.0, ('One.', 'Two.'))
+    ).splitlines() == [
         f'force_z: 12.3 -> {after:.3g} N RMS held out (pls){more}, limit 0.5 N',
         'warning: One.',
         'warning: Two.',

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.terminal import content_words, print_result, progress_bar
 from wrist_ft_comp.drift.drift_model import check_sensor, StoredModel
@@ -25,7 +24,7 @@ from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
-from wrist_ft_comp.stream.offline import thermometer_doubts
+from wrist_ft_comp.stream.offline import exchange_doubts, thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'
@@ -128,10 +127,6 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
     }
     if 'imu' in sources and not topics.force_source:
         topics = replace(topics, imu=IMU_TOPIC)
-    if len(topics.temperatures) != stored.model.thermometers:  # a table has no topics
-        channels = map(temperature_channel, range(stored.model.thermometers))
-        names = tuple(f'/{channel.removesuffix("_c")}' for channel in channels)
-        topics = replace(topics, temperatures=names)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     document = {
         'model': str(stored.path),
@@ -179,8 +174,9 @@ def range_warnings(stored: StoredModel, recording: Recording) -> tuple[str, ...]
         heard = np.broadcast_to(heard.any(axis=1, keepdims=True), heard.shape)
     silent = [replace(recording, measured=heard)]
     sentences += silent_stretches(silent)
+    doubts = thermometer_doubts(stored.model, recording) | exchange_doubts(stored.model, recording)
     sentences += [
         f'In {recording.name}, for {rounded(100 * share, 2)} % of the time, {doubt}.'
-        for doubt, share in thermometer_doubts(stored.model, recording).items()
+        for doubt, share in doubts.items()
     ]
     return tuple(sentences)

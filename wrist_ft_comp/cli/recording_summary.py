@@ -161,7 +161,7 @@ def _describe_table(
         columns = ','.join([*filter(None, [topics.columns]), proposal.columns])
         topics = replace(topics, columns=columns, time=topics.time or proposal.time)
         if OPEN in columns:
-            refusal = proposal.refusal(opened.name, opened.names, lacking)
+            refusal = proposal.refusal(opened.name, opened.names, lacking, 'as below.')
             summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
             return replace(summary, guessed=True, refusal=refusal), None
         opened = OpenTable(opened.tables, parse_options(topics))

@@ -180,8 +180,10 @@ def _recording_lines(
          channel.role or '-']
         for channel in summary.channels
     ]  # fmt: skip
-    yield f'{summary.name}: {summary.kind}, {span}'
-    yield table(header, rows)
+    head = f'{summary.name}: {summary.kind}'
+    yield head if summary.is_open else f'{head}, {span}'
+    if not summary.is_open:  # of one that is, nothing was read
+        yield table(header, rows)
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.

@@ -120,17 +120,21 @@ class Proposal:
                 entries.append(f'{channel}={OPEN}')
         return cls(','.join(entries), times.pop() if len(times) == 1 else '')
 
-    def refusal(self, table: str, names: Sequence[str], lacking: Sequence[str]) -> str:
-        """Say which KINDS of columns a table lacks, and what to say of them."""
+    def refusal(
+        self, table: str, names: Sequence[str], lacking: Sequence[str], how: str = ''
+    ) -> str:
+        """Say which KINDS of columns a table lacks, and how to say what they are."""
         expected = ' and '.join(_EXPECTED[kind] for kind in lacking)
         form = f' --time {shlex.quote(self.time)}' if self.time not in {'', 's'} else ''
         sentence = (
             f'{table} has no {" and no ".join(lacking)} column; expected {expected}, got '
-            f'{read_options.listed(names)}. Rename them, or say what they are, such as --columns '
-            f"'{self.columns}'{form}."
+            f'{read_options.listed(names)}. Rename them, or say what they are, '
+            + (how or f"such as --columns '{self.columns}'{form}.")
         )
         if OPEN in self.columns:
             sentence += f' Put the name or the number of a column in the place of {OPEN}.'
+        if f'force_z={OPEN}' in self.columns and len(names) > self.columns.count('='):
+            sentence += f' Add other axes behind it, such as ,force_x={OPEN},torque_z={OPEN}.'
         if f'{STAMP}={OPEN}' in self.columns:
             sentence += (
                 ' Where no column is a time, and rows come at a fixed rate, '

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import shlex
 from typing import Any, Literal
 
 import numpy as np
@@ -17,8 +18,8 @@ from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
+from wrist_ft_comp.report import advice as advices
 from wrist_ft_comp.report import verdict as verdicts
-from wrist_ft_comp.report.advice import advise, Case, cover, Coverage, run_command
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
 from wrist_ft_comp.series import FloatArray, IntArray, noise_level
 
@@ -100,7 +101,7 @@ class ReportContent:
     #: Which the errors are of, with the same thermometers.
     recordings: Sequence[Recording]
     #: Temperatures and loads of these.
-    coverage: Coverage
+    coverage: advices.Coverage
     #: How the errors came about.
     explanation: str
     #: In axis order.
@@ -114,6 +115,8 @@ class ReportContent:
     at_work: str = ''
     #: What the figures of the table are, and where the limits of another day hold.
     legend: str = ''
+    #: What else is to be known of the errors over time.
+    caption: str = ''
 
     #: Columns of the table that says whether it is good.
     titles = ('axis', 'unit', 'verdict', 'before', 'left', 'peak left', 'limit')
@@ -155,11 +158,12 @@ def calibration_content(
     """Fill a report's content from a calibration."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
-    coverage = cover(recordings if work is None else work.drift)
+    coverage = advices.cover(recordings if work is None else work.drift)
     longest_s = max(recording.duration_s for recording in recordings)
     held = {axis: fit.held_out for axis, fit in fits.items() if fit.held_out}
     axes: list[AxisView] = []
     levels: dict[str, verdicts.Level] = {}
+    loose: list[str] = []
     for axis, fit in fits.items():
         held_out = held[axis]
         # Drift goes further in a day than in a block: what is stated over what was held out.
@@ -185,24 +189,29 @@ def calibration_content(
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
         is_weak = verdict.level == 'uncalibrated' and drifts
         levels[axis] = 'weak' if is_weak else verdict.level
-    case = Case(
+        if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
+            loose.append(axis)
+    case = advices.Case(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
-        stored.sensor.get('temperature_topics', ()),
+        stored.sensor.get('temperature_topics', ()), loose=loose,
+        run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY']),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
-    legend, first = _FIGURES, next(iter(held.values()))
+    legend, caption, first = _FIGURES, '', next(iter(held.values()))
     if len(recordings) == 1 and first.tared:
-        minutes = recordings[0].duration_s / len(np.unique(first.fold)) / 60
+        count = len(np.unique(first.fold))
+        minutes = recordings[0].duration_s / count / 60
         legend = f'before: RMS in parts of {minutes:.0f} min. left: RMS, enlarged to a day.'
+        caption = f'The recording was cut into {count} parts; each is tared in its first minute.'
     # A refusal is the verdict of its axis already.
     refusals = tuple(fit.refusal for fit in fits.values() if fit.refusal)
     return ReportContent(
         kind='calibration', stored=stored, recordings=recordings, coverage=coverage,
         legend=f'{legend} {verdicts.conditions_of_another_day(calibration)}'.strip(),
         explanation=explain_folds(first, recordings, reference),
-        axes=tuple(axes), advice=advise(case),
+        axes=tuple(axes), advice=advices.advise(case),
         warnings=tuple(w for w in calibration.warnings if not w.startswith(refusals)),
-        payloads=calibration.payloads,
+        caption=caption, payloads=calibration.payloads,
         at_work='' if work is None else _at_work(work))  # fmt: skip
 
 
@@ -220,7 +229,7 @@ def evaluation_content(
     (by default the model's own).
     """
     recordings = [judged.recording for judged in evaluated]
-    coverage, period_s = cover(recordings), averaged_s(stored.model)
+    coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
     by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
     # Means of cells: their middles and errors, all recordings together.
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
@@ -233,7 +242,8 @@ def evaluation_content(
     )
     before, after = map(np.concatenate, zip(*(e.errors for e in evaluated), strict=True))
     axes: list[AxisView] = []
-    beyond: list[str] = []
+    beyond: dict[str, str] = {}
+    loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
         column, limit = AXES.index(axis), stored.model.day_limits.get(axis, np.nan)
         parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
@@ -248,21 +258,27 @@ def evaluation_content(
         evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
-            parts=each)  # fmt: skip
+            parts=each, peak=errors.max_after, limit=limit)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
         if errors.max_after > limit:
-            largest = f'{rounded(errors.max_after)} {axis_unit(axis)}'
-            beyond.append(f'{axis} {largest} (limit {rounded(limit)})')
+            largest = f'{rounded(errors.max_after)} {evidence.unit}'
+            beyond[axis] = f'{axis} {largest} (limit {rounded(limit)})'
+        elif verdict.level == 'good' and not limit < errors.max_before:
+            loose.append(axis)
     warnings = list(dict.fromkeys(w for recording in recordings for w in recording.warnings))
     references = list(dict.fromkeys(judged.reference for judged in evaluated))
+    # A table and a model of tables name no topics.
+    run = advices.run_command(topics or stored.topics, stored.path)
+    if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
+        compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
+        run = f'{compensate} -o compensated.csv --tare 60\nA live node needs its topics by name.'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
-    case = Case(
+    case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},
         warnings, paths, stored.sensor.get('temperature_topics', ()),
-        beyond=beyond, run=run_command(topics or stored.topics, stored.path) if is_another_day
-        else '',
+        beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
     limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
@@ -272,7 +288,7 @@ def evaluation_content(
         f'compensated wrenches were both tared on the first {tare_s:g} s. Errors are means over '
         f'{period_s:g} s. Reference: {", ".join(references)}.',
         legend=_FIGURES + (limits if np.isfinite([a.day_limit for a in axes]).any() else ''),
-        axes=tuple(axes), advice=advise(case), warnings=tuple(warnings))  # fmt: skip
+        axes=tuple(axes), advice=advices.advise(case), warnings=tuple(warnings))  # fmt: skip
 
 
 def drifts_removed(model: AxisModel | None) -> str:

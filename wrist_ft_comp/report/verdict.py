@@ -6,7 +6,7 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | good | at most 25 % of the drift is left, or what is left is below 1.5 times the noise |
 | weak | more is left; or a part of the data got worse and keeps 25 % of the axis' drift or more; |
 | | or the slowest time constant is above half of the longest recording, where it looks like a |
-| | trend; or no limit of another day's errors can be promised |
+| | trend; or no limit of another day's errors can be promised; or an error is above that limit |
 | harmful | more is left than without compensation; here as of a part, 5 % more may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
@@ -63,6 +63,9 @@ class Evidence:
     longest_s: float = 0.0
     #: Whether another day stays below a limit that is smaller than the drift, as far as is known.
     promised: bool = True
+    #: Largest error with compensation, and what it stays below on 95 of 100 days; NaN if unknown.
+    peak: float = 0.0
+    limit: float = math.nan
     #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
 
@@ -118,6 +121,9 @@ def judge(evidence: Evidence) -> Verdict:
         )
     if not evidence.promised:
         doubts.append('the limit for another day is not known, so record one more day')
+    if evidence.peak > evidence.limit:
+        peak, limit = rounded(evidence.peak), rounded(evidence.limit)
+        doubts.append(f'its largest error, {peak} {evidence.unit}, is above the limit of {limit}')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')
     if is_noise:

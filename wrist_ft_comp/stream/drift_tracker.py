@@ -89,11 +89,7 @@ class DriftTracker:
         state, model = self.thermometers, self.model
         if state is None or model is None or model.prediction is None:
             return []
-        return state.sentences + [
-            f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
-            'plugs or topics exchanged? The drift is wrong until that is mended'
-            for i, j in thermometer_faults.exchanged(model.prediction, state)
-        ]
+        return state.sentences + thermometer_faults.exchanged(model.prediction, state)
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""

@@ -84,6 +84,21 @@ def thermometer_doubts(model: DriftModel, recording: Recording) -> dict[str, flo
     return {sentence: count / judged for sentence, count in said.items()}
 
 
+def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]:
+    """Give what a node would have said of exchanged thermometers, and how often, in shares."""
+    if (prediction := model.prediction) is None:
+        return {}
+    # They are exchanged for long: a look once a minute is enough.
+    every = max(round(60 / recording.period_s), 1)
+    time_s, readings_c = every * recording.period_s, recording.temperature_c[::every]
+    heard = np.ones(recording.thermometers, dtype=bool)
+    state, said = thermometer_faults.start(prediction, readings_c[0]), Counter[str]()
+    for reading_c in readings_c:
+        state = thermometer_faults.step(prediction, state, reading_c, heard, time_s, 0.0)
+        said.update(thermometer_faults.exchanged(prediction, state))
+    return {sentence: count / len(readings_c) for sentence, count in said.items()}
+
+
 def judge(
     model: DriftModel, temperature_c: FloatArray, measured: BoolArray
 ) -> Iterator[ThermometerState]:

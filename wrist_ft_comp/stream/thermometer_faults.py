@@ -354,19 +354,22 @@ def step(  # noqa: PLR0913, PLR0917 -- a cell as it comes
     return replace(state, agreed_s=agreed_s, reasons=tuple(reasons))
 
 
-def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> list[tuple[int, int]]:
+def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> list[str]:
     """
-    Find pairs of thermometers, counted from 0, that read what is expected of each other.
+    Say which pairs of thermometers read what is expected of each other.
 
     Both are far from what the others predict of them, and near it if they are taken for each
     other, as where plugs were exchanged.
     """
-    off_k, pairs = np.abs(state.reading_c - state.predicted_c), list[tuple[int, int]]()
-    for pair in combinations(np.flatnonzero(off_k > EXCHANGED * prediction.agree_k).tolist(), 2):
+    off_k, sentences = np.abs(state.reading_c - state.predicted_c), list[str]()
+    for i, j in combinations(np.flatnonzero(off_k > EXCHANGED * prediction.agree_k).tolist(), 2):
         order = np.arange(len(off_k))
-        order[list(pair)] = pair[::-1]
+        order[[i, j]] = j, i
         expected_c = prediction.predict(state.relaxed_c[:, order])
         near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
-        if near[list(pair)].all():
-            pairs.append(pair)
-    return pairs
+        if near[[i, j]].all():
+            sentences.append(
+                f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
+                'plugs, topics or columns exchanged? The drift is wrong until that is mended'
+            )
+    return sentences
