@@ -25,7 +25,7 @@ Newest: TypeAlias = tuple[int, Sequence[float], bytes]
 #: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
 _AWAY_S = 5.0
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
-_HELD_UP_S = 1.0
+_HELD_UP_S = 3.0
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
