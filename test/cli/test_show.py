@@ -103,11 +103,13 @@ def folder(tmp_path):
     folder = tmp_path / 'robots/left'
     left = {'none': (3.0,) * 6, 'abc': (0.3,) * 6, 'challenger': (0.2,) * 6}
     days = (
-        diary.DayEntry('day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
-                 verdict='the challenger is better by chance only'),
-        diary.DayEntry('day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
-                 left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
-                 incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
+        diary.DayEntry(
+            'day_00001.csv', START, 24.0, ((18.0, 25.0),), left=left, live='abc',
+            verdict='the challenger is better by chance only'),
+        diary.DayEntry(
+            'day_00002.csv', START + DAY, 23.5, ((24.0, 29.0),),
+            left={'none': (4.0, nan, nan, nan, nan, nan)}, live='abc',
+            incident='zero of force_z jumped by 4.1 N at 13:02', kind='zero'),
         diary.DayEntry('day_00004.csv', START + 3 * DAY, 9.0, ((35.0, 40.0),), verdict='all well'),
     )  # fmt: skip
     diary.save_diary(folder, diary.Diary(days, paused='zero of force_z jumped'))
