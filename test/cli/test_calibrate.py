@@ -96,8 +96,6 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     """Of one recording as of two; the file says what the command said."""
     days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, seed=n)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
-    # It drifts by 1.5 N/K, and the correction of a cell comes 1.5 cells later.
-    late_n = 1.5 * 1.5 * np.abs(np.diff(make.drifting(1950, seed=3)['temperature_c'])).max()
     for recordings in (days[:1], days[:2]):
         argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']
         said = ' '.join(done(*argv, '--report', page).split())
@@ -110,7 +108,7 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
         assert said.count('force_z') == 1, 'each axis is told once'
         assert load_model(path).model.day_limits['force_z'] == pytest.approx(fit['day_limit'])
         day = json.loads(done('evaluate', path, days[2], '--json'))['axes']['force_z']
-        assert day['max_after'] < fit['day_limit'] + late_n + 5 * 0.02  # cells of 1 s are noisier
+        assert day['max_after'] < fit['day_limit'] + 5 * 0.02  # cells of 1 s are noisier
         assert 0.5 < fit['largest_drift'] / day['max_before'] < 2.0
     assert fit['day_limit'] < 0.1 * fit['largest_drift']
 

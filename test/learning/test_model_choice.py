@@ -88,7 +88,7 @@ def test_days_before_a_decision_do_not_bring_a_model_back(look, bad):
         before = past(look, champion, *range(1, number))
         choice = take(NAMES[number], look, before, champion, NAMES, NAMES[2], QUICK)
         assert (choice.entry.challenged, choice.better is not None) == (learnt, learnt)
-        assert ('On 3 days' if learnt else 'have passed (2 so far)') in choice.entry.verdict
+        assert ('On 3 days' if learnt else '2 of them have passed') in choice.entry.verdict
 
 
 def test_nothing_is_learnt_from_an_incident_nor_while_learning_has_stopped(look, separated):

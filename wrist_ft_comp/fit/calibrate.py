@@ -157,13 +157,11 @@ def _learn(
                 f'{axis}: {fit.chosen} leaves more drift than no compensation; choose the method '
                 'auto.'
             )
-        latest = 0.0
         if fit.model is not None:
             late = late_errors(fit.model, recordings)
             fit = replace(fit, expected_rms=float(np.hypot(fit.expected_rms, np.std(late))))
-            latest = float(np.abs(late).max(initial=0.0))
         if data.tared:
-            limit = day_limit(data, fit.expected_rms, latest)
+            limit = day_limit(data, fit.expected_rms)
             fit = replace(fit, largest_drift=largest_drift(data), day_limit=limit)
         fits[axis] = fit
         progress(number / len(axes))

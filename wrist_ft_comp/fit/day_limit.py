@@ -88,11 +88,7 @@ def late_errors(model: AxisModel, recordings: Sequence[Recording]) -> FloatArray
     return np.concatenate(errors)
 
 
-def day_limit(data: AxisData, rms: float, latest: float) -> float:
-    """
-    Limit that the largest error of another day stays below; NaN where drift does so, too.
-
-    Takes the RMS that is expected, and the largest of the ``late_errors``.
-    """
-    limit = latest + rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
+def day_limit(data: AxisData, rms: float) -> float:
+    """Limit that the largest error of another day stays below; NaN where drift does so, too."""
+    limit = rms * (_LIMIT_OF_ONE if data.recordings == 1 else _LIMIT_OF_SEVERAL)
     return limit if limit <= largest_drift(data) else np.nan

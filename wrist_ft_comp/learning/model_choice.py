@@ -218,8 +218,8 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
     new = sum(day.name > chosen for day in good)
     if chosen and new < DAYS_TO_AGREE:
         return False, (
-            'A person chose the live model; it is kept until '
-            f'{DAYS_TO_AGREE} good days have passed ({new} so far).'
+            f'A person chose the live model. It is kept for {DAYS_TO_AGREE} good days; {new} of '
+            'them have passed.'
         )
     last = max((n for n, day in enumerate(good) if day.challenged), default=0)
     grown, awaited = len(good) - 1 - last, (last + 1) / _GROWTH_PARTS

@@ -127,7 +127,7 @@ class Uncertainty(NamedTuple):
     bound: FloatArray
 
     def left(self, now_ns: int, memory_s: float) -> FloatArray:
-        """How far it may still be off where a model remembers so long, N and N m, (6,)."""
+        """Compute the bound at a later stamp, N and N m, (6,): the model forgets in memory_s."""
         age_s = (now_ns - self.since_ns) / NANOSECONDS
         return np.asarray(self.bound * np.exp(-TIME_CONSTANTS * age_s / memory_s))
 
