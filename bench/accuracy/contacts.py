@@ -44,7 +44,7 @@ Practice = Callable[[Sequence[Recording], Recording], FloatArray]
 def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording:
     """Warm up the simulated wrist of a seed, which conducts heat; a contact pushes along z."""
     rng = np.random.default_rng([seed, run])
-    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), seed)
+    sensor = ft_sensor.build_sensor(seed)
     starts = np.arange(0.0, DAY_S, DUTY_S)
     levels = rng.uniform(0, 1, len(starts)) * (rng.random(len(starts)) > 0.35)
     settings = RunSettings(tuple(starts), tuple(levels), force_n=0.0, torque_nm=0.0)
@@ -53,9 +53,9 @@ def wrist(seed: int, run: int, contact_n: FloatArray | float = 0.0) -> Recording
     true = true_wrench(program, elapsed_s)
     true[:, Z] += contact_n
     driven = drive(program, elapsed_s)
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, float(driven[0, 1])), driven)
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(float(driven[0, 1])), driven)
     measured = ft_sensor.measured_wrench(sensor, nodes_c[:-1], true)
-    wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
+    wrench = ft_sensor.digitised_wrench(measured, rng)
     return recording_of(ft_sensor.digitised_temperatures(sensor, nodes_c[:-1], rng), wrench, true)
 
 

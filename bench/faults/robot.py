@@ -39,7 +39,7 @@ from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.ft_sensor import FtSensorSettings, interpolation
+from wrist_ft_comp.simulation.ft_sensor import interpolation
 from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.model_store import FileWriter
 from wrist_ft_comp.wire.tf_tree import tf_layouts
@@ -77,13 +77,13 @@ def warm(
 
     Gives what thermometers read, °C, (seconds, thermometers), and the drift, N and N m, (…, 6).
     """
-    sensor, steps = ft_sensor.build_sensor(FtSensorSettings(), 4), seconds // DUTY_S + 1
+    sensor, steps = ft_sensor.build_sensor(4), seconds // DUTY_S + 1
     levels = rng.uniform(0, most, steps) * (rng.random(steps) > 0.35)
     levels[0 if most < 1 else slice(3)] = most  # it begins with a warm-up
     room_c = 22 + (2 if most == 1 else 1) * np.sin(np.arange(seconds) / 1500 + rng.uniform(0, 6))
     drive = np.column_stack((np.repeat(levels, DUTY_S)[:seconds], room_c))
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, room_c[0]), drive)[:-1]
-    places = interpolation(sensor.settings.cells, np.array(PLACES[:thermometers]))
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(room_c[0]), drive)[:-1]
+    places = interpolation(np.array(PLACES[:thermometers]))
     read_c = nodes_c @ places.T
     celsius = np.round((read_c + rng.normal(0, 0.01, read_c.shape)) * 64) / 64
     return celsius, ft_sensor.measured_wrench(sensor, nodes_c, np.zeros(len(AXES)))

@@ -116,11 +116,11 @@ def test_warming_and_cooling_are_those_of_one_recording(seen):
 def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
     make_recording, seed, thermometer
 ):
-    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), seed)
+    sensor = ft_sensor.build_sensor(seed)
     rng = np.random.default_rng(seed)
     duty = ft_sensor.RunSettings(duty_start_s=(0.0, 600.0), duty_level=(0.0, 0.9))
     driven = ft_sensor.drive(ft_sensor.draw_run(duty, rng), np.arange(5400.0))
-    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(sensor, driven[0, 1]), driven)[:-1:10]
+    nodes_c = ft_sensor.trajectory(sensor, ft_sensor.start(driven[0, 1]), driven)[:-1:10]
     read_c = ft_sensor.digitised_temperatures(sensor, nodes_c, rng)[:, thermometer]
     for begin in (0, 240):  # cells of 10 s
         part = read_c[begin:]

@@ -1,51 +1,36 @@
 """The simulated sensor: heat, gauges, readings, and what drives it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
+from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import (
     bridge_output,
     build_sensor,
-    digitised_temperatures,
-    digitised_wrench,
+    CELLS,
     draw_run,
-    drive,
-    FtSensorSettings,
     measured_wrench,
-    NOMINAL_C,
     RunSettings,
-    start,
     trajectory,
-    true_wrench,
 )
 
-SETTINGS = FtSensorSettings()
 UNLOADED = np.zeros(6)
 LOAD = np.array([20.0, -30.0, 50.0, 1.0, -2.0, 0.5])
 
 
 @pytest.fixture
 def sensor():
-    return build_sensor(SETTINGS, 1)
+    return build_sensor(1)
 
 
-def test_stored_energy_is_the_heat_that_came_in_without_convection():
-    isolated = replace(
-        SETTINGS,
-        motor_convection_w_per_k=1e-12,
-        body_convection_w_per_k=0.0,
-        tool_convection_w_per_k=0.0,
-    )
-    s, n = isolated, isolated.cells
-    sensor = build_sensor(isolated, 1)
-    capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
-    capacity[[0, -1]] = s.motor_capacity_j_per_k, s.tool_capacity_j_per_k
+def test_stored_energy_is_the_heat_that_came_in_without_convection(monkeypatch):
+    monkeypatch.setattr(ft_sensor, 'CONVECTION_W_PER_K', (1e-12, 0.0, 0.0))
+    motor, body, tool = ft_sensor.CAPACITY_J_PER_K
     held = np.tile([0.5, 20.0], (600, 1))
-    rise = trajectory(sensor, np.full(n + 2, 20.0), held)[-1] - 20.0
-    assert capacity @ rise == pytest.approx(0.5 * s.max_motor_power_w * 600 * s.step_s)
+    rise = trajectory(build_sensor(1), np.full(CELLS + 2, 20.0), held)[-1] - 20.0
+    stored_j = motor * rise[0] + body * rise[1:-1].mean() + tool * rise[-1]
+    assert stored_j == pytest.approx(0.5 * ft_sensor.MOTOR_W * 600 * ft_sensor.STEP_S)
 
 
 def test_bridge_agrees_with_circuit_analysis():
@@ -60,14 +45,14 @@ def test_bridge_agrees_with_circuit_analysis():
 
 
 def test_nominal_gain_holds_at_the_nominal_temperature(sensor):
-    nominal = np.full(SETTINGS.cells + 2, NOMINAL_C)
+    nominal = np.full(CELLS + 2, ft_sensor.NOMINAL_C)
     np.testing.assert_allclose(measured_wrench(sensor, nominal, UNLOADED), 0, atol=1e-9)
     np.testing.assert_allclose(measured_wrench(sensor, nominal, LOAD), LOAD, rtol=1e-12)
 
 
 def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
     def gain(temperature_c):
-        nodes_c = np.full(SETTINGS.cells + 2, temperature_c)
+        nodes_c = np.full(CELLS + 2, temperature_c)
         loaded = measured_wrench(sensor, nodes_c, LOAD)
         return (loaded - measured_wrench(sensor, nodes_c, UNLOADED)) / LOAD
 
@@ -77,8 +62,8 @@ def test_gain_falls_by_about_four_hundredths_of_a_percent_per_kelvin(sensor):
 
 @pytest.mark.parametrize('seed', range(10))
 def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
-    sensor = build_sensor(SETTINGS, seed)
-    nodes_c = trajectory(sensor, start(sensor, 22.0), np.tile([1.0, 22.0], (5400, 1)))
+    sensor = build_sensor(seed)
+    nodes_c = trajectory(sensor, ft_sensor.start(22.0), np.tile([1.0, 22.0], (5400, 1)))
     drift = np.ptp(measured_wrench(sensor, nodes_c, UNLOADED), axis=0)
     assert 5.0 < drift[2] < 20.0
     assert (drift[:3] > 2.0).all()
@@ -87,11 +72,10 @@ def test_warm_up_moves_force_z_by_5_to_20_newtons_for_every_specimen(seed):
 
 def test_readings_lie_on_the_grid_of_the_converter(sensor):
     rng = np.random.default_rng(0)
-    states_c = trajectory(sensor, start(sensor, 22.0), np.tile([0.7, 26.0], (500, 1)))
-    wrench = digitised_wrench(sensor, measured_wrench(sensor, states_c, UNLOADED), rng)
-    celsius = digitised_temperatures(sensor, states_c, rng)
-    quanta = np.repeat([SETTINGS.force_quantum_n, SETTINGS.torque_quantum_nm], 3)
-    for values, quantum in ((wrench, quanta), (celsius, 0.0625)):
+    states_c = trajectory(sensor, ft_sensor.start(22.0), np.tile([0.7, 26.0], (500, 1)))
+    wrench = ft_sensor.digitised_wrench(measured_wrench(sensor, states_c, UNLOADED), rng)
+    celsius = ft_sensor.digitised_temperatures(sensor, states_c, rng)
+    for values, quantum in ((wrench, ft_sensor.QUANTUM), (celsius, 0.0625)):
         np.testing.assert_allclose(values / quantum, np.round(values / quantum), atol=1e-6)
     assert len(np.unique(wrench[:, 2])) > 10
 
@@ -99,14 +83,14 @@ def test_readings_lie_on_the_grid_of_the_converter(sensor):
 def test_duty_cycle_is_piecewise_constant_and_0_before_the_first_start():
     chosen = RunSettings(duty_start_s=(10.0, 20.0), duty_level=(0.5, 0.9))
     run = draw_run(chosen, np.random.default_rng(0))
-    levels = drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
+    levels = ft_sensor.drive(run, np.array([0.0, 9.99, 10.0, 19.99, 20.0, 1e6]))[:, 0]
     np.testing.assert_array_equal(levels, [0, 0, 0.5, 0.5, 0.9, 0.9])
 
 
 def test_loads_are_bounded_smooth_and_differ_between_axes():
     chosen = RunSettings(force_n=30.0, torque_nm=2.0, load_period_s=50.0)
     run = draw_run(chosen, np.random.default_rng(0))
-    wrench = true_wrench(run, np.arange(0, 5000, 0.5))
+    wrench = ft_sensor.true_wrench(run, np.arange(0, 5000, 0.5))
     assert wrench.shape == (10_000, 6)
     largest = np.abs(wrench).max(axis=0)
     assert ((largest > [15] * 3 + [1] * 3) & (largest <= [30] * 3 + [2] * 3)).all()

@@ -35,10 +35,11 @@ from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import (
     draw_run,
     drive,
-    FtSensorSettings,
     NOMINAL_C,
     room_temperature,
     RunSettings,
+    STEP_S,
+    THERMOMETER_NOISE_K,
     true_wrench,
 )
 from wrist_ft_comp.simulation.work import (
@@ -124,8 +125,8 @@ class SimulatedSensor(Node):
         if chosen['tool_mass'] > 0 or not chosen['loaded']:
             settings = replace(settings, force_n=0.0, torque_nm=0.0)
         self._run = draw_run(settings, draws)
-        self._sensor = ft_sensor.build_sensor(FtSensorSettings(), chosen['seed'])
-        self._state = ft_sensor.start(self._sensor, float(room_temperature(self._run, 0.0)))
+        self._sensor = ft_sensor.build_sensor(chosen['seed'])
+        self._state = ft_sensor.start(float(room_temperature(self._run, 0.0)))
         #: Steps of the heat flow that are done.
         self._step = 0
         self._speed, self._wrench_rate = chosen['speed'], chosen['wrench_rate']
@@ -153,9 +154,9 @@ class SimulatedSensor(Node):
         """Open the topics of a sensor, with or without a robot."""
         self._raw = _wrench_topic(self, 'wrench_raw')
         self._reference = _wrench_topic(self, 'wrench_reference')
-        noise_k, self._thermometers = self._sensor.settings.thermometer_noise_k, list[_Topic]()
+        self._thermometers = list[_Topic]()
         for name in ('temperature', 'temperature_2'):
-            heat = Temperature(header=Header(frame_id=_FRAME), variance=noise_k**2)
+            heat = Temperature(header=Header(frame_id=_FRAME), variance=THERMOMETER_NOISE_K**2)
             self._thermometers.append(_Topic(self, name, heat, (heat, 'temperature')))
 
     def _begin_work(self, tool_kg: float, seeds: Sequence[int]) -> None:
@@ -194,10 +195,10 @@ class SimulatedSensor(Node):
             for rate in (self._wrench_rate, self._temperature_rate)
         )
         # Advance the heat to the latest of these times; node temperatures at each of them.
-        step_s, first = self._sensor.settings.step_s, self._step
-        steps = [due_ns // round(step_s * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
+        first = self._step
+        steps = [due_ns // round(STEP_S * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
         self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
-        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * step_s
+        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * STEP_S
         nodes_c = ft_sensor.trajectory(self._sensor, self._state, drive(self._run, begins_s))
         self._state = nodes_c[-1]
         wrench_nodes_c, temperature_nodes_c = (
@@ -220,7 +221,7 @@ class SimulatedSensor(Node):
             true = contact + motion.weight
             streams += [(self._imu, wrench_ns, felt), (self._contact, wrench_ns, contact)]
         ideal = ft_sensor.measured_wrench(self._sensor, wrench_nodes_c, true)
-        raw = ft_sensor.digitised_wrench(self._sensor, ideal, self._wrench_rng)
+        raw = ft_sensor.digitised_wrench(ideal, self._wrench_rng)
         streams += [(self._reference, wrench_ns, true), (self._raw, wrench_ns, raw)]
         due = [
             (elapsed_ns, topic, numbers)

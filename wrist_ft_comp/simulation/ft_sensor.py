@@ -15,8 +15,7 @@ gradient (eq. 1 of the paper), and the piezoresistive coefficient falls with tem
 gain drifts (eq. 2). A run gives duty cycle, room temperature and load by simulated seconds.
 """
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,107 +27,75 @@ from wrist_ft_comp.series import FloatArray
 
 #: Temperature at which the gauges' nominal values and the gain hold, °C.
 NOMINAL_C = 25.0
+#: Time step of the heat flow, s, and finite volumes of the body.
+STEP_S, CELLS = 1.0, 10
+#: Heat of the motor at duty cycle 1, W.
+MOTOR_W = 22.0
+#: Heat capacity, J/K, and conductance to the room, W/K, of the motor with its gear, of the whole
+#: body, and of the tool.
+CAPACITY_J_PER_K = (700.0, 600.0, 200.0)
+CONVECTION_W_PER_K = (0.2, 0.6, 0.15)
+#: Conductance from motor to body, along the whole body, and from body to tool, W/K.
+_CONTACT_W_PER_K, _BODY_W_PER_K, _TOOL_CONTACT_W_PER_K = 1.0, 0.1, 0.5
+#: Places, 0 to 1: on the electronics toward the tool, and at the flange of the motor.
+_THERMOMETER_POSITIONS = np.array([0.9, 0.1])
+#: Standard deviation, and step of the reading, K.
+THERMOMETER_NOISE_K, THERMOMETER_QUANTUM_K = 0.01, 0.0625
+#: Mean place of the gauges, and the most that an axis and a gauge deviate from it.
+_GAUGE_POSITION, _AXIS_SPREAD, _GAUGE_SPREAD = 0.3, 0.05, 0.008
 #: Sign of each gauge's strain, and of its share in the bridge's output.
 GAUGE_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+#: Relative change of resistance with temperature, and its standard deviation between the gauges of
+#: a bridge, 1/K and 1/K².
+_GAUGE_PER_K, _MISMATCH_PER_K = 1.5e-3, 40e-6
+_GAUGE_PER_K2, _MISMATCH_PER_K2 = 1e-6, 1e-7
+#: Smallest and largest zero drift of a bridge at even temperature, V/V per K. Gauges are sorted
+#: into bridges, so none drifts more; that none drifts less keeps the drift visible.
+_ZERO_PER_K = (45e-6, 65e-6)
+#: Relative change of resistance per strain at NOMINAL_C, and its relative change with temperature,
+#: 1/K and 1/K².
+_PIEZORESISTIVE, _PIEZORESISTIVE_PER_K, _PIEZORESISTIVE_PER_K2 = 100.0, -4e-4, 4e-7
+#: Load per strain, and standard deviation and step of a reading, N and N m, axis order AXES.
+_STIFFNESS = np.repeat([1e6, 3e4], 3)
+_NOISE = np.repeat([0.08, 0.003], 3)
+QUANTUM = np.repeat([0.01, 0.0005], 3)
 #: Sines that make up the load of an axis.
 _SINES = 4
+#: Mean room temperature, °C, and amplitude, K, and period, s, of its slow swing.
+_ROOM_C, _ROOM_SWING_K, _ROOM_SWING_PERIOD_S = 22.0, 1.0, 7200.0
 
 
-@dataclass(frozen=True)
-class FtSensorSettings:
-    """Physical constants of a simulated wrist, which only developers change."""
+def heat_flow() -> tuple[FloatArray, FloatArray]:
+    """
+    Build the heat flow between M nodes, motor, the body's cells and tool, exact for a time step.
 
-    #: Time step, s.
-    step_s: float = 1.0
-    #: Number of finite volumes of the body.
-    cells: int = 10
-    #: Heat of the motor at duty cycle 1, W.
-    max_motor_power_w: float = 22.0
-    #: Heat capacity of the motor with its gear, of the whole body, and of the tool, J/K.
-    motor_capacity_j_per_k: float = 700.0
-    body_capacity_j_per_k: float = 600.0
-    tool_capacity_j_per_k: float = 200.0
-    #: Conductance from motor to body, along the whole body, and from body to tool, W/K.
-    contact_w_per_k: float = 1.0
-    body_w_per_k: float = 0.1
-    tool_contact_w_per_k: float = 0.5
-    #: Conductance to the room, W/K.
-    motor_convection_w_per_k: float = 0.2
-    body_convection_w_per_k: float = 0.6
-    tool_convection_w_per_k: float = 0.15
-    #: Places, 0 to 1: on the electronics toward the tool, and at the flange of the motor.
-    thermometer_positions: tuple[float, float] = (0.9, 0.1)
-    #: Standard deviation, and step of the reading, K.
-    thermometer_noise_k: float = 0.01
-    thermometer_quantum_k: float = 0.0625
-    #: Mean place of the gauges, and the most that an axis and a gauge deviate from it.
-    gauge_position: float = 0.3
-    axis_position_spread: float = 0.05
-    gauge_position_spread: float = 0.008
-    #: Relative change of resistance with temperature, 1/K and 1/K²; and its standard deviation
-    #: between the gauges of a bridge.
-    gauge_coefficient_per_k: float = 1.5e-3
-    gauge_coefficient_per_k2: float = 1e-6
-    gauge_mismatch_per_k: float = 40e-6
-    gauge_mismatch_per_k2: float = 1e-7
-    #: Smallest and largest zero drift of a bridge at even temperature, V/V per K. Gauges are
-    #: sorted into bridges, so none drifts more; that none drifts less keeps the drift visible.
-    zero_coefficient_per_k: tuple[float, float] = (45e-6, 65e-6)
-    #: Relative change of resistance per strain at NOMINAL_C, and its relative change with
-    #: temperature, 1/K and 1/K².
-    piezoresistive_coefficient: float = 100.0
-    piezoresistive_per_k: float = -4e-4
-    piezoresistive_per_k2: float = 4e-7
-    #: Load per strain, N and N m.
-    force_stiffness_n: float = 1e6
-    torque_stiffness_nm: float = 3e4
-    #: Standard deviation of a reading, and its step, N and N m.
-    force_noise_n: float = 0.08
-    torque_noise_nm: float = 0.003
-    force_quantum_n: float = 0.01
-    torque_quantum_nm: float = 0.0005
-
-
-class HeatFlow(NamedTuple):
-    """Linear heat flow of a time step between M nodes: motor, the body's cells, tool."""
-
-    #: T(k + 1) = transition T(k) + inputs (duty cycle, room temperature), (M, M) and (M, 2).
-    transition: FloatArray
-    inputs: FloatArray
-
-
-def build_heat_flow(settings: FtSensorSettings) -> HeatFlow:
-    """Build the matrices of heat flow, exact for one time step."""
+    T(k + 1) = transition T(k) + inputs (duty cycle, room temperature), (M, M) and (M, 2).
+    """
     # capacity · dT/dt = conduction + convection + motor, of every node
-    s, n = settings, settings.cells
-    half_cell = 2 * n * s.body_w_per_k  # from a cell's centre to its border
-    links = np.full(n + 1, n * s.body_w_per_k)
+    capacity, convection = (
+        np.array([motor, *[body / CELLS] * CELLS, tool])
+        for motor, body, tool in (CAPACITY_J_PER_K, CONVECTION_W_PER_K)
+    )
+    half_cell = 2 * CELLS * _BODY_W_PER_K  # from a cell's centre to its border
+    links = np.full(CELLS + 1, CELLS * _BODY_W_PER_K)
     # Two conductances in series.
-    links[0] = 1 / (1 / s.contact_w_per_k + 1 / half_cell)
-    links[-1] = 1 / (1 / half_cell + 1 / s.tool_contact_w_per_k)
-    convection = np.full(n + 2, s.body_convection_w_per_k / n)
-    convection[[0, -1]] = s.motor_convection_w_per_k, s.tool_convection_w_per_k
-    capacity = np.full(n + 2, s.body_capacity_j_per_k / n)
-    capacity[[0, -1]] = s.motor_capacity_j_per_k, s.tool_capacity_j_per_k
-
-    difference = np.diff(np.eye(n + 2), axis=0)
+    links[0] = 1 / (1 / _CONTACT_W_PER_K + 1 / half_cell)
+    links[-1] = 1 / (1 / half_cell + 1 / _TOOL_CONTACT_W_PER_K)
+    nodes = np.eye(CELLS + 2)
+    difference = np.diff(nodes, axis=0)
     conduction = difference.T @ np.diag(links) @ difference
     rates = -(conduction + np.diag(convection)) / capacity[:, None]
-    motor = np.zeros(n + 2)
-    motor[0] = s.max_motor_power_w
-    inputs = np.column_stack((motor, convection)) / capacity[:, None]
+    inputs = np.column_stack((MOTOR_W * nodes[0], convection)) / capacity[:, None]
     # The outputs, which the library wants as well, are the states.
-    space = rates, inputs, np.eye(n + 2), np.zeros((n + 2, 2))
-    return HeatFlow(*cont2discrete(space, s.step_s)[:2])
+    transition, step_inputs, *_ = cont2discrete((rates, inputs, nodes, 0 * inputs), STEP_S)
+    return transition, step_inputs
 
 
-def interpolation(cells: int, positions: FloatArray) -> FloatArray:
+def interpolation(positions: FloatArray) -> FloatArray:
     """Weigh node temperatures, (..., M), so that they give those at places from 0 to 1, (...)."""
-    centres = (np.arange(cells) + 0.5) / cells
-    rows = np.zeros((*positions.shape, cells + 2))
-    for cell in range(cells):
-        rows[..., cell + 1] = np.interp(positions, centres, np.eye(cells)[cell])
-    return rows
+    centres = (np.arange(CELLS) + 0.5) / CELLS
+    nodes = np.eye(CELLS + 2)[:, 1:-1]
+    return np.stack([np.interp(positions, centres, of_node) for of_node in nodes], axis=-1)
 
 
 def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
@@ -137,46 +104,41 @@ def bridge_output(resistances: FloatArray, changes: FloatArray) -> FloatArray:
     return np.asarray((r1 * r3 - r2 * r4) / ((r1 + r2) * (r3 + r4)))  # eq. 1
 
 
-def per_axis(force: float, torque: float) -> FloatArray:
-    """Spread a value for forces and one for torques over AXES, shape (6,)."""
-    return np.repeat([force, torque], 3)
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FtSensor:
     """One specimen: six bridges of four gauges, which a seed has drawn."""
 
-    settings: FtSensorSettings
-    heat: HeatFlow = field(repr=False)
-    #: Gauge temperatures from the M node temperatures of HeatFlow, shape (6, 4, M).
-    gauge_weights: FloatArray = field(repr=False)
+    #: Those of ``heat_flow``.
+    transition: FloatArray
+    inputs: FloatArray
+    #: Gauge temperatures from the M node temperatures, shape (6, 4, M).
+    gauge_weights: FloatArray
     #: Relative change of resistance with temperature, 1/K and 1/K², shape (6, 4).
-    per_k: FloatArray = field(repr=False)
-    per_k2: FloatArray = field(repr=False)
+    per_k: FloatArray
+    per_k2: FloatArray
     #: Thermometer temperatures from node temperatures, shape (2, M); rows sum to 1.
-    thermometer_weights: FloatArray = field(repr=False)
+    thermometer_weights: FloatArray
 
 
-def build_sensor(settings: FtSensorSettings, seed: int) -> FtSensor:
+def build_sensor(seed: int) -> FtSensor:
     """Build the specimen whose gauges a seed draws; another seed is another specimen."""
-    s, rng = settings, np.random.default_rng(seed)
-    axes = s.gauge_position + s.axis_position_spread * rng.uniform(-1, 1, (6, 1))
-    places = axes + s.gauge_position_spread * rng.uniform(-1, 1, (6, 4))
+    rng = np.random.default_rng(seed)
+    axes = _GAUGE_POSITION + _AXIS_SPREAD * rng.uniform(-1, 1, (6, 1))
+    places = axes + _GAUGE_SPREAD * rng.uniform(-1, 1, (6, 4))
     # Gauges are sorted into bridges of a zero drift in a range. Near balance, eq. 1 is
     # V = (δ1 - δ2 + δ3 - δ4) / 4, δ the relative changes of resistance.
-    drawn = s.gauge_mismatch_per_k * rng.standard_normal((6, 4))
-    wanted = rng.uniform(*s.zero_coefficient_per_k, 6) * rng.choice((-1.0, 1.0), 6)
+    drawn = _MISMATCH_PER_K * rng.standard_normal((6, 4))
+    wanted = rng.uniform(*_ZERO_PER_K, 6) * rng.choice((-1.0, 1.0), 6)
     excess = wanted - drawn @ GAUGE_SIGNS / 4
-    per_k = s.gauge_coefficient_per_k + drawn + excess[:, None] * GAUGE_SIGNS
-    per_k2 = s.gauge_coefficient_per_k2 + s.gauge_mismatch_per_k2 * rng.standard_normal((6, 4))
-    thermometers = interpolation(s.cells, np.array(s.thermometer_positions))
-    gauges = interpolation(s.cells, places)
-    return FtSensor(s, build_heat_flow(s), gauges, per_k, per_k2, thermometers)
+    per_k = _GAUGE_PER_K + drawn + excess[:, None] * GAUGE_SIGNS
+    per_k2 = _GAUGE_PER_K2 + _MISMATCH_PER_K2 * rng.standard_normal((6, 4))
+    thermometers = interpolation(_THERMOMETER_POSITIONS)
+    return FtSensor(*heat_flow(), interpolation(places), per_k, per_k2, thermometers)
 
 
-def start(sensor: FtSensor, room_c: float) -> FloatArray:
+def start(room_c: float) -> FloatArray:
     """Give the nodes of a robot that was off for long: all at room temperature, °C, (M,)."""
-    return np.full(sensor.settings.cells + 2, room_c)
+    return np.full(CELLS + 2, room_c)
 
 
 def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> FloatArray:
@@ -185,11 +147,11 @@ def trajectory(sensor: FtSensor, nodes_c: FloatArray, drive: FloatArray) -> Floa
 
     ``drive``, (N, 2), is duty cycle, 0 to 1, and room temperature, °C, during each step.
     """
-    warming = drive @ sensor.heat.inputs.T
+    warming = drive @ sensor.inputs.T
     states_c = np.empty((len(drive) + 1, len(nodes_c)))
     states_c[0] = nodes_c
     for k in range(len(drive)):
-        states_c[k + 1] = sensor.heat.transition @ states_c[k] + warming[k]
+        states_c[k + 1] = sensor.transition @ states_c[k] + warming[k]
     return states_c
 
 
@@ -200,35 +162,27 @@ def thermometer_temperatures(sensor: FtSensor, nodes_c: FloatArray) -> FloatArra
 
 def measured_wrench(sensor: FtSensor, nodes_c: FloatArray, wrench: ArrayLike) -> FloatArray:
     """Show wrenches, (..., 6), at nodes_c, °C, (..., M), without noise and quantisation."""
-    s = sensor.settings
     warm = np.einsum('agm,...m->...ag', sensor.gauge_weights, nodes_c) - NOMINAL_C
     resistances = 1.0 + sensor.per_k * warm + sensor.per_k2 * warm**2
-    falling = 1.0 + s.piezoresistive_per_k * warm + s.piezoresistive_per_k2 * warm**2
-    stiffness = per_axis(s.force_stiffness_n, s.torque_stiffness_nm)
-    strain = (np.asarray(wrench) / stiffness)[..., None]
-    changes = resistances * s.piezoresistive_coefficient * falling * strain  # ΔR/R = πσ, eq. 2
-    shown = stiffness / s.piezoresistive_coefficient
-    return np.asarray(bridge_output(resistances, changes) * shown)
+    falling = 1.0 + _PIEZORESISTIVE_PER_K * warm + _PIEZORESISTIVE_PER_K2 * warm**2
+    strain = (np.asarray(wrench) / _STIFFNESS)[..., None]
+    changes = resistances * _PIEZORESISTIVE * falling * strain  # ΔR/R = πσ, eq. 2
+    return np.asarray(bridge_output(resistances, changes) * (_STIFFNESS / _PIEZORESISTIVE))
 
 
-def digitised_wrench(
-    sensor: FtSensor, measured: FloatArray, rng: np.random.Generator
-) -> FloatArray:
+def digitised_wrench(measured: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Add noise and quantisation to ``measured_wrench``, shape (..., 6)."""
-    s = sensor.settings
-    noise = per_axis(s.force_noise_n, s.torque_noise_nm) * rng.standard_normal(measured.shape)
-    quantum = per_axis(s.force_quantum_n, s.torque_quantum_nm)
-    return np.asarray(np.round((measured + noise) / quantum) * quantum)
+    noisy = measured + _NOISE * rng.standard_normal(measured.shape)
+    return np.asarray(np.round(noisy / QUANTUM) * QUANTUM)
 
 
 def digitised_temperatures(
     sensor: FtSensor, nodes_c: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Read the thermometers for any number of states, shape (..., M) to (..., 2)."""
-    true = thermometer_temperatures(sensor, nodes_c)
-    noise = sensor.settings.thermometer_noise_k * rng.standard_normal(true.shape)
-    quantum = sensor.settings.thermometer_quantum_k
-    return np.asarray(np.round((true + noise) / quantum) * quantum)
+    true_c = thermometer_temperatures(sensor, nodes_c)
+    noisy_c = true_c + THERMOMETER_NOISE_K * rng.standard_normal(true_c.shape)
+    return np.asarray(np.round(noisy_c / THERMOMETER_QUANTUM_K) * THERMOMETER_QUANTUM_K)
 
 
 @dataclass(frozen=True)
@@ -239,10 +193,6 @@ class RunSettings:
     duty_start_s: tuple[float, ...] = (0.0, 120.0)
     #: Duty cycle from each of these times on, 0 to 1.
     duty_level: tuple[float, ...] = (0.0, 0.8)
-    #: Mean room temperature, °C, and amplitude, K, and period, s, of its slow swing.
-    room_c: float = 22.0
-    room_swing_k: float = 1.0
-    room_swing_period_s: float = 7200.0
     #: The largest load of an axis, N and N m; 0 is unloaded.
     force_n: float = 20.0
     torque_nm: float = 1.0
@@ -264,17 +214,17 @@ class RunSettings:
             )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A run: settings, and what a seed has drawn."""
 
     settings: RunSettings
     #: Phase of the room's swing at time 0, rad.
-    room_phase: float = field(repr=False)
+    room_phase: float
     #: The sines of every axis, shape (6, 4): rad/s, rad, and shares of the largest load.
-    load_rates: FloatArray = field(repr=False)
-    load_phases: FloatArray = field(repr=False)
-    load_shares: FloatArray = field(repr=False)
+    load_rates: FloatArray
+    load_phases: FloatArray
+    load_shares: FloatArray
 
 
 def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
@@ -292,9 +242,8 @@ def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
 
 def room_temperature(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Compute the room temperature, °C, in the shape of elapsed_s."""
-    s = run.settings
-    angle = 2 * np.pi / s.room_swing_period_s * np.asarray(elapsed_s) + run.room_phase
-    return np.asarray(s.room_c + s.room_swing_k * np.sin(angle))
+    angle = 2 * np.pi / _ROOM_SWING_PERIOD_S * np.asarray(elapsed_s) + run.room_phase
+    return np.asarray(_ROOM_C + _ROOM_SWING_K * np.sin(angle))
 
 
 def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
@@ -306,7 +255,7 @@ def drive(run: Run, elapsed_s: FloatArray) -> FloatArray:
 
 def true_wrench(run: Run, elapsed_s: ArrayLike) -> FloatArray:
     """Compute the load, N and N m, (..., 6): smooth, endless, never above the largest load."""
-    s = run.settings
+    largest = np.repeat([run.settings.force_n, run.settings.torque_nm], 3)
     angles = np.asarray(elapsed_s)[..., None, None] * run.load_rates + run.load_phases
     shares = (run.load_shares * np.sin(angles)).sum(axis=-1)
-    return np.asarray(per_axis(s.force_n, s.torque_nm) * shares)
+    return np.asarray(largest * shares)

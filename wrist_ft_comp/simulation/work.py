@@ -14,10 +14,8 @@ from wrist_ft_comp.series import FloatArray, IntArray
 _LEGS = 200
 #: Number of legs in a row with a part in the gripper, and then without one.
 _HELD_LEGS = 6
-#: Shortest rest, s.
-_LEAST_REST_S = 1.0
-#: Mean of what rests last longer, s.
-_REST_S = 6.0
+#: Shortest rest, and mean of what rests last longer, s.
+_LEAST_REST_S, _REST_S = 1.0, 6.0
 #: Standard deviation of a motion along each axis, m.
 _REACH_M = 0.15
 #: Largest force on things, N.
@@ -26,8 +24,9 @@ _LARGEST_FORCE_N = 60.0
 _PRESS_MARGIN = 0.1
 #: Time in which the force rises and falls, s.
 _RISE_S = 0.3
-#: Place of the accelerometer in the sensor's frame, m.
-_IMU_M = np.array([0.005, 0.0, 0.026])
+#: Of an accelerometer: its place in the sensor's frame, m, and the standard deviations of specific
+#: force, m/s², and angular velocity, rad/s.
+_IMU_M, _IMU_NOISE = np.array([0.005, 0.0, 0.026]), np.repeat([0.02, 0.002], 3)
 
 
 @dataclass(frozen=True)
@@ -153,8 +152,6 @@ class Accelerometer:
     bias: FloatArray
     scale: FloatArray
     per_kelvin: FloatArray
-    #: Standard deviations, m/s² and rad/s.
-    noise: tuple[float, float] = (0.02, 0.002)
 
 
 def draw_accelerometer(rng: np.random.Generator) -> Accelerometer:
@@ -176,4 +173,4 @@ def read_imu(
     to_imu = imu.rotation.inv()
     force = imu.scale * to_imu.apply(at_imu) + imu.bias + warm_k[:, np.newaxis] * imu.per_kelvin
     read = np.concatenate((force, to_imu.apply(motion.omega)), axis=1)
-    return np.asarray(read + rng.normal(0, np.repeat(imu.noise, 3), read.shape))
+    return np.asarray(read + rng.normal(0, _IMU_NOISE, read.shape))

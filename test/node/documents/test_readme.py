@@ -18,7 +18,7 @@ DAYS = {
 def simulate(number, duty):
     """Wrench and temperatures of a day, once a second."""
     rng = np.random.default_rng([1, number])
-    sensor = ft_sensor.build_sensor(ft_sensor.FtSensorSettings(), 1)
+    sensor = ft_sensor.build_sensor(1)
     settings = ft_sensor.RunSettings(
         duty_start_s=tuple(map(float, duty)),
         duty_level=tuple(duty.values()),
@@ -28,11 +28,11 @@ def simulate(number, duty):
     run = ft_sensor.draw_run(settings, rng)
     elapsed_s = np.arange(SECONDS) + 0.5
     drive = ft_sensor.drive(run, elapsed_s)
-    start = ft_sensor.start(sensor, float(drive[0, 1]))
+    start = ft_sensor.start(float(drive[0, 1]))
     true = ft_sensor.true_wrench(run, elapsed_s)
     nodes_c = ft_sensor.trajectory(sensor, start, drive)[:-1]
     measured = ft_sensor.measured_wrench(sensor, nodes_c, true)
-    wrench = ft_sensor.digitised_wrench(sensor, measured, rng)
+    wrench = ft_sensor.digitised_wrench(measured, rng)
     return wrench, ft_sensor.digitised_temperatures(sensor, nodes_c, rng)
 
 
