@@ -4,13 +4,14 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.days_learnt_from import good_days, prune
 from wrist_ft_comp.learning.diary import (
     DayEntry,
     Diary,
     diary_path,
+    good_days,
     load_diary,
     NONE,
+    prune,
     save_diary,
 )
 from wrist_ft_comp.learning.working_day import days

@@ -14,22 +14,11 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.fit import data_checks as checks
+from wrist_ft_comp.fit import named_methods
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
-from wrist_ft_comp.fit.data_checks import (
-    check_recordings,
-    drop_stuck_cells,
-    drop_unknown_temperatures,
-    idle_thermometers,
-    jumping_thermometers,
-    pauses,
-)
 from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
-from wrist_ft_comp.fit.named_methods import (
-    identify_hats,
-    identify_lags,
-    identify_paper_method,
-)
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.ridge_average import identify_auto
 from wrist_ft_comp.fit.segments import MOVING, segment
@@ -78,10 +67,11 @@ def calibrate(
     require_recordings(recordings)
     axes = [axis for axis in AXES if any(axis in r.axes_present for r in recordings)]
     duration_s = sum(recording.duration_s for recording in recordings)
-    ranges_c = check_recordings(recordings, reference, settings.min_temperature_span_k)
-    recordings, unknown = drop_unknown_temperatures(recordings)
-    recordings, dropped = drop_stuck_cells(recordings, axes)
-    doubts = pauses(recordings) + idle_thermometers(recordings) + jumping_thermometers(recordings)
+    ranges_c = checks.check_recordings(recordings, reference, settings.min_temperature_span_k)
+    recordings, unknown = checks.drop_unknown_temperatures(recordings)
+    recordings, dropped = checks.drop_stuck_cells(recordings, axes)
+    doubts = [*checks.pauses(recordings), *checks.idle_thermometers(recordings)]
+    doubts += checks.jumping_thermometers(recordings)
     # Begin a segment at each step of a still load.
     recordings, stepped = segment(recordings, reference)
     folds = assign_folds(recordings)
@@ -188,7 +178,7 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if settings.method == 'auto' and settings.features == 'powers' and data.tared:
         return identify_auto(data, settings)
     if settings.method == 'auto':
-        return identify_hats(data, settings)
+        return named_methods.identify_hats(data, settings)
     if settings.method == 'arx_pls_oe':
-        return identify_lags(data, settings)
-    return identify_paper_method(data, settings)
+        return named_methods.identify_lags(data, settings)
+    return named_methods.identify_paper_method(data, settings)

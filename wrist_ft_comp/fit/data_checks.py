@@ -124,8 +124,7 @@ def drop_stuck_cells(
             )
             continue
         lost = list[str]()
-        stuck = _find_stuck(series)
-        for i, (recording, cells) in enumerate(zip(recordings, stuck, strict=True)):
+        for i, (recording, cells) in enumerate(zip(recordings, _find_stuck(series), strict=True)):
             if not cells.any():
                 continue
             share = float(cells.sum()) / len(finite[i])
@@ -188,10 +187,8 @@ def drop_unknown_temperatures(
     sound, sentences = list[Recording](), list[str]()
     for recording in recordings:
         wrench = recording.wrench.copy()
-        for j in range(recording.thermometers):
-            measured = recording.measured[:, j]
-            values_c = np.where(measured, recording.temperature_c[:, j], np.nan)
-            (frozen,) = _find_stuck([values_c])
+        for j, measured in enumerate(recording.measured.T):
+            (frozen,) = _find_stuck([np.where(measured, recording.temperature_c[:, j], np.nan)])
             runs, what = _unknown(recording, j, ~measured | frozen)
             for first, last in runs:
                 wrench[first:last] = np.nan
@@ -202,8 +199,7 @@ def drop_unknown_temperatures(
                 )
             if runs:
                 sentences.append(f'{what}; wrenches of that time are not learnt from.')
-        changed = not np.array_equal(wrench, recording.wrench, equal_nan=True)
-        sound.append(replace(recording, wrench=wrench) if changed else recording)
+        sound.append(replace(recording, wrench=wrench))
     return sound, sentences
 
 
@@ -242,11 +238,11 @@ def silent_stretches(recordings: Sequence[Recording]) -> list[str]:
     """Name thermometers that are silent for long, and pauses of everything."""
     sentences = pauses(recordings)
     for recording in recordings:
-        for j in range(recording.thermometers):
-            runs, what = _unknown(recording, j, ~recording.measured[:, j])
+        for j, measured in enumerate(recording.measured.T):
+            runs, what = _unknown(recording, j, ~measured)
             if runs:
                 begin_s, end_s = (elapsed_s(recording, cell) for cell in runs[0])
-                held = not recording.measured[runs[0][1] :, j].any()
+                held = not measured[runs[0][1] :].any()
                 how = 'its last reading was held' if held else 'a straight line was drawn over it'
                 sentences.append(
                     f'{what}; {how}, and the drift of that time is a guess. Leave that time out: '
@@ -260,8 +256,8 @@ def pauses(recordings: Sequence[Recording]) -> list[str]:
     sentences = []
     for recording in recordings:
         came = recording.measured.any(axis=1) | np.isfinite(recording.wrench).any(axis=1)
-        silent = runs_of(np.asarray(~came, dtype=bool))
-        cells, first = max(((last - first, first) for first, last in silent), default=(0, 0))
+        silent = ((last - first, first) for first, last in runs_of(np.asarray(~came)))
+        cells, first = max(silent, default=(0, 0))
         if cells * recording.period_s > LONG_SILENCE_S:
             sentences.append(
                 f'Nothing of {recording.name} came for {cells * recording.period_s:.0f} s, from '

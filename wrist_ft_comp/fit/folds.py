@@ -6,14 +6,8 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
-from wrist_ft_comp.fit.axis_data import (
-    AxisData,
-    bin_cells,
-    BIN_S,
-    BINS_PER_FOLD,
-    find_plateaus,
-    FOLDS,
-)
+from wrist_ft_comp.fit import axis_data
+from wrist_ft_comp.fit.axis_data import AxisData, BINS_PER_FOLD, FOLDS
 from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
@@ -26,7 +20,7 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     """Assign each cell, (N_i,), to a fold: recordings, plateaus, or else stretches of one."""
     if len(recordings) > 1:
         return [np.full(len(recording), i) for i, recording in enumerate(recordings)]
-    plateaus = find_plateaus(recordings)
+    plateaus = axis_data.find_plateaus(recordings)
     if plateaus is not None:
         return [plateaus]
     # Half by time, half by kelvin: by time alone the first third of a warm-up holds nearly all of
@@ -41,13 +35,13 @@ def assign_folds(recordings: Sequence[Recording]) -> list[IntArray]:
     travelled_k = np.interp(cells, [part.mean() for part in parts], travel_k)
     passed = (cells / len(cells) + travelled_k / (travel_k[-1] or 1.0)) / 2
     # Folds end at whole bins, so that no bin holds samples of two folds.
-    width = bin_cells(len(cells), recordings[0].period_s)
+    width = axis_data.bin_cells(len(cells), recordings[0].period_s)
     return [np.floor(passed[cells // width * width] * FOLDS).astype(int)]
 
 
 def averaged_cells(period_s: float) -> int:
     """Count the thermal cells of the means that limits are stated of, and days are judged by."""
-    return max(1, round(BIN_S / period_s))
+    return max(1, round(axis_data.BIN_S / period_s))
 
 
 def averaged_s(model: DriftModel) -> float:

@@ -18,19 +18,12 @@ import scipy  # which loads its parts when they are used
 from wrist_ft_comp.drift.arx import static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.fit import ridge_average as ridges
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
 from wrist_ft_comp.fit.competition import compete, Fitted, Refit
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit
-from wrist_ft_comp.fit.ridge_average import (
-    bin_axis_data,
-    BinnedData,
-    build_axis_model,
-    LONG_BANK_S,
-    POOL_S,
-    sum_by_fold,
-)
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
@@ -53,7 +46,7 @@ def identify_paper_method(data: AxisData, settings: IdentificationSettings) -> A
     most = fixed or features.width
     structures: dict[str, Structure] = {'': (0.0,)}
     if method == 'filtered_pls':
-        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in LONG_BANK_S}
+        structures = {f', relaxation {tau_s} s': (tau_s,) for tau_s in ridges.LONG_BANK_S}
     elif method == 'arx_pls':
         block = None if orders else build_xy_block(data, features)
         orders = orders if block is None else choose_orders(data, block, most)
@@ -162,22 +155,22 @@ def fit_lags(features: Features, count: int, data: AxisData) -> Fitted:
     from the best of the relaxations of ``auto``, or of their pairs: above the shortest of them,
     because no sensor is known to lag less, and below twice the longest recording.
     """
-    bins, tau_s = bin_axis_data(data, data.bin_cells), np.zeros(1)
+    bins, tau_s = ridges.bin_axis_data(data, data.bin_cells), np.zeros(1)
     if count:
-        tried = [np.array(some) for some in combinations(POOL_S[1:], count)]
+        tried = [np.array(some) for some in combinations(ridges.POOL_S[1:], count)]
         start_s = min(tried, key=lambda some_s: _behind(bins, features, some_s)[0])
         found = scipy.optimize.minimize(
             lambda logs: np.log(_behind(bins, features, np.exp(logs))[0]), np.log(start_s),
-            method='Nelder-Mead', bounds=[np.log((POOL_S[1], 2 * data.longest_s))] * count,
+            method='Nelder-Mead', bounds=[np.log((ridges.POOL_S[1], 2 * data.longest_s))] * count,
             options={'xatol': 1e-5, 'fatol': 1e-9})  # fmt: skip
         tau_s = np.exp(np.sort(found.x))
     # What runs is fitted cell by cell.
-    _, gains = _behind(bin_axis_data(data, 1), features, tau_s)
-    return build_axis_model(features, tau_s, gains, data.period_s), ()
+    _, gains = _behind(ridges.bin_axis_data(data, 1), features, tau_s)
+    return ridges.build_axis_model(features, tau_s, gains, data.period_s), ()
 
 
 def _behind(
-    data: BinnedData, features: Features, time_constants_s: FloatArray
+    data: ridges.BinnedData, features: Features, time_constants_s: FloatArray
 ) -> tuple[float, FloatArray]:
     """
     Fit r - w by features behind relaxations (eq. 11), each segment around its mean.
@@ -185,7 +178,7 @@ def _behind(
     Gives the squares that are left, and gains of all columns but r - w, (P - 1,).
     """
     relaxed_c = data.relaxed(time_constants_s)
-    sums = sum_by_fold(data, [features.expand(c).reshape(len(c), -1) for c in relaxed_c])
+    sums = ridges.sum_by_fold(data, [features.expand(c).reshape(len(c), -1) for c in relaxed_c])
     products = sums.centred(sums.fold >= -1)
     size = 1 / np.sqrt(np.where(np.diagonal(products) > 0, np.diagonal(products), np.inf))
     scaled = products * np.outer(size, size)

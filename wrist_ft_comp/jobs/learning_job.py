@@ -10,16 +10,10 @@ from typing import Any
 from wrist_ft_comp.errors import RecordingError, WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import save
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.days_learnt_from import prune
-from wrist_ft_comp.learning.diary import Diary, load_diary, save_diary
+from wrist_ft_comp.learning import model_choice as choices
+from wrist_ft_comp.learning.diary import Diary, load_diary, prune, save_diary
 from wrist_ft_comp.learning.incidents import pause
-from wrist_ft_comp.learning.model_choice import (
-    Champion,
-    describe_day,
-    drift_words,
-    MOST_DAYS,
-    take,
-)
+from wrist_ft_comp.learning.model_choice import Champion, MOST_DAYS
 from wrist_ft_comp.learning.separated_day import Day, look_at
 from wrist_ft_comp.learning.working_day import day_number, goes_on, LARGEST_BYTES, size_of
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
@@ -30,6 +24,7 @@ from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_
 
 #: Digits of its SHA-256 by which the diary names a model.
 _DIGITS = 12
+_LATE = 'This day was judged late, and no model was learnt after it.'
 
 
 def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
@@ -60,11 +55,10 @@ def learn(job: CalibrationJob, learning: Learning) -> dict[str, Any]:
     judged = {day.name: day for day in known.days if day.name != newest}
     for name in sorted(set(names) - set(judged) - {newest}):
         before = [judged[other] for other in sorted(judged) if other < name]
-        entry = describe_day(name, look, before, champion_of(name))
-        late = f'{drift_words(entry)}This day was judged late, and no model was learnt after it.'
-        judged[name] = replace(entry, verdict=late)
+        entry = choices.describe_day(name, look, before, champion_of(name))
+        judged[name] = replace(entry, verdict=f'{choices.drift_words(entry)}{_LATE}')
     before = [judged[name] for name in sorted(judged)]
-    choice = take(newest, look, before, champion_of(newest), names, since, job.settings)
+    choice = choices.take(newest, look, before, champion_of(newest), names, since, job.settings)
     entry = choice.entry
     diary = Diary((*before, entry), tuple(history), pause([*before, entry], since))
 

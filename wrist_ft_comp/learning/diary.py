@@ -2,10 +2,11 @@
 What a node that learns by itself keeps: its diary and its memory.
 
 The diary, ``days/diary.json``, has an entry for every day, which decides whether it may be learnt
-from. Only the learning job writes it; a broken or missing diary is made anew. The memory,
-``learning.json``, is what the newest job said; the node writes it.
+from, and whether its recording is kept. Only the learning job writes it; a broken or missing diary
+is made anew. The memory, ``learning.json``, is what the newest job said; the node writes it.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -19,7 +20,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.working_day import days, size_of, span_of
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
+from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain, writing
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2,
@@ -168,12 +169,12 @@ def survey(directory: Path) -> Diary:
     for path in days(directory):
         if path.name in entries:
             continue
-        entries[path.name] = DayEntry(path.name, verdict='it is no file with rows of a day')
+        entry = DayEntry(path.name, verdict='it is no file with rows of a day')
         with suppress(OSError):
             if size_of(path) and (span := span_of(path)):
                 hours = (span.last_ns - span.first_ns) / NANOSECONDS / 3600
-                verdict = 'not judged yet'
-                entries[path.name] = DayEntry(path.name, span.first_ns, hours, verdict=verdict)
+                entry = DayEntry(path.name, span.first_ns, hours, verdict='not judged yet')
+        entries[path.name] = entry
     if not entries:
         raise RecordingError(
             f'{directory} holds no days. A node keeps them with the parameter learning set to '
@@ -184,6 +185,42 @@ def survey(directory: Path) -> Diary:
         history = ModelStore(directory).history()
     ordered = tuple(entries[name] for name in sorted(entries))
     return replace(diary, days=ordered, history=tuple(history))
+
+
+def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
+    """Choose days without an incident that have as many thermometers as the newest."""
+    good = [entry for entry in entries if entry.kind in LEARNT_FROM]
+    return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
+
+
+def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
+    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
+    chosen, newer = list(entries), max(most // 2, 1)
+    while len(chosen) > max(most, 1):
+        good = good_days(chosen)
+        count = Counter(cell for day in good for cell in day.known)
+        worth = [
+            sum(1 / count[cell] for cell in day.known) if day in good else -1.0
+            for day in chosen[:-newer]
+        ]
+        del chosen[int(np.argmin(worth))]
+    return chosen
+
+
+def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
+    """
+    Remove the least worthy recordings of judged days until the rest fits; name the rest.
+
+    RecordingError when one cannot be removed.
+    """
+    paths = {path.name: path for path in days(directory)}
+    kept = [entry for entry in diary.days if entry.name in paths]
+    while kept and sum(size_of(paths[entry.name]) for entry in kept) > 1e6 * max_mb:
+        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
+        (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
+        with writing(paths[name]):
+            paths.pop(name).unlink(missing_ok=True)
+    return list(paths)
 
 
 @dataclass(frozen=True)

@@ -18,20 +18,10 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.axis_model import LEAST_RANGE_K
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.data_checks import (
-    drop_unknown_temperatures,
-    idle_thermometers,
-    jumping_thermometers,
-)
+from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
-from wrist_ft_comp.learning.diary import (
-    DayEntry,
-    DAYS_TO_AGREE,
-    IncidentKind,
-    LEARNT_FROM,
-    NONE,
-    PAUSING,
-)
+from wrist_ft_comp.learning import diary
+from wrist_ft_comp.learning.diary import DayEntry, DAYS_TO_AGREE, LEARNT_FROM
 from wrist_ft_comp.learning.separated_day import Day
 from wrist_ft_comp.payload.mass_and_center import LEVER_M, MISFIT
 from wrist_ft_comp.payload.minute_of_motion import LEAST_FREE
@@ -57,7 +47,7 @@ _LEAST_JUMP_SIGMA = 50.0
 #: four minutes of contact in a fast warm-up.
 _JUMP_TOLERANCE = 0.25
 #: Kind of the incident, and a sentence.
-Incident = tuple[IncidentKind, str]
+Incident = tuple[diary.IncidentKind, str]
 
 
 def incident(
@@ -99,7 +89,7 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
     """Say why learning has stopped on its own; empty when it has not."""
     why, agreeing = '', 0
     for entry in entries:
-        if entry.kind in PAUSING and entry.name > since:
+        if entry.kind in diary.PAUSING and entry.name > since:
             why, agreeing = f'{entry.name}: {entry.incident}', 0
         elif entry.kind in LEARNT_FROM:
             agreeing += 1
@@ -114,13 +104,13 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
 def _thermometer_trouble(recording: Recording) -> str:
     """Say which thermometer stands still, is silent, or jumps; empty where none does."""
     moved = np.ptp(recording.temperature_c, axis=0).max() > LEAST_RANGE_K
-    if moved and (idle := idle_thermometers([recording])):
+    if moved and (idle := data_checks.idle_thermometers([recording])):
         return idle[0]
     try:
-        _, sentences = drop_unknown_temperatures([recording])
+        _, sentences = data_checks.drop_unknown_temperatures([recording])
     except CalibrationRefusedError as error:
         return str(error)
-    return ' '.join([*sentences, *jumping_thermometers([recording])])
+    return ' '.join([*sentences, *data_checks.jumping_thermometers([recording])])
 
 
 def _other_gains(day: Day, entry: DayEntry, before: Sequence[DayEntry]) -> Incident | None:
@@ -183,7 +173,7 @@ def _jump_of_zero(day: Day, entry: DayEntry, drift: FloatArray | float) -> Incid
     farther away than five times this; a long contact beside a jump leaves none.
     """
     recording, noise = day.recording, day.noise
-    drift_rms, raw = np.array(entry.left[NONE]), recording.wrench / noise
+    drift_rms, raw = np.array(entry.left[diary.NONE]), recording.wrench / noise
     residual = (recording.wrench - day.drift.reference - drift) / noise
     residual[~np.isfinite(day.drift.wrench)] = np.nan
     free = np.flatnonzero(np.isfinite(residual).all(axis=1))

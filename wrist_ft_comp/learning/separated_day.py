@@ -13,11 +13,7 @@ from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.learn_at_work import (
-    payloads_of,
-    separate,
-    separate_again,
-)
+from wrist_ft_comp.payload.learn_at_work import payloads_of, separate, separate_again
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
