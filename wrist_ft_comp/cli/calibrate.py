@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
-    content = outcome.view(job)
+    content = outcome.content
     if job.report:
         REPORT.write(job.report, page(content))
     words = [

@@ -36,29 +36,12 @@ def calibrate(
     progress: Progress | None = None,
 ) -> Calibration:
     """
-    Learn the drift of every axis that was recorded.
+    Learn the drift of every axis that was recorded: the model, ready to run, and its evidence.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        On the same thermal grid, with the same thermometers, each with its own unknown offset.
-    settings : CalibrationSettings, optional
-        What a person chose.
-    progress : callable, optional
-        Called with the share that is done, 0 to 1.
-
-    Returns
-    -------
-    Calibration
-        The model and its evidence.
-
-    Raises
-    ------
-    CalibrationRefusedError
-        When the recordings do not allow a trustworthy fit; the sentence says what to do.
-    TooShortError
-        When an ARX does not find enough consecutive samples.
-
+    Recordings are on the same thermal grid, with the same thermometers, each with its own unknown
+    offset. ``progress`` is called with the share that is done, 0 to 1. CalibrationRefusedError
+    where the recordings do not allow a trustworthy fit, whose sentence says what to do, and
+    TooShortError where an ARX does not find enough consecutive samples.
     """
     settings = settings or CalibrationSettings()
     progress = progress or (lambda _: None)

@@ -213,13 +213,8 @@ class BinnedData:
     def mean_columns(self, recording: int, rows: IntArray, x: FloatArray) -> FloatArray:
         """Put all columns together, means of some bins of a recording: x is (n, K·F)."""
         means = self.moments[recording][rows, 0] / self.moments[recording][rows, 0, :1]
-        behind = means[:, :-1, np.newaxis] * _with_constant(x)[:, np.newaxis]
+        behind = means[:, :-1, np.newaxis] * np.insert(x, 0, 1.0, axis=1)[:, np.newaxis]
         return np.concatenate((behind.reshape(len(x), -1), means[:, -1:]), axis=1)
-
-
-def _with_constant(x: FloatArray) -> FloatArray:
-    """Put the column 1 before others."""
-    return np.concatenate((np.ones((len(x), 1)), x), axis=1)
 
 
 def bin_axis_data(data: AxisData, cells: int) -> BinnedData:
@@ -273,7 +268,7 @@ def sum_by_fold(data: BinnedData, features: Sequence[FloatArray]) -> SumsByFold:
         pair_of_bin = np.stack((data.segments[i], data.folds[i]), axis=1)
         for pair in np.unique(pair_of_bin[used], axis=0):
             rows = used & (pair_of_bin == pair).all(axis=1)
-            moments, columns = data.moments[i][rows], _with_constant(x[rows])
+            moments, columns = data.moments[i][rows], np.insert(x[rows], 0, 1.0, axis=1)
             # Of 1 and w, each times 1 and x, with one another; then of these with r - w.
             behind = moments[:, :-1, :-1, np.newaxis] * columns[:, np.newaxis, np.newaxis]
             parts, width = behind.shape[1], columns.shape[1]

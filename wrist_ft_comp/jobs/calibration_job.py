@@ -29,14 +29,10 @@ class JobOutcome:
 
     calibration: Calibration
     stored: StoredModel
-    recordings: tuple[Recording, ...]
+    #: The content of its report.
+    content: ReportContent
     #: Recordings that were left out, and why, in sentences.
     left_out: tuple[str, ...]
-
-    def view(self, job: CalibrationJob) -> ReportContent:
-        """Make the content of its report."""
-        reference = job.settings.reference
-        return calibration_content(self.calibration, self.recordings, self.stored, reference)
 
 
 def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
@@ -59,7 +55,8 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
             paths[sha256] = path
     found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     calibration, stored = save(job, found, paths)
-    return JobOutcome(calibration, stored, tuple(recordings), tuple(left_out))
+    content = calibration_content(calibration, recordings, stored, job.settings.reference)
+    return JobOutcome(calibration, stored, content, tuple(left_out))
 
 
 def _read(

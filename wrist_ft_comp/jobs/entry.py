@@ -19,11 +19,6 @@ from wrist_ft_comp.payload.weight import driver_lines, ForceFrame, payload_line
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
-#: Nice value of a job for which somebody waits.
-_LOW_PRIORITY = 10
-#: How often the process looks whether the one that started it still runs, s.
-_WATCHED_EVERY_S = 0.5
-
 
 def answer(job: CalibrationJob) -> dict[str, Any]:
     """Run a job; give its outcome or its refusal in plain values."""
@@ -38,7 +33,7 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
 def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     """Calibrate; a model is not given up because its report could not be written."""
     outcome = run_job(job)
-    content, stored = outcome.view(job), outcome.stored
+    content, stored = outcome.content, outcome.stored
     warnings = [f'warning: {sentence}' for sentence in outcome.left_out]
     lines = [*content.lines(), *warnings, f'saved as {stored.path}']
     if job.report is not None:
@@ -72,7 +67,7 @@ def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
 
 def main() -> int:
     """Run one job from standard input, at low priority, and write its outcome; gives 0."""
-    os.nice(_LOW_PRIORITY)
+    os.nice(10)
     Thread(target=_end_with, args=(int(sys.argv[1]),), daemon=True).start()
     json.dump(answer(decode_job(sys.stdin.read())), sys.stdout)
     return 0
@@ -81,7 +76,7 @@ def main() -> int:
 def _end_with(parent: int) -> None:
     """End the process when the one that started it has ended: nobody waits for it any more."""
     while os.getppid() == parent:
-        time.sleep(_WATCHED_EVERY_S)
+        time.sleep(0.5)
     os.kill(os.getpid(), signal.SIGTERM)
 
 

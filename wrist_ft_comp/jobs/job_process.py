@@ -24,8 +24,6 @@ from wrist_ft_comp.stored.own_file import from_plain, parse_json, to_plain
 
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0
-#: Nice value of a learning job, for which nobody waits.
-_LOWEST_PRIORITY = 19
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class JobProcess:
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
         if job.learning is not None:
-            os.setpriority(os.PRIO_PROCESS, self.pid, _LOWEST_PRIORITY)
+            os.setpriority(os.PRIO_PROCESS, self.pid, 19)  # the lowest: nobody waits for it
         self._output, self._errors = b'', b''
         # A job of many days is more than a pipe holds, and no wrench waits until it is read.
         self._exchange = Thread(target=self._communicate, args=(text,), daemon=True)

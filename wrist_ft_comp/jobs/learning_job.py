@@ -22,8 +22,6 @@ from wrist_ft_comp.report.report_content import calibration_content, model_sourc
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import day_of_choice, HistoryEntry, model_on
 
-#: Digits of its SHA-256 by which the diary names a model.
-_DIGITS = 12
 _LATE = 'This day was judged late, and no model was learnt after it.'
 
 
@@ -127,4 +125,4 @@ def _champion(entry: HistoryEntry | None) -> Champion:
     # A person's own recordings may have names like those of days.
     names = [source.name for source in sources if source.parent.name == 'days']
     newest = max(filter(day_number, names), default='')
-    return Champion(stored.sha256[:_DIGITS], stored.model, newest)
+    return Champion(stored.sha256[:12], stored.model, newest)

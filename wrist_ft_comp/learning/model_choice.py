@@ -26,7 +26,7 @@ from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LE
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import thermometer_doubts
+from wrist_ft_comp.stream.offline import streamed_drift, thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.
@@ -85,7 +85,7 @@ def describe_day(
         drop_stuck_cells([day.drift], day.drift.axes_present)  # refuses a reading that froze
         with suppress(WristFtCompError):  # a model for other thermometers, or another period
             if champion.model is not None:
-                simulated = day.simulate(champion.model)
+                simulated = streamed_drift(champion.model, day.drift, day.before)
                 drift = simulated.zero
                 distrusted = list(thermometer_doubts(champion.model, day.drift))
                 by_live = left(simulated, day)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import Drift, DriftModel, no_drift
+from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
-from wrist_ft_comp.stream.offline import simulate_drift, streamed_drift
+from wrist_ft_comp.stream.offline import simulate_drift
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
@@ -45,10 +45,6 @@ class Day:
     doubt: str
     #: The day before where this one goes on with it: the model was not at rest then.
     before: Recording | None = None
-
-    def simulate(self, model: DriftModel) -> Drift:
-        """Run a model freely over the day, as it ran live: (N, 6)."""
-        return streamed_drift(model, self.drift, self.before)
 
 
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
