@@ -275,9 +275,8 @@ def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], 
     cost = (usable * robust_cost(weights)).sum(axis=2)
     # The first start that costs hardly more than the best.
     first = np.argmax(cost <= cost.min(axis=0) + 1.0, axis=0)
-    best = first, np.arange(len(usable))
-    states, weights, levels = states[best], weights[best], levels[best]
-    return replace(fit, states=states, weights=weights, levels=levels * fit.noise)
+    at = first, np.arange(len(usable))
+    return replace(fit, states=states[at], weights=weights[at], levels=levels[at] * fit.noise)
 
 
 def _assign_cells(
