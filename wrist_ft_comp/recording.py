@@ -87,7 +87,6 @@ class Recording:
 
     Cell ``k`` is the half-open interval ``[k h, (k + 1) h)`` of stamps, ``h = period_ns``. The
     first cell is the first one by whose end every thermometer has reported.
-
     """
 
     #: Where it came from, for messages.
@@ -148,7 +147,6 @@ class Recording:
             )
 
     def __len__(self) -> int:
-        """N."""
         return len(self.temperature_c)
 
     @property
