@@ -71,14 +71,6 @@ class Samples:
     #: N, N m or °C, shape (n, C); not finite where the source held no number.
     values: FloatArray
 
-    def __post_init__(self) -> None:
-        expected = (len(self.stamps_ns), len(self.channels))
-        if self.values.shape != expected:
-            raise RecordingError(
-                f'Samples of {", ".join(self.channels)} need values of shape {expected}; '
-                f'got {self.values.shape}.'
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:
