@@ -61,11 +61,8 @@ def days(draw):
         st.sampled_from(['both', 'both', 'first', 'second', 'slow', 'frozen', 'jump']),
         st.integers(2, 100),
     )
-    for kind, cells in [
-        ('both', 3),
-        *draw(st.lists(stretch, min_size=1, max_size=7)),
-        ('both', 6),
-    ]:
+    drawn = draw(st.lists(stretch, min_size=1, max_size=7))
+    for kind, cells in [('both', 3), *drawn, ('both', 6)]:
         # Two samples in a row make the leap of the clock believed.
         if kind == 'jump':
             cell += draw(st.sampled_from([3, 20, 59, 60, 61, 200, 5000]))

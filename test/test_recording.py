@@ -1,4 +1,4 @@
-"""Samples and recordings, what is read off a channel, ranges of settings, and robust weights."""
+"""Recordings, what is read off a channel, ranges of settings, and robust weights."""
 
 from dataclasses import replace
 import math
@@ -9,13 +9,8 @@ import pytest
 from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.ranges import check_range
-from wrist_ft_comp.recording import Recording, Samples, Topics
+from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.series import noise_level, robust_cost, robust_weight, stretches
-
-
-def test_samples_refuse_values_that_do_not_fit_their_channels():
-    with pytest.raises(RecordingError, match=r'values of shape \(2, 1\); got \(2, 2\)'):
-        Samples(('force_x',), np.array([0, 1]), np.zeros((2, 2)))
 
 
 @pytest.mark.parametrize(

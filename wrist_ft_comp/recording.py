@@ -71,14 +71,6 @@ class Samples:
     #: N, N m or °C, shape (n, C); not finite where the source held no number.
     values: FloatArray
 
-    def __post_init__(self) -> None:
-        expected = (len(self.stamps_ns), len(self.channels))
-        if self.values.shape != expected:
-            raise RecordingError(
-                f'Samples of {", ".join(self.channels)} need values of shape {expected}; '
-                f'got {self.values.shape}.'
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -87,7 +79,6 @@ class Recording:
 
     Cell ``k`` is the half-open interval ``[k h, (k + 1) h)`` of stamps, ``h = period_ns``. The
     first cell is the first one by whose end every thermometer has reported.
-
     """
 
     #: Where it came from, for messages.
@@ -148,7 +139,6 @@ class Recording:
             )
 
     def __len__(self) -> int:
-        """N."""
         return len(self.temperature_c)
 
     @property

@@ -58,22 +58,17 @@ def test_thermometers_outside_the_calibrated_range_are_named(make_model):
     assert model.outside(np.array([9.9, 25.0, 40.1])) == [0, 2]
 
 
-class TestUncertainty:
-    @pytest.fixture
-    def calibrated(self, make_model):
-        """Force x drifts, force y does not, force z drifts but was not calibrated by us."""
-        axes = {'force_x': (-0.5, 0.0, 10.0), 'force_z': (2.0, 0.0, 10.0)}
-        model = make_model(axes, range_c=(10.0, 40.0))
-        return replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
-
-    def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(self, calibrated):
-        """A third of the range is 10 K here."""
-        celsius = np.array([10, 33.3, 40, 9, -20, 40.3, 100])
-        thirds = np.array([0, 0, 0, 0.1, 3, 0.03, 6])
-        deviations = calibrated.uncertainty(celsius[:, np.newaxis])
-        np.testing.assert_allclose(deviations[:, 0], 0.3 * np.sqrt(1 + thirds**2))
-        np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
-        np.testing.assert_array_equal(calibrated.uncertainty(celsius[4:5]), deviations[4])
+def test_uncertainty_is_what_the_model_leaves_and_grows_beyond_the_range(make_model):
+    """Force x drifts, y does not, z was not calibrated; a third of the range is 10 K."""
+    axes = {'force_x': (-0.5, 0.0, 10.0), 'force_z': (2.0, 0.0, 10.0)}
+    model = make_model(axes, range_c=(10.0, 40.0))
+    model = replace(model, deviation={'force_x': 0.3, 'force_y': 0.2})
+    celsius = np.array([10, 33.3, 40, 9, -20, 40.3, 100])
+    thirds = np.array([0, 0, 0, 0.1, 3, 0.03, 6])
+    deviations = model.uncertainty(celsius[:, np.newaxis])
+    np.testing.assert_allclose(deviations[:, 0], 0.3 * np.sqrt(1 + thirds**2))
+    np.testing.assert_array_equal(deviations[:, 1:], [[0.2] + [np.nan] * 4] * 7)
+    np.testing.assert_array_equal(model.uncertainty(celsius[4:5]), deviations[4])
 
 
 def test_predicted_thermometers_that_do_not_fit_are_refused():

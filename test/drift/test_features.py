@@ -6,13 +6,6 @@ import pytest
 from wrist_ft_comp.drift.features import Features
 
 
-def hats(*knots_c, lower=-100.0, upper=200.0):
-    ones = np.ones(len(knots_c))
-    return Features(
-        'hats', 20 * ones, lower * ones, upper * ones, knots_c=tuple(map(np.array, knots_c))
-    )
-
-
 def test_powers_are_ordered_by_power_then_thermometer():
     features = Features('powers', np.array([20.0, 30.0]), np.zeros(2), np.full(2, 99.0), degree=3)
     np.testing.assert_allclose(
@@ -22,8 +15,8 @@ def test_powers_are_ordered_by_power_then_thermometer():
 
 
 def test_hats_interpolate_coefficients_and_are_exact_at_the_knots():
-    knots = [-40.0, -15.0, 0.0, 20.0, 100.0]
-    features = hats(knots)
+    knots, one = [-40.0, -15.0, 0.0, 20.0, 100.0], np.ones(1)
+    features = Features('hats', 20 * one, -100 * one, 200 * one, knots_c=(np.array(knots),))
     coefficients = np.array([3.0, -1.0, 4.0, 1.0, -5.0])
     np.testing.assert_array_equal(features.expand(np.array(knots)[:, np.newaxis]), np.eye(5))
     for temperature in np.linspace(-40, 100, 57):

@@ -36,12 +36,6 @@ def test_errors_are_as_large_as_they_say():
     [
         (-gains_of(np.eye(3)), NORMAL, 'mirrored'),
         (gains_of(np.diag([1.0, 1.0, -1.0])), NORMAL, 'mirrored'),
-        (gains_of(np.eye(3), [(0.001, np.zeros(3))] * 2), NORMAL, 'nothing weighs'),
-        (
-            gains_of(np.eye(3)),
-            np.kron(np.eye(2), np.diag([500.0, 1e-6, 1e-9])),
-            'also moves along z',
-        ),
         (gains_of(np.eye(3)) * [1, 1, 1.8, 1, 1, 1], NORMAL, 'not that of a rigid body'),
     ],
 )

@@ -38,10 +38,6 @@ def masses_and_centers(calibration):
     return [p.mass_kg for p in payloads], [p.center_m for p in payloads]
 
 
-def warned(recordings, settings=AT_WORK):
-    return '\n'.join(calibrate(recordings, settings).warnings)
-
-
 class TestPayloads:
     def test_tool_and_part_are_found_lightest_first(self, learnt):
         masses, centers = masses_and_centers(learnt)

@@ -61,8 +61,6 @@ def test_a_clock_that_leaps_is_no_time():
     collector = TareCollector(duration_s=1.0, max_deviation_n=1.0)
     for k, stamp in enumerate([0, 10, 7200, -7200, *range(3600, 3690, 10)]):
         assert not collector.add(START + stamp * SECOND // 1000, noisy()[k].tolist())
-    with pytest.raises(TareRefusedError, match='was to last 1 s'):
-        collector.result()
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, 1e308])

@@ -11,7 +11,6 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.thermal_memory import belongs_to, longest_gap_s
-from wrist_ft_comp.stream.thermometer_faults import start
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -82,38 +81,30 @@ def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, 
     assert longest_gap_s(make_model({'force_z': (1.0, 0.0, 1e5)})) == 6 * 3600.0
 
 
-def test_a_memory_belongs_to_models_of_its_form_only(model, make_model):
-    killed = Compensator(1, SETTINGS, model)
-    feed(killed, 0, 10)
-    memory = killed.memory()
-    assert belongs_to(model, memory)
-    filters = memory.filters
-    for change in (
-        {'temperature_c': np.array([20.0, 20.0])},
-        {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
-        {'filters': {'force_z': filters['force_z']}},
-        {'filters': {axis: np.full(values.shape, 1.7e308) for axis, values in filters.items()}},
-        {'history': ((np.zeros(2), 60),)},
-        {'period_ns': 2 * SECOND},
-        {'silent': (0, 0)},
-        {'start_c': np.zeros((0, 1))},
-        {'start_c': np.zeros((2, 1))},
-        {'thermometers': start(ALIKE, np.zeros(2))},
-    ):
-        assert not belongs_to(model, replace(memory, **change))
-    assert not belongs_to(make_model({'force_z': (1.0, 0.0, 1.0)}), memory)
-
-
-def test_what_is_known_of_thermometers_belongs_to_models_that_predict_as_many(make_model):
-    model = make_model({'force_z': (1.0, 0.0, 600.0)}, thermometers=2, prediction=ALIKE)
+def test_a_memory_belongs_to_models_of_its_form_only(make_model):
+    model = make_model(AXES, thermometers=2, prediction=ALIKE)
     compensator = Compensator(2, SETTINGS, model)
     for k in range(8):
         compensator.add_temperature(k % 2, START + k // 2 * SECOND, 20.0)
     memory = compensator.memory()
     assert belongs_to(model, memory)
-    assert not belongs_to(replace(model, prediction=None), memory)
-    for thermometers in (None, replace(memory.thermometers, reasons=('',))):
-        assert not belongs_to(model, replace(memory, thermometers=thermometers))
+    filters = memory.filters
+    for change in (
+        {'temperature_c': np.array([20.0])},
+        {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
+        {'filters': {'force_z': filters['force_z']}},
+        {'filters': {axis: np.full(values.shape, 1.7e308) for axis, values in filters.items()}},
+        {'history': ((np.zeros(1), 60),)},
+        {'period_ns': 2 * SECOND},
+        {'silent': (0,)},
+        {'start_c': np.zeros((0, 2))},
+        {'start_c': np.zeros((2, 2))},
+        {'thermometers': None},
+        {'thermometers': replace(memory.thermometers, reasons=('',))},
+    ):
+        assert not belongs_to(model, replace(memory, **change))
+    for axes, prediction in ((AXES, None), ({'force_z': (1.0, 0.0, 1.0)}, ALIKE)):
+        assert not belongs_to(make_model(axes, thermometers=2, prediction=prediction), memory)
 
 
 def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):

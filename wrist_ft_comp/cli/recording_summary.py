@@ -9,7 +9,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary, moments_of
+from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
 from wrist_ft_comp.recordings.bag_topics import (
@@ -100,9 +100,7 @@ def describe_recording(
             summary, recording = _describe_bag(opened.bag, topics, progress)
     if recording is None or recording.specific_force is None:
         return summary, recording
-    known = np.isfinite(recording.specific_force).all(axis=1)
-    force = describe_force(moments_of(recording.specific_force[known]))
-    return replace(summary, specific_force=force), recording
+    return replace(summary, specific_force=describe_force(recording.specific_force)), recording
 
 
 def _describe_bag(

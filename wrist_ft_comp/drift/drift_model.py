@@ -208,14 +208,11 @@ def start(model: DriftModel, temperature_c: FloatArray) -> DriftState:
 
 def at_rest(model: DriftModel, temperature_c: FloatArray) -> DriftState:
     """State of a sensor that had soaked before its first N cells, temperatures (N, J)."""
-    return start(model, rest_c(temperature_c[: model.start_cells]))
-
-
-def rest_c(temperature_c: FloatArray) -> FloatArray:
-    """Average the cells of a start, (N, J), that are near most others: a first reading may lie."""
+    temperature_c = temperature_c[: model.start_cells]
+    # Cells that are near most others are averaged: a first reading may lie.
     middle_c = np.sort(temperature_c, axis=0)[(len(temperature_c) - 1) // 2]
     near = np.abs(temperature_c - middle_c) < _NEAR_K
-    return np.asarray(np.mean(temperature_c, axis=0, where=near))
+    return start(model, np.mean(temperature_c, axis=0, where=near))
 
 
 def run_from_rest(model: DriftModel, temperature_c: FloatArray) -> tuple[DriftState, Drift]:

@@ -49,21 +49,13 @@ class ForceSummary(NamedTuple):
         return sum(deviation > CONTRAST for deviation in self.spread)
 
 
-def moments_of(force: FloatArray) -> FloatArray:
-    """Sum the products of [f, 1] over the finite samples of (n, 3), shape (4, 4)."""
-    samples = force[np.isfinite(force).all(axis=1)]
-    samples = np.concatenate((samples, np.ones((len(samples), 1))), axis=1)
-    return np.asarray(samples.T @ samples)
-
-
-def describe_force(moments: FloatArray) -> ForceSummary | None:
-    """Compute norm and principal directions from the sums of moments_of; None without samples."""
-    if not moments[3, 3]:
+def describe_force(force: FloatArray) -> ForceSummary | None:
+    """Describe the finite samples of a specific force, m/s², (n, 3); None without any."""
+    force = force[np.isfinite(force).all(axis=1)]
+    if not len(force):
         return None
-    moments = moments / moments[3, 3]
-    norm = float(np.sqrt(np.trace(moments[:3, :3])))
-    mean = moments[:3, 3]
-    moved = np.linalg.eigvalsh(moments[:3, :3] - np.outer(mean, mean))[::-1]
+    norm = float(np.sqrt(np.mean(np.sum(force**2, axis=1))))
+    moved = np.linalg.eigvalsh(np.cov(force.T, bias=True))[::-1]
     largest, middle, least = np.sqrt(np.maximum(moved, 0)) * (GRAVITY / norm if norm else 0.0)
     return ForceSummary(norm, (float(largest), float(middle), float(least)))
 

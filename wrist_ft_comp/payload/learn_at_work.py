@@ -22,24 +22,10 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
+from wrist_ft_comp.payload import payload_states
 from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm, CONTRAST
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
-from wrist_ft_comp.payload.payload_states import (
-    BLOCK_S,
-    bodies_of,
-    Cells,
-    cells_in,
-    CELLS_PER_POWER,
-    COUNTS,
-    cut,
-    find_states,
-    Fit,
-    fit_again,
-    of_state,
-    POWERS,
-    ROUNDS,
-    unexplained_contrast,
-)
+from wrist_ft_comp.payload.payload_states import BLOCK_S, Cells, COUNTS, Fit, ROUNDS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.series import FloatArray, IntArray
@@ -74,7 +60,7 @@ class Separation:
 
     def bodies(self) -> RigidBodies:
         """Fit rigid bodies, which RigidBodies.doubts judges."""
-        return bodies_of(self.cells, self.fit, self.accelerometer.scale)
+        return payload_states.bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +91,7 @@ def learn_at_work(
         separation = separate_again(separation, drift)
     bodies, warnings = separation.bodies(), []
     objections = bodies.doubts()
-    share = unexplained_contrast(separation.cells, separation.fit)
+    share = payload_states.unexplained_contrast(separation.cells, separation.fit)
     if bodies.contrast[0] >= CONTRAST and share > _MOST_UNEXPLAINED:
         what = (
             f'{share:.0%} of the changes between poses do not follow gravity; at most '
@@ -157,7 +143,8 @@ def separate(recordings: Sequence[Recording]) -> Separation:
                 'stamped by the clock of the wrench.'
             )
     accelerometer = calibrated_by_norm(recordings)
-    cells, least = cut(recordings, accelerometer.forces), 4 * CELLS_PER_POWER * POWERS
+    cells = payload_states.cut(recordings, accelerometer.forces)
+    least = 4 * payload_states.CELLS_PER_POWER * payload_states.POWERS
     if cells.usable.sum() < least:
         raise CalibrationRefusedError(
             f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
@@ -165,9 +152,10 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             'needed for the reference payload. Record both at the same time, and more often than '
             'in each thermal cell, or set a longer thermal period.'
         )
-    start = Separation(list(recordings), [], accelerometer, cells, find_states(cells), [])
+    fit, no_steps = payload_states.find_states(cells), [list[Step]() for _ in recordings]
+    start = Separation(list(recordings), [], accelerometer, cells, fit, no_steps)
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
-    return separate_again(replace(start, steps=[[] for _ in recordings]), nothing, BLOCK_S)
+    return separate_again(start, nothing, BLOCK_S)
 
 
 def separate_again(
@@ -181,13 +169,14 @@ def separate_again(
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
-        cells = cut(recordings, forces, ends, block_s, stepless)
+        cells = payload_states.cut(recordings, forces, ends, block_s, stepless)
         states, weights, levels = (
             np.concatenate(cells_before.join(part))[cells.rows]
             for part in (fit.states, fit.weights, fit.levels)
         )
         weights = weights * cells.usable
-        fit = fit_again(cells, replace(fit, states=states, weights=weights, levels=levels))
+        fit = replace(fit, states=states, weights=weights, levels=levels)
+        fit = payload_states.fit_again(cells, fit)
         mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
         if number == ROUNDS:
             break  # states and contacts have to be those of the last steps
@@ -202,11 +191,11 @@ def separate_again(
             break
     drifts = []
     for n, recording in enumerate(recordings):
-        unsure = cells_in(_UNSURE_S, recording.period_s)
+        unsure = payload_states.cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
         wrench = np.where(counts[n][:, None], _without_steps(recording.wrench, steps[n]), np.nan)
-        weight = of_state(forces[n] @ fit.gains, mounted[n])
+        weight = payload_states.of_state(forces[n] @ fit.gains, mounted[n])
         cells_of_steps = tuple(step.cell for step in steps[n])
         drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)

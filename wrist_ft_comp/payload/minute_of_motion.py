@@ -14,22 +14,10 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY, LARGEST
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.accelerometer import (
-    CONTRAST,
-    fit_norm,
-    OUTLIER_SHARE,
-    turning_speed,
-)
+from wrist_ft_comp.payload import payload_states
+from wrist_ft_comp.payload.accelerometer import CONTRAST, fit_norm, OUTLIER_SHARE, turning_speed
 from wrist_ft_comp.payload.mass_and_center import LEVER_M
-from wrist_ft_comp.payload.payload_states import (
-    bodies_of,
-    Cells,
-    COUNTS,
-    FASTEST,
-    Fit,
-    fit_again,
-    with_new_noise,
-)
+from wrist_ft_comp.payload.payload_states import Cells, COUNTS, FASTEST, Fit
 from wrist_ft_comp.payload.weight import ForceFrame, Payload, SAME_SHARE
 from wrist_ft_comp.series import FloatArray
 
@@ -91,8 +79,8 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     corrected = frame.turn(force)
     usable = np.ones((1, len(corrected)), dtype=bool)
     block = Cells(wrench[np.newaxis], corrected[np.newaxis], usable, powers=1)
-    fit = fit_again(block, _start(block))
-    found = bodies_of(block, fit, scale if sensor is None else None)
+    fit = payload_states.fit_again(block, _start(block))
+    found = payload_states.bodies_of(block, fit, scale if sensor is None else None)
     free = float((fit.weights > COUNTS).mean())
     if free < LEAST_FREE and found.contrast[1] > CONTRAST:
         raise CalibrationRefusedError(
@@ -126,4 +114,4 @@ def _start(cells: Cells) -> Fit:
     states = np.zeros(weights.shape, dtype=np.int64)
     levels = np.broadcast_to(level, cells.wrench.shape)
     start = Fit(gains[np.newaxis], states, weights, levels, np.ones(len(AXES)))
-    return with_new_noise(cells, start)
+    return payload_states.with_new_noise(cells, start)

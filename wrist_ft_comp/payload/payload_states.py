@@ -180,7 +180,7 @@ def find_states(cells: Cells) -> Fit:
         if gained < _LEAST_GAIN or pressed:
             break
         fit = more
-    return _settle(cells, _assigned_anywhere(cells, fit.gains, fit.noise), 10 * WIDTH_SIGMA)
+    return _settle(cells, _assigned_anywhere(cells, fit), 10 * WIDTH_SIGMA)
 
 
 def fit_again(cells: Cells, fit: Fit) -> Fit:
@@ -236,17 +236,14 @@ def _settle(cells: Cells, fit: Fit, widest: float = WIDTH_SIGMA, rounds: int = R
     return with_new_noise(cells, fit)
 
 
-def _assigned_anywhere(cells: Cells, gains: FloatArray, noise: FloatArray) -> Fit:
+def _assigned_anywhere(cells: Cells, fit: Fit) -> Fit:
     """Assign cells to states whose gains were fitted to other cells."""
-    states = np.zeros(cells.usable.shape, dtype=np.int64)
-    weights = cells.usable.astype(float)
-    start = Fit(gains, states, weights, np.zeros_like(cells.wrench), noise)
-    return _assign(cells, start, WIDTH_SIGMA, _levels_by_state(cells, start), 8)
+    return _assign(cells, fit, WIDTH_SIGMA, _levels_by_state(cells, fit), 8)
 
 
 def _unexplained(cells: Cells, noise: FloatArray, fit: Fit) -> float:
     """Compute the share of usable cells that the states of a fit do not explain."""
-    weights = _assigned_anywhere(cells, fit.gains, noise).weights
+    weights = _assigned_anywhere(cells, replace(fit, noise=noise)).weights
     return float((cells.usable * robust_cost(weights)).sum() / max(cells.usable.sum(), 1))
 
 
@@ -275,9 +272,8 @@ def _assign(cells: Cells, fit: Fit, width: float, starts: Iterable[FloatArray], 
     cost = (usable * robust_cost(weights)).sum(axis=2)
     # The first start that costs hardly more than the best.
     first = np.argmax(cost <= cost.min(axis=0) + 1.0, axis=0)
-    best = first, np.arange(len(usable))
-    states, weights, levels = states[best], weights[best], levels[best]
-    return replace(fit, states=states, weights=weights, levels=levels * fit.noise)
+    at = first, np.arange(len(usable))
+    return replace(fit, states=states[at], weights=weights[at], levels=levels[at] * fit.noise)
 
 
 def _assign_cells(

@@ -49,9 +49,8 @@ class WeightCheck:
         if np.linalg.norm(change[1, :3]) >= MOVED_N:
             self._before = now
             self._changes.append(change)
-            if len(self._changes) >= _FEWEST:
-                found = self._compare()
-                self.found = self.found if found is None else found
+            if len(self._changes) >= _FEWEST and (found := self._compare()) is not None:
+                self.found = found
 
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
@@ -101,9 +100,7 @@ class WeightCheck:
             return None
         # d × ΔW, linear in d: one block of three rows a change.
         torque = changes[free, 0, 3:] - changes[free, 1, 3:]
-        x, y, z = weight[free].T
-        zero = np.zeros_like(x)
-        rows = np.stack(([zero, z, -y], [-z, zero, x], [y, -x, zero])).transpose(2, 0, 1)
+        rows = np.cross(np.eye(3), weight[free][:, None]).swapaxes(1, 2)
         shift, *_ = np.linalg.lstsq(rows.reshape(-1, 3), torque.ravel(), rcond=None)
         rest = np.median(np.linalg.norm(torque - rows @ shift, axis=1))
         off = np.median(np.linalg.norm(torque, axis=1))

@@ -230,8 +230,7 @@ def grid_samples(
     first = max(int(found[channel].cells.min()) for channel in channels)
     last = max(int(sums.cells.max()) for sums in found.values())
     remedy = '' if temperatures else UNIT_OF_STAMPS
-    warnings += _judge_axes(found, name)
-    warnings += _judge_times(found, name, period_s, (first, last), remedy)
+    warnings += _judge_channels(found, name, period_s, (first, last), remedy)
 
     def table(*channels: str) -> FloatArray:
         """Lay out means of channels, shape (n, C), NaN where none; read-only if all are NaN."""
@@ -270,8 +269,15 @@ def grid_samples(
         specific_force=force, rotation_speed=speed)  # fmt: skip
 
 
-def _judge_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
-    """Drop dead axes beside ones that live."""
+def _judge_channels(
+    found: dict[str, CellSums], name: str, period_s: float, ends: tuple[int, int], remedy: str
+) -> Iterator[str]:
+    """
+    Drop dead axes beside ones that live, and doubt a thermometer that came late.
+
+    RecordingError where stamps are no times of one recording.
+    """
+    first, last = ends
     axes = [axis for axis in AXES if axis in found]
     dead = [axis for axis in axes if not found[axis].sums.any()]
     if dead and dead != axes:
@@ -280,15 +286,8 @@ def _judge_axes(found: dict[str, CellSums], name: str) -> Iterator[str]:
             'such an axis exists, it is broken.'
         )
         for axis in dead:
+            axes.remove(axis)
             del found[axis]
-
-
-def _judge_times(
-    found: dict[str, CellSums], name: str, period_s: float, ends: tuple[int, int], remedy: str
-) -> Iterator[str]:
-    """Refuse stamps that are no times of one recording; doubt a thermometer that came late."""
-    first, last = ends
-    axes = [axis for axis in AXES if axis in found]
     thermometers = [channel for channel in found if channel.startswith('temperature')]
     for thermometer in thermometers:
         for axis in axes:

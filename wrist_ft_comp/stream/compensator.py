@@ -330,11 +330,9 @@ class Compensator:
         """Say whose seldom reports leave more of the drift than the model does."""
         sentences, grid = [], self.tracker.grid
         for j, behind in self._moves.items():
-            worst, spacing_s = (
-                self._doubt(behind, 1.0),
-                grid.spacing(j) * grid.period_ns / NANOSECONDS,
-            )
-            if grid.spacing(j) > 1 and worst:
+            worst, spacing = self._doubt(behind, 1.0), grid.spacing(j)
+            if spacing > 1 and worst:
+                spacing_s = spacing * grid.period_ns / NANOSECONDS
                 sentences.append(
                     f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
                     'behind; let it report each second'

@@ -6,22 +6,10 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream import thermal_memory, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
 from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermal_memory import (
-    blocks_of,
-    bound_drift,
-    doubt_start,
-    LEAST_GAP_S,
-    longest_gap_s,
-    MOST_GAP_S,
-    SPAN_S,
-    ThermalMemory,
-    Uncertainty,
-    warmest_room_c,
-    why_forgotten,
-)
+from wrist_ft_comp.stream.thermal_memory import SPAN_S, ThermalMemory, Uncertainty, why_forgotten
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
@@ -40,7 +28,7 @@ class DriftTracker:
     def __init__(self, thermometers: int, period_ns: int, patience_s: float) -> None:
         self.model: DriftModel | None = None
         #: For how long the model remembers a temperature, s.
-        self.memory_s = longest_gap_s(None)
+        self.memory_s = thermal_memory.longest_gap_s(None)
         #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
         self.temperature_c: FloatArray | None = None
         self.reading_c: FloatArray | None = None
@@ -148,10 +136,9 @@ class DriftTracker:
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
-        is_doubtful = gap_s > LEAST_GAP_S
-        if gap or self.awaited:
-            is_doubtful |= not self._cross(gap)
-        gap = 0 if self._next is None else max(gap, 0)
+        goes_on = self._goes_on(gap_s) if gap or self.awaited else True
+        is_doubtful = not goes_on or gap_s > thermal_memory.LEAST_GAP_S
+        gap = max(gap, 0) if goes_on else 0
 
         # Which thermometers are believed; the others are predicted.
         believed_c = cell.temperature_c
@@ -171,7 +158,7 @@ class DriftTracker:
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
-        most = max(round(MOST_GAP_S / period_s), 1)
+        most = max(round(thermal_memory.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
             self._run(self.model, line_c)
@@ -179,46 +166,40 @@ class DriftTracker:
         self._next = cell.number + 1
         self.end_ns = self._next * self.grid.period_ns
 
+        if self.model is None:
+            return
         # The model remembers what was predicted of a thermometer, and what nobody knows of a gap.
-        if agreed_k.any():
-            self._doubt(self.effect(agreed_k))
+        off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
-        if self.model is not None and gap_s > self.memory_s:
-            is_doubtful = bool((believed_c > warmest_room_c(self.model)).any())
-        if is_doubtful and self.model is not None and state_before is not None and len(history_c):
-            bounds = bound_drift(
+        if gap_s > self.memory_s:
+            is_doubtful = bool((believed_c > thermal_memory.warmest_room_c(self.model)).any())
+        if is_doubtful and state_before is not None and len(history_c):
+            bounds = thermal_memory.bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
-            self._doubt(np.abs(bounds - self.drift.zero).max(axis=0))
-        off_at_start = self._doubt_start(len(self.history_c) - len(line_c))
-        if off_at_start.any():
-            self._doubt(off_at_start)
+            off = off + np.abs(bounds - self.drift.zero).max(axis=0)
+        off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
+        if off.any():
+            if self.uncertainty is not None:
+                off = off + self.uncertainty.left(self.end_ns, self.memory_s)
+            self.uncertainty = Uncertainty(self.end_ns, off)
 
-    def _doubt(self, off: FloatArray) -> None:
-        """Note that the drift may be off from now on, N and N m, (6,), beside what is left."""
-        if self.uncertainty is not None:
-            off = off + self.uncertainty.left(self.end_ns, self.memory_s)
-        self.uncertainty = Uncertainty(self.end_ns, off)
-
-    def _doubt_start(self, cells_before: int) -> FloatArray:
+    def _off_at_start(self, model: DriftModel, cells_before: int) -> FloatArray:
         """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""
-        span = max(round(SPAN_S * NANOSECONDS / self.grid.period_ns), 2)
-        if self.model is None or not cells_before < span <= len(self.history_c):
+        span = max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
+        if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
-        return doubt_start(self.model, self.history_c[:span], self.memory_s)
+        return thermal_memory.doubt_start(model, self.history_c[:span], self.memory_s)
 
-    def _cross(self, gap: int) -> bool:
-        """Decide whether the drift goes on over a gap of some cells, and say so."""
-        gap_s = gap * self.grid.period_ns / NANOSECONDS
+    def _goes_on(self, gap_s: float) -> bool:
+        """Decide whether the drift goes on over a gap, and say so."""
         memory, by_clock_s = self.awaited or (None, 0.0)
         self.awaited = None
         problem = why_forgotten(gap_s, self.memory_s, by_clock_s)
         if problem:
             self._forget()
-        if self.model is None or (0 <= gap_s < _REPORTED_GAP_S and not memory):
-            return not problem
-        if problem:
-            self.origin, self.forgot = f'{problem}; {_STARTS_ANEW}', True
+            if self.model is not None and (memory or not 0 <= gap_s < _REPORTED_GAP_S):
+                self.origin, self.forgot = f'{problem}; {_STARTS_ANEW}', True
         elif memory:
             before_s, self.forgot = max(gap_s, 0.0), False
             self.origin = f'the drift goes on from the thermal state saved {before_s:.0f} s before'
@@ -242,14 +223,14 @@ class DriftTracker:
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
         self.model, self.state, self.awaited = model, None, None
-        self.memory_s = longest_gap_s(model)
+        self.memory_s = thermal_memory.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
         if model is not None and len(self.history_c):
             self._run(model, self.history_c)
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
-            off = self._doubt_start(0)
+            off = self._off_at_start(model, 0)
             if off.any() and self.uncertainty is None:
                 since_ns = self.end_ns - len(self.history_c) * model.period_ns
                 self.uncertainty = Uncertainty(since_ns + round(SPAN_S * NANOSECONDS), off)
@@ -268,9 +249,9 @@ class DriftTracker:
         period_ns = self.grid.period_ns
         return ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
-            self.state, compensation, self._start_c, blocks_of(self.history_c, period_ns),
-            self.thermometers, self.uncertainty,
-            tuple(spikes.jump for spikes in self.spikes))  # fmt: skip
+            self.state, compensation, self._start_c,
+            thermal_memory.blocks_of(self.history_c, period_ns), self.thermometers,
+            self.uncertainty, tuple(spikes.jump for spikes in self.spikes))  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:
         """

@@ -14,20 +14,15 @@ from math import inf, isnan, nan, sqrt
 
 import numpy as np
 
-from wrist_ft_comp.channels import (
-    AXES,
-    FORCE_CHANNELS,
-    REFERENCE_CHANNELS,
-    ROTATION_CHANNEL,
-    temperature_channel,
-)
+from wrist_ft_comp.channels import CHANNELS, temperature_channel
 from wrist_ft_comp.series import BoolArray, FloatArray
 from wrist_ft_comp.stream.thermal_memory import outage_cells
 
 #: A thermometer reports as often as the least of the times between so many reports says: a gap, or
 #: a report that is missing, makes none seldom.
 _REPORTS = 3
-#: First columns of what is averaged; the square of the speed of rotation is beside the force.
+#: First columns of what is averaged: CHANNELS, with the square of the speed of rotation, and the
+#: temperatures.
 RAW, REFERENCE, FORCE, TEMPERATURE = 0, 6, 12, 16
 #: A row waits for each of them for this many cells: a thermometer may be read every five minutes.
 _PATIENCE_CELLS = {RAW: 50, REFERENCE: 50, FORCE: 50, TEMPERATURE: 600}
@@ -156,8 +151,7 @@ class ThermalGrid:
 def row_channels(thermometers: int, *, with_force: bool = False) -> tuple[str, ...]:
     """Name a row's columns: raw and reference wrench, J temperatures, perhaps specific force."""
     temperatures = tuple(temperature_channel(j) for j in range(thermometers))
-    force = (*FORCE_CHANNELS, ROTATION_CHANNEL) if with_force else ()
-    return (*AXES, *REFERENCE_CHANNELS, *temperatures, *force)
+    return CHANNELS[:FORCE] + temperatures + (CHANNELS[FORCE:] if with_force else ())
 
 
 class CellAverager:

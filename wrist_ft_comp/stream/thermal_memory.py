@@ -187,7 +187,7 @@ def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> Floa
     coldest_c = np.minimum(warmest_room_c(model), start_c[0])
     hottest_c = np.max([start_c[0], *(axis.range_c[1] for axis in model.axes.values())], axis=0)
     path_c = np.clip(start_c[0] - rate_k * before, coldest_c, hottest_c)
-    soaked = drift_model.at_rest(model, start_c[: model.start_cells])
+    soaked = drift_model.at_rest(model, start_c)
     moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)
     zero = [drift_model.run(model, state, start_c)[1].zero[-1] for state in (soaked, moving)]
     return np.asarray(np.abs(zero[1] - zero[0]))

@@ -78,7 +78,7 @@ class Jump(NamedTuple):
 
     #: How far in all, K.
     by_k: float = 0.0
-    #: When last, ns, None if never, and how far it was off until then where it jumped back, K.
+    #: When last, ns, None if never, and how far it was off until then, K.
     at_ns: int | None = None
     off_k: float = 0.0
 
@@ -177,10 +177,7 @@ class SpikeFilter:
         return True
 
     def _note_jump(self, stamp_ns: int, by_k: float) -> None:
-        before_k = self.stayed_k
-        self.jump = Jump(self.jump.by_k + by_k, stamp_ns)
-        if not self.stayed_k:
-            self.jump = self.jump._replace(off_k=before_k)
+        self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
 
     def admit_all(
         self, stamps_ns: IntArray, temperature_c: FloatArray
