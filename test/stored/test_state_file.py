@@ -115,17 +115,18 @@ def load(tmp_path):
     return write_and_load
 
 
-@pytest.mark.parametrize('version', [0, 3, '1', None])
+@pytest.mark.parametrize('version', [0, 4, '1', None])
 def test_a_state_of_another_version_is_refused(load, version):
-    with pytest.raises(StateFileError, match=r'version of .* reads format 2'):
+    with pytest.raises(StateFileError, match=r'version of .* reads format 3'):
         load({**plain(example()), 'version': version})
 
 
 @pytest.mark.parametrize(
     ('place', 'value'),
     [
-        ('period_ns', 0), ('period_ns', 10**12), ('silent', [-1]), ('zero', [0.0] * 5),
-        ('zero', [1e101] * 6), ('temperature_c', [1e101]), ('temperature_c', [None]),
+        ('period_ns', 0), ('period_ns', 10**12), ('silent', [-1]),
+        ('compensation', {'zero': [0.0] * 5, 'sensitivity': [0.0] * 6}),
+        ('temperature_c', [1e101]), ('temperature_c', [None]),
         ('uncertainty', {'since_ns': 0, 'bound': [1.0]}), ('filters', {'force_q': [1.0]}),
         ('history', [{'temperature_c': [20.0], 'cells': 10**6}]),
     ],

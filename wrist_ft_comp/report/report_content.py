@@ -251,14 +251,11 @@ def evaluation_content(
         series = _series(
             recordings, number[rows], cell[rows],
             before[rows, column], after[rows, column], number[rows])  # fmt: skip
-        each = FoldErrors(
-            np.array([figures.rms_before for _, figures in parts]),
-            np.array([figures.rms_after for _, figures in parts]),
-        )
+        each = np.array([(figures.rms_before, figures.rms_after) for _, figures in parts])
         evidence = verdicts.Evidence(
             unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
             noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
-            parts=each, peak=errors.max_after, limit=limit)  # fmt: skip
+            parts=FoldErrors(*each.T), peak=errors.max_after, limit=limit)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
