@@ -156,11 +156,10 @@ def days_figure(diary: Diary) -> Figure:
         _frame(panel, 'y')
     drift = np.array([day_figures.drift_left(day) for day in days])
     numbers = np.arange(len(days))
-    for values, width, style in (
-        (drift[:, 0], 0.9, {'color': WITHOUT, 'alpha': 0.4, 'label': 'drift without a model'}),
-        (drift[:, 1], 0.5, {'color': WITH, 'label': 'left by the live model'}),
-    ):
-        newtons.bar(numbers, values, width, lw=0, **style)
+    newtons.bar(
+        numbers, drift[:, 0], 0.9, lw=0, color=WITHOUT, alpha=0.4, label='drift without a model'
+    )
+    newtons.bar(numbers, drift[:, 1], 0.5, lw=0, color=WITH, label='left by the live model')
     highest = np.nanmax(drift, axis=1, initial=0.0)
     # A few wild days must not flatten the others.
     newtons.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
