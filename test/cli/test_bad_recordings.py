@@ -196,14 +196,21 @@ def cases(rows):
 class Door:
     """A way in for recordings."""
 
-    def __init__(self, run=None, make=None, messages=None, folder=None):
+    def __init__(self, run, make, messages, folder):
         self.run, self.make, self.messages, self.folder = run, make, messages, folder
 
-    def csv(self, table):
-        return self.make.csv(self.folder / 'day.csv', {c: v.tolist() for c, v in table.items()})
-
-    def bag(self, table, kind, storage):
-        return self.messages.write(self.folder / 'day', self.parts(table, kind), storage)
+    def write(self, rows, kind, form):
+        """Write a bad recording; gives the words that name it, and the pattern of what is said."""
+        table = good()
+        change, pattern, _ = rows[kind]
+        if change:
+            change(table)
+        if form == 'csv':
+            columns = {channel: values.tolist() for channel, values in table.items()}
+            return [self.make.csv(self.folder / 'day.csv', columns)], pattern
+        path = self.messages.write(self.folder / 'day', self.parts(table, kind), form)
+        topics = ['/temperature:header.stamp.sec'] if 'taken for' in kind else thermometers(table)
+        return [path, *(w for topic in topics for w in ('--temperature-topic', topic))], pattern
 
     def parts(self, table, kind):
         """Write wrenches and temperatures, received when they should have been measured."""
@@ -249,27 +256,12 @@ def door(run, make, messages, tmp_path):
     return Door(run, make, messages, tmp_path)
 
 
-def changed(rows, kind):
-    table = good()
-    change, pattern, _ = rows[kind]
-    if change:
-        change(table)
-    return table, pattern
-
-
-def arguments(path, kind, table, form):
-    topics = thermometers(table) if form in BAGS else []
-    topics = ['/temperature:header.stamp.sec'] if 'taken for' in kind else topics
-    return [path, *(word for topic in topics for word in ('--temperature-topic', topic))]
-
-
 @pytest.mark.parametrize(('kind', 'form'), cases(REFUSED))
 def test_a_bad_recording_is_refused_in_one_sentence(kind, form, door):
-    table, pattern = changed(REFUSED, kind)
-    path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
+    words, pattern = door.write(REFUSED, kind, form)
     before = sorted(door.folder.rglob('*'))
-    command = ['calibrate', *arguments(path, kind, table, form), '--method', 'pls']
-    assert re.search(pattern, door.run(*command, '-o', door.folder / 'model.yaml').sentence)
+    command = ['calibrate', *words, '--method', 'pls', '-o', door.folder / 'model.yaml']
+    assert re.search(pattern, door.run(*command).sentence)
     assert sorted(door.folder.rglob('*')) == before
 
 
@@ -284,10 +276,7 @@ READ = (
 
 @pytest.mark.parametrize('kind', READ)
 def test_show_proposes_nothing_that_is_bound_to_be_refused(kind, door):
-    table, pattern = changed(REFUSED, kind)
-    form = REFUSED[kind][2][0]
-    path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
-    words = arguments(path, kind, table, form)
+    words, pattern = door.write(REFUSED, kind, REFUSED[kind][2][0])
     shown = door.run('show', *words).out
     assert re.search(f'Nothing can be learnt from it( with these topics)?. .*{pattern}', shown)
     assert 'wrist_ft_comp calibrate' not in shown
@@ -298,10 +287,9 @@ def test_show_proposes_nothing_that_is_bound_to_be_refused(kind, door):
 
 @pytest.mark.parametrize(('kind', 'form'), cases(WARNED))
 def test_dropped_samples_and_doubts_are_warnings(kind, form, door):
-    table, pattern = changed(WARNED, kind)
-    path = door.csv(table) if form == 'csv' else door.bag(table, kind, form)
-    words, model = arguments(path, kind, table, form), door.folder / 'model.yaml'
-    outcome = door.run('calibrate', *words, '-o', model, '--method', 'pls', '--json')
+    words, pattern = door.write(WARNED, kind, form)
+    command = ['calibrate', *words, '-o', door.folder / 'model.yaml', '--method', 'pls', '--json']
+    outcome = door.run(*command)
     assert outcome.code == 0, outcome
     warnings = json.loads(outcome.out)['warnings']
     assert [warning for warning in warnings if re.search(pattern, warning)]

@@ -211,10 +211,7 @@ def test_ctrl_c_while_saving_leaves_what_was_there(  # noqa: PLR0913, PLR0917
     kind, drift_csv, bags, model, report, tmp_path
 ):
     old = tmp_path / ('r.html' if kind == 'report' else 'm.yaml')
-    if kind == 'report':
-        shutil.copy(report, old)
-    else:
-        shutil.copy(model, old)
+    shutil.copy(report if kind == 'report' else model, old)
     before = contents(tmp_path)
     argv = {
         'model': ['calibrate', drift_csv, '-o', old, '--method', 'pls'],

@@ -15,7 +15,7 @@ import yaml
 from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.report.days import MODEL_CHANGES, NAMES
+from wrist_ft_comp.report.days import CHANGES, NAMES
 from wrist_ft_comp.report.pictures import days_figure
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
@@ -268,5 +268,5 @@ def test_a_folder_without_days_and_a_picture_of_none_are_sentences(run, folder, 
 
 def test_every_name_of_what_happens_is_explained():
     page = (Path(__file__).parents[2] / 'docs/learning.md').read_text('utf-8')
-    for name in (*NAMES.values(), *MODEL_CHANGES):
+    for name in (*NAMES.values(), *CHANGES.values()):
         assert f'| `{name}` |' in page

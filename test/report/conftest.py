@@ -10,13 +10,9 @@ import pytest
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recording import Recording
+from wrist_ft_comp.report import report_content as contents
 from wrist_ft_comp.report.evaluation import tared_errors
 from wrist_ft_comp.report.page import page
-from wrist_ft_comp.report.report_content import (
-    calibration_content,
-    EvaluatedRecording,
-    evaluation_content,
-)
 from wrist_ft_comp.stored.model_file import save_model
 
 #: Markup in it, and longer than a line of a telephone.
@@ -73,7 +69,7 @@ def learn(recordings, folder, reference='unloaded', **identification):
 def evaluated(stored, recording, reference='unloaded'):
     """Compare a recording with its reference."""
     errors = tared_errors(stored.model, recording, reference)
-    return EvaluatedRecording(recording, reference, errors)
+    return contents.EvaluatedRecording(recording, reference, errors)
 
 
 @pytest.fixture(scope='session')
@@ -99,14 +95,16 @@ def view(tmp_path_factory, stored, make_working_day):
         if kind == 'plateaus':
             recordings = [make_plateaus()]
             calibration, model = learn(recordings, folder, method='pls', features='hats')
-            return calibration_content(calibration, recordings, model, 'unloaded')
+            return contents.calibration_content(calibration, recordings, model, 'unloaded')
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
-            return evaluation_content(stored, [evaluated(stored, make_recording()), second], 60.0)
+            return contents.evaluation_content(
+                stored, [evaluated(stored, make_recording()), second], 60.0
+            )
         if kind == 'work':
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')
-            return calibration_content(calibration, recordings, model, 'payload')
+            return contents.calibration_content(calibration, recordings, model, 'payload')
         drifts = {'good': (1.0, 0.0, 0), 'weak': (0.05, 0.1, 0), 'none': (0.0, 0.0, 2)}
         slope, hidden, seed = drifts[kind]
         recordings = [
@@ -114,7 +112,7 @@ def view(tmp_path_factory, stored, make_working_day):
             for k, name in enumerate([NAME] if kind == 'weak' else [NAME, 'second.csv'], seed)
         ]
         calibration, model = learn(recordings, folder, method='pls' if kind == 'weak' else 'auto')
-        return calibration_content(calibration, recordings, model, 'unloaded')
+        return contents.calibration_content(calibration, recordings, model, 'unloaded')
 
     return build
 

@@ -1,21 +1,22 @@
 """The table of verdicts, at both sides of every threshold, and a calibration in a few lines."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HARMFUL_RATIO
 from wrist_ft_comp.report import verdict
+from wrist_ft_comp.report.evaluation import AxisEvaluation
 
-FINE = verdict.Evidence('N', before=10.0, after=1.0, noise=0.01, compensated=True)
 JUST = 1e-9
 #: Two blocks, of which the first gets worse by what may be noise.
 SMALL = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
 
 
-def level(**changes):
-    return verdict.judge(replace(FINE, **changes)).level
+def judge(before=10.0, after=1.0, peak=0.0, **known):
+    """Judge a good axis, of which some things are others."""
+    known = {'unit': 'N', 'noise': 0.01, 'compensated': True, **known}
+    errors = AxisEvaluation(before, after, np.nan, peak)
+    return verdict.judge(verdict.Evidence(errors=errors, **known))
 
 
 @pytest.mark.parametrize(
@@ -46,34 +47,34 @@ def level(**changes):
     ],
 )
 def test_every_level_begins_where_the_table_says(changes, expected):
-    assert level(**changes) == expected
+    assert judge(**changes).level == expected
 
 
 def test_a_block_that_got_worse_makes_an_axis_weak():
     before = np.array([1.0, 3.0, 1.0])
-    worse = verdict.judge(replace(FINE, parts=FoldErrors(before, np.array([0.1, 3.2, 0.1]))))
+    worse = judge(parts=FoldErrors(before, np.array([0.1, 3.2, 0.1])))
     assert worse.level == 'weak'
     assert 'in 1 of 3 parts it leaves more' in worse.sentence
-    assert level(parts=FoldErrors(before, np.array([0.1, 3.1, 0.1]))) == 'good'
+    assert judge(parts=FoldErrors(before, np.array([0.1, 3.1, 0.1]))).level == 'good'
     quiet = FoldErrors(before, np.array([10 * verdict.GOOD_REMAINDER - JUST, 0.1, 0.1]))
-    assert level(parts=quiet) == 'good', 'it hardly drifts there, and little is left'
+    assert judge(parts=quiet).level == 'good', 'it hardly drifts there, and little is left'
 
 
 def test_a_sentence_holds_its_numbers():
-    assert verdict.judge(FINE).sentence == '10 % of the drift is left (10 → 1 N RMS).'
-    assert verdict.judge(replace(FINE, after=0.01)).sentence.endswith('the noise of the sensor.')
-    weak = verdict.judge(replace(FINE, unit='N m', after=5.0))
+    assert judge().sentence == '10 % of the drift is left (10 → 1 N RMS).'
+    assert judge(after=0.01).sentence.endswith('the noise of the sensor.')
+    weak = judge(unit='N m', after=5.0)
     assert weak.sentence.startswith('50 % of the drift is left (10 → 5 N m RMS)')
     assert 'at most 25 %' in weak.sentence
 
 
 def test_an_axis_without_a_model_has_its_reason():
-    bare = replace(FINE, compensated=False, after=10.0)
+    bare = {'compensated': False, 'after': 10.0}
     passes = 'It passes unchanged, with its drift of 10 N RMS.'
-    assert verdict.judge(bare).sentence == f'No model was clearly better than none. {passes}'
-    refused = verdict.judge(replace(bare, refusal='It drifts too slowly')).sentence
+    assert judge(**bare).sentence == f'No model was clearly better than none. {passes}'
+    refused = judge(**bare, refusal='It drifts too slowly').sentence
     assert refused == f'It drifts too slowly. {passes}'
-    quiet = verdict.judge(replace(bare, noise=10.0)).sentence
+    quiet = judge(**bare, noise=10.0).sentence
     assert quiet.startswith('There is nothing to remove')
 
 

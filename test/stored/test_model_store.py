@@ -9,14 +9,8 @@ import sys
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored.model_store import (
-    day_of_choice,
-    HistoryEntry,
-    MAX_RECORDINGS,
-    model_on,
-    ModelStore,
-    node_directory,
-)
+from wrist_ft_comp.stored import model_store as stores
+from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_RECORDINGS, ModelStore
 
 
 def entries(*paths):
@@ -130,11 +124,11 @@ def test_the_history_says_what_ran_on_a_day_and_when_a_person_decided_last():
         HistoryEntry(Path('b.yaml'), how='learnt', day='day_00004.csv'),
     )
     history = [none, by_hand, learnt]
-    ran = [model_on(history, f'day_{n:05d}.csv') for n in range(1, 7)]
+    ran = [stores.model_on(history, f'day_{n:05d}.csv') for n in range(1, 7)]
     assert ran == [none, none, by_hand, by_hand, learnt, learnt]
-    assert model_on([by_hand], 'day_00001.csv') is None
-    assert day_of_choice(history) == 'day_00002.csv'
-    assert day_of_choice([]) == ''
+    assert stores.model_on([by_hand], 'day_00001.csv') is None
+    assert stores.day_of_choice(history) == 'day_00002.csv'
+    assert stores.day_of_choice([]) == ''
 
 
 def test_leftovers_of_killed_processes_are_swept(store):
@@ -179,10 +173,10 @@ def test_a_nodes_folder_is_absolute_and_below_ros_home_where_none_is_given(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', '/home/user')
     monkeypatch.setenv('ROS_HOME', home)
-    directory = node_directory('', '/left/arm/wrist_ft_comp')
+    directory = stores.node_directory('', '/left/arm/wrist_ft_comp')
     assert directory == Path(base) / 'wrist_ft_comp/left__arm__wrist_ft_comp'
-    assert node_directory('data', 'left') == tmp_path / 'data'
-    assert node_directory('~/data') == Path('/home/user/data')
-    assert node_directory('x' * 300).name == 'x' * 300
+    assert stores.node_directory('data', 'left') == tmp_path / 'data'
+    assert stores.node_directory('~/data') == Path('/home/user/data')
+    assert stores.node_directory('x' * 300).name == 'x' * 300
     with pytest.raises(SettingsError, match='nobody here has a home of that name'):
-        node_directory('~nobody_here/data')
+        stores.node_directory('~nobody_here/data')

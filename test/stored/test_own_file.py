@@ -18,14 +18,9 @@ from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary,
 from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.stored import own_file
 from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, ModelStore
-from wrist_ft_comp.stored.own_file import (
-    beginning,
-    from_plain,
-    Output,
-    remove_leftovers,
-    replace_file,
-)
+from wrist_ft_comp.stored.own_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 
@@ -46,7 +41,7 @@ def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(targe
     def look(_):
         others = [path for path in target.parent.iterdir() if path != target]
         seen.append((target.read_text(), [path.read_text() for path in others]))
-        remove_leftovers(target.parent)  # but not what somebody is writing
+        own_file.remove_leftovers(target.parent)  # but not what somebody is writing
 
     monkeypatch.setattr(os, 'fsync', look)
     target.chmod(0o640)
@@ -168,9 +163,9 @@ def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
 
 def test_a_path_that_is_no_file_has_no_beginning(target):
     target.write_bytes(b'old \xff' + b'x' * 10_000)
-    assert beginning(target).startswith('old \ufffd')
+    assert own_file.beginning(target).startswith('old \ufffd')
     for path in (target.parent, target / 'below', target.with_name('x' * 300)):
-        assert beginning(path) == ''
+        assert own_file.beginning(path) == ''
 
 
 class Pair(NamedTuple):

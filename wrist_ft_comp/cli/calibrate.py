@@ -95,14 +95,11 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar('calibrating') as progress:
         outcome = run_job(job, progress)
     content = outcome.content
+    words = content_words(content, verbose=arguments.verbose)
+    words += ['', f'saved as {outcome.stored.path}']
     if job.report:
         REPORT.write(job.report, page(content))
-    words = [
-        *content_words(content, verbose=arguments.verbose),
-        '',
-        f'saved as {outcome.stored.path}',
-        *([f'report: {job.report}'] if job.report else ()),
-    ]
+        words.append(f'report: {job.report}')
     calibration = outcome.calibration
     names = 'chosen rms_before rms_after day_limit largest_drift time_constants_s candidates notes'
     document = {

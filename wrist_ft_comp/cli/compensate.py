@@ -20,10 +20,6 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
 
-#: Weight is subtracted on cells of this length, s.
-_FINE_S = 0.02
-#: Most cells of a recording; those of a long one are longer.
-_MOST_CELLS = 2_000_000
 _UNTARED = (
     'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '
     'newtons. Give --tare SECONDS where the recording begins unloaded, or subtract what is left '
@@ -92,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         external_warnings: tuple[str, ...] = ()
         if arguments.reference == 'payload':
             work = learn_at_work([recording])
-            fine_s = max(_FINE_S, recording.duration_s / _MOST_CELLS)
+            # Weight moves faster than drift; the cells of a long recording are longer.
+            fine_s = max(0.02, recording.duration_s / 2_000_000)
             fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
             external = external_correction(work.separation, model, fine)
             external_warnings = work.warnings

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from wrist_ft_comp.cli.node_client import Operator, Watch
 
 _Process = subprocess.Popen[bytes]
-#: ROS domains whose ports Linux does not use for others; people choose from the other end.
-_DOMAINS = range(60, 101)
 #: A program that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 10.0
 #: How many times faster than real time the simulated robot works.
@@ -174,21 +172,20 @@ def listen(
         progress(min(recorded_s / length_s, 1.0))
         return recorded_s >= length_s
 
-    if operator.wait_for(lambda: is_over() or ended(), _PATIENCE * length_s / _SPEED):
-        if is_over():
-            return
-        raise RecordingError(
-            f'The {" and the ".join(ended())} of the demonstration ended early; see its log.'
-        )
-    raise RecordingError(
-        f'The node did not record a day within {_PATIENCE * length_s / _SPEED:.0f} s; see its log.'
-    )
+    patience_s = _PATIENCE * length_s / _SPEED
+    operator.wait_for(lambda: is_over() or ended(), patience_s)
+    if not is_over():
+        why = f'node did not record a day within {patience_s:.0f} s'
+        if ended():
+            why = f'{" and the ".join(ended())} of the demonstration ended early'
+        raise RecordingError(f'The {why}; see its log.')
 
 
 def own_domain() -> dict[str, str]:
     """Stay on this computer and out of the user's domain: a robot may listen to a wrench there."""
     taken = os.environ.get('ROS_DOMAIN_ID', '0')
-    free = [domain for domain in _DOMAINS if str(domain) != taken]
+    # Linux uses no ports of these for others, and people choose from the other end.
+    free = [domain for domain in range(60, 101) if str(domain) != taken]
     domain = str(free[os.getpid() % len(free)])
     return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': domain}
 

@@ -120,12 +120,8 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         recording = replace(recording, warnings=warnings)
         judged.append(report_content.EvaluatedRecording(recording, reference, errors))
     # A node that runs this model needs the IMU by which its payloads were learnt.
-    sources = {
-        frame.source
-        for name, (_, frame) in learnt.items()
-        if name.startswith(f'{stored.path.stem}-')
-    }
-    if 'imu' in sources and not topics.force_source:
+    own = {name: frame for name, (_, frame) in learnt.items() if name.startswith(f'{model.stem}-')}
+    if not topics.force_source and any(frame.source == 'imu' for frame in own.values()):
         topics = replace(topics, imu=IMU_TOPIC)
     content = report_content.evaluation_content(stored, judged, tare_s, paths, topics)
     document = {

@@ -13,16 +13,7 @@ from rich.live import Live
 from rich.table import Table
 
 from wrist_ft_comp.channels import AXES, axis_unit
-from wrist_ft_comp.cli import options
-from wrist_ft_comp.cli.terminal import (
-    coloured,
-    filled,
-    print_json,
-    print_words,
-    table,
-    waiting,
-    WIDTH,
-)
+from wrist_ft_comp.cli import options, terminal
 from wrist_ft_comp.errors import NodeError
 
 if TYPE_CHECKING:
@@ -81,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise NodeError(
                 f'{name} has no service {action}. Ask for status, stop, or one of {offered}.'
             )
-        with waiting(action) as describe:
+        with terminal.waiting(action) as describe:
 
             def show() -> None:
                 # What takes long has a status of its own, as payload for identify_payload.
@@ -91,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
             operator.node.create_timer(0.5, show)
             answer = node_client.ask(operator, name, action, watch)
     if arguments.json:
-        print_json({'node': name, 'action': action, 'answer': answer})
+        terminal.print_json({'node': name, 'action': action, 'answer': answer})
     else:
         print(answer)
     return 0
@@ -104,13 +95,13 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.N
             key: {'level': _LEVELS[part.level].lower(), 'message': part.message, **part.values}
             for key, part in watch.statuses.items()
         }
-        print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
+        terminal.print_json({'node': name, 'hardware_id': watch.hardware_id, 'statuses': statuses})
     elif arguments.once or not sys.stdout.isatty():
-        print_words(status_page(name, watch))
+        terminal.print_words(status_page(name, watch))
     else:
         with suppress(KeyboardInterrupt), Live(auto_refresh=False) as live:
             while True:
-                live.update(Group(*coloured(status_page(name, watch))), refresh=True)
+                live.update(Group(*terminal.coloured(status_page(name, watch))), refresh=True)
                 watch.reports = 0
                 operator.wait_for(lambda: watch.reports, 1.0)
     return int(any(status.level != b'\0' for status in watch.statuses.values()))
@@ -119,7 +110,7 @@ def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.N
 def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     """Write what was heard: what is wrong first, then the numbers."""
     sensor = f', sensor {watch.hardware_id}' if watch.hardware_id else ''
-    yield f'{name}{sensor}'[: WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
+    yield f'{name}{sensor}'[: terminal.WIDTH - 11] + f'  {time.strftime("%H:%M:%S")}'
     yield ''
     if watch.silent:
         yield 'ERROR   Nothing was heard of it for ten seconds: it has ended, or hangs.'
@@ -127,7 +118,7 @@ def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     for status in ordered:
         head = f'{_LEVELS[status.level]:8}{status.name:13}'
         message = re.sub(r'(?<!\S)~/(\w+)', r'wrist_ft_comp node \1', status.message)
-        yield from filled(' '.join(message.split()) or '-', head).splitlines()
+        yield from terminal.filled(' '.join(message.split()) or '-', head).splitlines()
     values = {name: status.values for name, status in watch.statuses.items()}
     output, heard = values.get('output', {}), values.get('temperature', {})
     model, calibration = values.get('model', {}), values.get('calibration', {})
@@ -139,11 +130,11 @@ def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
             for axis in AXES
         ]
         yield ''
-        yield table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
+        yield terminal.table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
     thermometers = [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]
     if thermometers:
         yield ''
-        yield table(
+        yield terminal.table(
             ['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'],
             [
                 [one.removeprefix('thermometer_'), heard.get(f'{one}_c', '–'),

@@ -18,8 +18,6 @@ from wrist_ft_comp.ros.topics import OUTPUT
 
 #: How long a node, a service or a first answer is waited for, s.
 DISCOVERY_S = 10.0
-#: After a node was found, others are waited for this long, s, before it is taken for the only one.
-_SETTLE_S = 0.5
 #: A request that got no answer for this long, s, may have been dropped, and is sent again.
 _AGAIN_S = 1.0
 #: A node without diagnostics for this long, s, has ended or hangs.
@@ -83,8 +81,8 @@ class Operator:
                 f'{DISCOVERY_S:.0f} s{others}. Start it: ros2 run wrist_ft_comp compensator. If '
                 'it runs, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE here as there.'
             )
-        if not wanted:
-            self.wait_for(lambda: False, _SETTLE_S)
+        if not wanted:  # others may be found later
+            self.wait_for(lambda: False, 0.5)
         if len(several := found()) > 1:
             raise NodeError(
                 f'{len(several)} compensators run: {", ".join(several)}. Choose one with --name.'

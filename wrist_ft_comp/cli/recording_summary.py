@@ -11,24 +11,10 @@ from wrist_ft_comp.channels import AXES, axis_unit, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.accelerometer import describe_force, ForceSummary
 from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recordings import bag_topics, read
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
-from wrist_ft_comp.recordings.bag_topics import (
-    Candidate,
-    RAW_WRENCH,
-    suggested_topics,
-    survey_bag,
-    TEMPERATURE,
-    TF,
-)
+from wrist_ft_comp.recordings.bag_topics import RAW_WRENCH, TEMPERATURE, TF
 from wrist_ft_comp.recordings.log_proposal import OPEN
-from wrist_ft_comp.recordings.read import (
-    BAG,
-    open_recording,
-    OpenBag,
-    OpenTable,
-    read_opened,
-    TABLE,
-)
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.wire.temperature_source import parse_source
@@ -63,11 +49,12 @@ class RecordingSummary:
     #: Earliest and latest stamp, ns; of a bag, the times of recording. None without samples.
     first_ns: int | None
     last_ns: int | None
+    #: What is used.
+    topics: Topics
     #: What could not be read, in sentences.
     warnings: tuple[str, ...] = ()
-    #: What may be used, of a bag only, and what is used.
-    candidates: tuple[Candidate, ...] = ()
-    topics: Topics | None = None
+    #: What may be used, of a bag only.
+    candidates: tuple[bag_topics.Candidate, ...] = ()
     #: None where no specific force was recorded, or nothing can be learnt.
     specific_force: ForceSummary | None = None
     #: Whether the columns of ``topics`` are a guess, because nobody gave any.
@@ -80,7 +67,7 @@ class RecordingSummary:
     @property
     def is_open(self) -> bool:
         """Whether a person has to name some of the columns."""
-        return self.topics is not None and OPEN in self.topics.columns
+        return OPEN in self.topics.columns
 
 
 def describe_recording(
@@ -93,8 +80,8 @@ def describe_recording(
     on the way: the recording, or None. RecordingError when it is none at all.
     """
     topics = topics or Topics()
-    with open_recording(Path(path), topics) as opened:
-        if isinstance(opened, OpenTable):
+    with read.open_recording(Path(path), topics) as opened:
+        if isinstance(opened, read.OpenTable):
             summary, recording = _describe_table(opened, progress)
         else:
             summary, recording = _describe_bag(opened.bag, topics, progress)
@@ -108,8 +95,8 @@ def _describe_bag(
 ) -> tuple[RecordingSummary, Recording | None]:
     """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
     parts = [part_of(progress, k, 2) if progress else None for k in range(2)]
-    candidates, warnings = survey_bag(bag, parts[0])
-    topics, asked = suggested_topics(candidates, topics), topics.gravity_frame
+    candidates, warnings = bag_topics.survey_bag(bag, parts[0])
+    asked, topics = topics.gravity_frame, bag_topics.suggested_topics(candidates, topics)
     if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
         with suppress(RecordingError):
             topics = replace(topics, gravity_frame=uppermost_frame(bag, topics))
@@ -118,8 +105,8 @@ def _describe_bag(
     for frame in dict.fromkeys((topics.gravity_frame, '')) if topics.wrench else ():
         topics = replace(topics, gravity_frame=frame)
         try:
-            recording = read_opened(OpenBag(bag, parse_options(topics)), 1.0, progress=parts[1])
-            refusal = ''
+            opened = read.OpenBag(bag, parse_options(topics))
+            recording, refusal = read.read_opened(opened, 1.0, progress=parts[1]), ''
             break
         except RecordingError as error:
             refusal = str(error)
@@ -144,13 +131,13 @@ def _describe_bag(
     )
     compressed = f', {bag.compression} compression' if bag.compression else ''
     summary = RecordingSummary(
-        bag.name, f'{BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns,
-        (*bag.warnings, *warnings), candidates, topics, refusal=refusal)  # fmt: skip
+        bag.name, f'{read.BAG}, {bag.storage}{compressed}', channels, first_ns, last_ns, topics,
+        (*bag.warnings, *warnings), candidates, refusal=refusal)  # fmt: skip
     return summary, recording
 
 
 def _describe_table(
-    opened: OpenTable, progress: Progress | None
+    opened: read.OpenTable, progress: Progress | None
 ) -> tuple[RecordingSummary, Recording | None]:
     """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
     topics, lacking = opened.options.topics, opened.lacks()
@@ -160,12 +147,13 @@ def _describe_table(
         topics = replace(topics, columns=columns, time=topics.time or proposal.time)
         if OPEN in columns:
             refusal = proposal.refusal(opened.name, opened.names, lacking, 'as below.')
-            summary = RecordingSummary(opened.name, TABLE, (), None, None, topics=topics)
-            return replace(summary, guessed=True, refusal=refusal), None
-        opened = OpenTable(opened.tables, parse_options(topics))
+            return RecordingSummary(
+                opened.name, read.TABLE, (), None, None, topics, guessed=True, refusal=refusal
+            ), None
+        opened = read.OpenTable(opened.tables, parse_options(topics))
     recording, refusal = None, opened.compensated
     try:
-        recording = read_opened(opened, opened.period_s, progress=progress)
+        recording = read.read_opened(opened, opened.period_s, progress=progress)
     except RecordingError as error:
         if not opened.is_read:
             raise
@@ -183,7 +171,7 @@ def _describe_table(
         channels.append(ChannelSummary(channel, unit, count, role, reads.get(channel)))
     first_ns, last_ns = opened.span_ns or (None, None)
     summary = RecordingSummary(
-        opened.name, TABLE, tuple(channels), first_ns, last_ns, opened.warnings, topics=topics,
+        opened.name, read.TABLE, tuple(channels), first_ns, last_ns, topics, opened.warnings,
         guessed=bool(lacking), refusal=refusal,
         is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
     return summary, recording

@@ -34,8 +34,6 @@ from wrist_ft_comp.stored.payload_file import load_payloads, payload_figures, PA
 
 #: Most days in the table; JSON has all.
 MOST_DAYS = 40
-#: Newest days whose verdicts are printed.
-_VERDICTS = 3
 HELP = 'say what a model, a recording, payloads.json or a diary holds'
 DESCRIPTION = """\
 Say what a model file or a recording holds. Of a bag, which topics could be
@@ -96,12 +94,10 @@ def run(arguments: argparse.Namespace) -> int:
             described, recording = recording_summary.describe_recording(path, topics, progress)
             refusal = _refusal(described, recording)
             code = int(recording is None and not described.candidates)  # nothing could be read
-            learnt_from = list[str]()
+            doubts = [*described.warnings]
             if recording and not refusal:
-                silent = silent_stretches([recording])
-                learnt_from += [*recording.warnings, *silent]
-            doubts = dict.fromkeys((*described.warnings, *learnt_from))
-            said = tuple(doubt for doubt in doubts if doubt not in refusal)
+                doubts += [*recording.warnings, *silent_stretches([recording])]
+            said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
             described = replace(described, warnings=said)
         document = {
             **vars(described),
@@ -123,12 +119,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _node_days(folder: Path) -> tuple[dict[str, object], list[str | Table]]:
     """Describe the days of a node, as plain values and in words."""
     diary, memory = diaries.survey(folder), diaries.Memory()
-    warnings = [diary.problem]
+    warnings = [diary.problem] if diary.problem else []
     try:
         memory = diaries.load_memory(folder) or memory
     except StateFileError as error:
         warnings.append(str(error))
-    warnings = [*filter(None, warnings)]
     words = [*days_text(folder, diary, memory), *(f'warning: {said}' for said in warnings)]
     node = {**vars(memory), 'change': diaries.last_change(diary.history)}
     return {**figures.figures(diary), 'node': node, 'warnings': warnings}, words
@@ -187,10 +182,9 @@ def _recording_lines(
     yield from _candidate_lines(summary.candidates)
     if (force := summary.specific_force) is not None:
         # How far gravity moved in the sensor's frame, by which a payload is identified.
-        topics = summary.topics or Topics()
-        source = f' of {topics.imu}' if topics.imu else ''
-        if topics.gravity_frame:
-            source = f' by TF, if z of {topics.gravity_frame} is up'
+        source = f' of {summary.topics.imu}' if summary.topics.imu else ''
+        if summary.topics.gravity_frame:
+            source = f' by TF, if z of {summary.topics.gravity_frame} is up'
         yield filled(
             f'specific force{source}: norm {force.norm:.4g} m/s². Gravity moved along '
             f'{force.seen} of 3 directions; a payload needs 2: tilt the tool about two axes.'
@@ -242,15 +236,22 @@ def _refusal(summary: recording_summary.RecordingSummary, recording: Recording |
 
 def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
+    topics, commands = summary.topics, _commands(summary, path)
     if refusal:
         yield refusal
-        yield from _commands(summary, path)[:1] if summary.is_open else ()
-        return
-    if not summary.candidates:
-        yield f'\nLearn from it: {_commands(summary, path)[0]}'
-        yield f'Judge it on another day: {_commands(summary, path)[1]}'
+        yield from commands[:1] if summary.is_open else ()
+    elif summary.candidates:
+        if not any(candidate.moves for candidate in summary.candidates):
+            yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
+        yield (
+            'Learn from it, judge on another day, and run. The thermometer inside the sensor '
+            f'comes first; by its name it is most probably {topics.temperatures[0]}:'
+        )
+        yield from commands
+    else:
+        yield f'\nLearn from it: {commands[0]}'
+        yield f'Judge it on another day: {commands[1]}'
         # How a log's columns were understood, and how that is written once for all.
-        topics = summary.topics or Topics()
         if topics.columns:
             said = 'It was read with the map of --columns.'
             if summary.guessed:
@@ -263,20 +264,11 @@ def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) 
                 'option:'
             )
             yield from recipe(topics.columns, topics.time)
-        return
-    if not any(candidate.moves for candidate in summary.candidates):
-        yield 'No temperature moves by half a degree, and a calibration needs a warm-up.'
-    first = summary.topics.temperatures[0] if summary.topics else ''
-    yield (
-        'Learn from it, judge on another day, and run. The thermometer inside the sensor comes '
-        f'first; by its name it is most probably {first}:'
-    )
-    yield from _commands(summary, path)
 
 
 def _commands(summary: recording_summary.RecordingSummary, path: Path) -> list[str]:
     """Write the commands that learn from a recording and judge; of a bag, that run, too."""
-    topics, usual, is_bag = summary.topics or Topics(), Topics(), bool(summary.candidates)
+    topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
     force, words = summary.specific_force, list[str]()
     referred = any(c.role == recording_summary.REFERENCE and c.samples for c in summary.channels)
     referred &= not summary.is_unloaded
@@ -328,7 +320,7 @@ def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> 
     lines = [
         'What happened:' if happened else '',
         *(figures.event_line(event, diary.days) for event in happened[-MOST_DAYS:]),
-        *(f'{day.name}: {day.verdict}' for day in days[-_VERDICTS:] if day.verdict),
+        *(f'{day.name}: {day.verdict}' for day in days[-3:] if day.verdict),
         f'last change: {diaries.last_change(diary.history) or "none yet"}',
         f'offered: {memory.offered}; call ~/adopt to make it live' if memory.offered else '',
         f'paused: {diary.paused}' if diary.paused else '',

@@ -7,15 +7,8 @@ import re
 import sys
 import textwrap
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    ProgressColumn,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-)
-from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -134,7 +127,7 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 @contextmanager
 def progress_bar(what: str) -> Iterator[Progress]:
     """Show a bar where a terminal is; yields what is told the share that is done."""
-    with _bar(TaskProgressColumn()) as bar:
+    with _bar(bars.TaskProgressColumn()) as bar:
         task = bar.add_task(what, total=1.0)
         yield lambda share: bar.update(task, completed=share)
 
@@ -147,9 +140,9 @@ def waiting(what: str) -> Iterator[Callable[[str], None]]:
         yield lambda text: bar.update(task, description=text[: WIDTH - 40])
 
 
-def _bar(*columns: ProgressColumn) -> Bar:
+def _bar(*columns: bars.ProgressColumn) -> bars.Progress:
     """Make a bar that is wiped away in the end, with lines of a log above it."""
-    return Bar(
-        TextColumn('{task.description}', markup=False), BarColumn(), *columns, TimeElapsedColumn(),
-        console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty(),
-    )  # fmt: skip
+    return bars.Progress(
+        bars.TextColumn('{task.description}', markup=False), bars.BarColumn(), *columns,
+        bars.TimeElapsedColumn(), console=Console(stderr=True), transient=True,
+        disable=not sys.stderr.isatty())  # fmt: skip

@@ -30,14 +30,14 @@ NAMES = {
     'contacts': 'pushed all day',
     'unreadable': 'day not readable',
 }
+OFFERED = 'better model offered'
 #: Names of changes of the model, which happen after a day.
-LEARNT, OFFERED, CHOSEN, BACK = MODEL_CHANGES = (
-    'new model learnt',
-    'better model offered',
-    'person chose model',
-    'back to old model',
-)
-_NAMES_OF_CHANGES: dict[str, str] = {'learnt': LEARNT, 'chosen': CHOSEN, 'back': BACK}
+CHANGES = {
+    'learnt': 'new model learnt',
+    'offered': OFFERED,
+    'chosen': 'person chose model',
+    'back': 'back to old model',
+}
 
 
 class DriftLeft(NamedTuple):
@@ -119,12 +119,12 @@ def events(diary: Diary) -> list[Event]:
     for change in diary.history:
         if change.day in numbers:
             n = numbers[change.day]
-            happened.append(Event(_NAMES_OF_CHANGES[change.how], n, n, change.why))
+            happened.append(Event(CHANGES[change.how], n, n, change.why))
     went_live = {change.day for change in diary.history if change.how == 'learnt'}
     for n, day in enumerate(diary.days):
         if day.better and day.name not in went_live:
             happened.append(Event(OFFERED, n, n, f'{day.better} was learnt. {day.verdict}'))
-    return sorted(happened, key=lambda event: (event.first, event.name in MODEL_CHANGES))
+    return sorted(happened, key=lambda event: (event.first, event.name in CHANGES.values()))
 
 
 def when(entry: DayEntry) -> str:

@@ -33,35 +33,12 @@ from wrist_ft_comp.series import FloatArray, IntArray
 #: Without compensation, and with it.
 WITHOUT, WITH = '#D55E00', '#0A78B8'
 THERMOMETERS = ('#009E73', '#BC5F95', '#8A7300', '#7D848C')
-#: What happened to a sensor.
-INCIDENT = THERMOMETERS[1]
 #: Axes, and everything that is not measured.
 FRAME = '#7D848C'
 _SOLID: dict[str, Any] = {'color': WITH, 'ls': '-', 'lw': 1.4}
 _DASHED: dict[str, Any] = {'color': WITHOUT, 'ls': (0, (4, 1.5)), 'lw': 1.2}
-_THERMOMETER_STYLES = ('-', '--', '-.', ':')
-#: Width and height of an SVG, inches.
-_SIZE = (4.6, 2.1)
-#: matplotlib joins points of a line that are no farther apart than this, pixels; peaks stay.
-_SIMPLIFIED = 0.5
-#: Most points of a line whose numbers are shown.
-_HOVER_POINTS = 240
-#: Samples are not joined where they are farther apart than this many median distances.
-_GAP = 10.0
-
-# The PNG pictures: of a node's days, and of a recording.
-#: Width of a picture, inches.
+#: Width of a PNG picture, inches.
 _WIDTH = 11.0
-#: Heights of the parts of a year, inches: newtons, a lane of events, and what lies around them.
-_NEWTONS, _LANE, _MARGINS = 2.8, 0.22, 1.5
-#: Heights of the parts of a recording, inches.
-_TEMPERATURES, _AXIS = 2.2, 1.4
-#: Letters in a line of the title.
-_TITLE_LETTERS = 115
-#: Most dates below the picture.
-_MOST_DATES = 8
-#: Newtons are drawn up to this many times what 90 % of the days stay below.
-_SHOWN = 2.0
 
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
@@ -87,7 +64,7 @@ def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
 
 def _thermometers(panel: Axes, hours: FloatArray, values: FloatArray, part: IntArray) -> None:
     """Draw thermometers, (N, J), over time; the first one has the word."""
-    styles = cycle(zip(THERMOMETERS, _THERMOMETER_STYLES, strict=True))
+    styles = cycle(zip(THERMOMETERS, ('-', '--', '-.', ':'), strict=True))
     for j, (column, (colour, style)) in enumerate(zip(values.T, styles, strict=False), start=1):
         label = f'{j}' if values.shape[1] > 2 and j > 1 else f'thermometer {j}'
         _line(panel, hours, column, part, color=colour, ls=style, lw=1.4, label=label)
@@ -107,7 +84,8 @@ def svg_text(
     buffer = StringIO()
     for patch in (figure.patch, *(panel.patch for panel in figure.axes)):
         patch.set_visible(False)
-    style = {'svg.hashsalt': name, 'svg.fonttype': 'none', 'path.simplify_threshold': _SIMPLIFIED}
+    # Points of a line that are no farther apart than half a pixel are joined; peaks stay.
+    style = {'svg.hashsalt': name, 'svg.fonttype': 'none', 'path.simplify_threshold': 0.5}
     with rc_context(style):
         canvas.print_svg(buffer, metadata={'Date': None})  # Figure.savefig would draw twice
     text = buffer.getvalue()
@@ -119,7 +97,7 @@ def svg_text(
     if series is not None:
         panel, points = figure.axes[0], 72.0  # of an inch in SVG
         box, (begin_h, end_h) = panel.get_position(), panel.get_xlim()
-        shown = slice(None, None, max(-(-len(series.hours) // _HOVER_POINTS), 1))
+        shown = slice(None, None, max(-(-len(series.hours) // 240), 1))  # the page stays small
         plot = {
             'left': box.x0 * figure.get_figwidth() * points,
             'right': box.x1 * figure.get_figwidth() * points,
@@ -135,7 +113,7 @@ def svg_text(
 
 def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Prepare a picture with one pair of axes."""
-    figure = Figure(figsize=_SIZE, layout='constrained')
+    figure = Figure(figsize=(4.6, 2.1), layout='constrained')
     panel = figure.add_subplot(xlabel=x_label, ylabel=y_label)
     panel.locator_params(nbins=6)
     _frame(panel)
@@ -155,7 +133,7 @@ def _line(panel: Axes, x: FloatArray, y: FloatArray, part: IntArray, **style: An
     """Draw a line that breaks between parts and at gaps."""
     steps = np.diff(x)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    breaks = np.flatnonzero((np.diff(part) != 0) | (steps > _GAP * usual)) + 1
+    breaks = np.flatnonzero((np.diff(part) != 0) | (steps > 10 * usual)) + 1
     lonely = 'o' if len(x) < 3 * (len(breaks) + 1) else ''
     xs, ys = (np.insert(values, breaks, np.nan) for values in (x, y))
     panel.plot(xs, ys, marker=lonely, ms=2, **style)
@@ -165,11 +143,11 @@ def days_figure(diary: Diary) -> Figure:
     """Draw the newtons of every day, and what happened by its name, below a sentence."""
     days, happened = diary.days, day_figures.events(diary)
     names = list(dict.fromkeys(event.name for event in happened))
-    heights = _NEWTONS, _LANE * (len(names) + 1)
-    figure = Figure(figsize=(_WIDTH, sum(heights) + _MARGINS), layout='constrained')
-    title = '\n'.join(textwrap.wrap(day_figures.summary(diary), _TITLE_LETTERS))
+    heights = 2.8, 0.22 * (len(names) + 1)  # inches
+    figure = Figure(figsize=(_WIDTH, sum(heights) + 1.5), layout='constrained')
+    title = '\n'.join(textwrap.wrap(day_figures.summary(diary), 115))
     figure.suptitle(title, x=0.01, ha='left', weight='bold', size=12)
-    dated = range(0, len(days), -(-len(days) // _MOST_DATES))
+    dated = range(0, len(days), -(-len(days) // 8))  # more dates would overlap
     newtons, lanes = figure.subplots(2, height_ratios=heights)
     for panel in (newtons, lanes):
         panel.set_xlim(-0.8, len(days) - 0.2)
@@ -178,13 +156,13 @@ def days_figure(diary: Diary) -> Figure:
         _frame(panel, 'y')
     drift = np.array([day_figures.drift_left(day) for day in days])
     numbers = np.arange(len(days))
-    for values, width, style in (
-        (drift[:, 0], 0.9, {'color': WITHOUT, 'alpha': 0.4, 'label': 'drift without a model'}),
-        (drift[:, 1], 0.5, {'color': WITH, 'label': 'left by the live model'}),
-    ):
-        newtons.bar(numbers, values, width, lw=0, **style)
+    newtons.bar(
+        numbers, drift[:, 0], 0.9, lw=0, color=WITHOUT, alpha=0.4, label='drift without a model'
+    )
+    newtons.bar(numbers, drift[:, 1], 0.5, lw=0, color=WITH, label='left by the live model')
     highest = np.nanmax(drift, axis=1, initial=0.0)
-    newtons.set_ylim(0, min(_SHOWN * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
+    # A few wild days must not flatten the others.
+    newtons.set_ylim(0, min(2 * np.quantile(highest, 0.9), 1.1 * highest.max()) or 1.0)
     newtons.set_ylabel('force, N')
     newtons.legend(
         loc='lower left', bbox_to_anchor=(0, 1), ncols=2, frameon=False, borderaxespad=0.1
@@ -193,19 +171,19 @@ def days_figure(diary: Diary) -> Figure:
     lanes.set_ylim(len(names) - 0.4, -0.6)
     for event in happened:
         lane, begin, end = names.index(event.name), event.first - 0.45, event.last + 0.45
-        if event.name in day_figures.MODEL_CHANGES:
+        if event.name in day_figures.CHANGES.values():
             lanes.plot(end, lane, '^', color=WITH, ms=7, clip_on=False)
             if event.name != day_figures.OFFERED:
                 newtons.axvline(end, color=FRAME, lw=0.8, ls='--')
         else:
-            lanes.barh(lane, end - begin, 0.5, begin, color=INCIDENT)
+            lanes.barh(lane, end - begin, 0.5, begin, color=THERMOMETERS[1])
     return figure
 
 
 def recording_figure(recording: Recording) -> Figure:
     """Draw temperatures and wrench of a recording."""
     axes = [AXES.index(axis) for axis in recording.axes_present]
-    heights = [_TEMPERATURES, *[_AXIS] * len(axes)]
+    heights = [2.2, *[1.4] * len(axes)]  # inches
     figure = Figure(figsize=(_WIDTH, sum(heights)), layout='constrained')
     figure.suptitle(recording.name, x=0.01, ha='left', weight='bold', size=12, parse_math=False)
     panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)[:, 0]

@@ -177,8 +177,7 @@ def calibration_content(
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         evidence = verdicts.Evidence(
-            unit=fit.unit, before=fit.rms_before, after=fit.rms_after, noise=series.noise,
-            widening=widening, compensated=fit.model is not None,
+            fit.unit, errors, series.noise, compensated=fit.model is not None, widening=widening,
             parts=rms_by_fold(held_out), slowest_s=_slowest_s(fit), longest_s=longest_s,
             refusal=fit.refusal,
             promised=np.isfinite(fit.day_limit) or np.isnan(fit.largest_drift))  # fmt: skip
@@ -251,14 +250,10 @@ def evaluation_content(
         series = _series(
             recordings, number[rows], cell[rows],
             before[rows, column], after[rows, column], number[rows])  # fmt: skip
-        each = FoldErrors(
-            np.array([figures.rms_before for _, figures in parts]),
-            np.array([figures.rms_after for _, figures in parts]),
-        )
+        each = np.array([(figures.rms_before, figures.rms_after) for _, figures in parts])
         evidence = verdicts.Evidence(
-            unit=axis_unit(axis), before=errors.rms_before, after=errors.rms_after,
-            noise=series.noise, moved_k=moved_k, compensated=axis in stored.model.axes,
-            parts=each, peak=errors.max_after, limit=limit)  # fmt: skip
+            axis_unit(axis), errors, series.noise, compensated=axis in stored.model.axes,
+            moved_k=moved_k, parts=FoldErrors(*each.T), limit=limit)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))

@@ -21,6 +21,7 @@ import numpy as np
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
 from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.report.evaluation import AxisEvaluation
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
 #: The levels in words for people, the best first.
@@ -41,17 +42,16 @@ SMALLEST_CHANGE_K = 0.5
 class Evidence:
     """The numbers that the verdict on one axis rests on."""
 
-    #: N, N m, or what the recordings are in; so are all errors.
+    #: N or N m; so are all errors.
     unit: str
-    #: Root mean square error without and with compensation, the latter as it is stated.
-    before: float
-    after: float
+    #: Without and with compensation, the latter as they are stated.
+    errors: AxisEvaluation
     #: Standard deviation of what no model of temperature can explain; 0 if unknown.
     noise: float
     #: Whether there is a model for the axis.
     compensated: bool
-    #: How many times as much is stated in ``after`` as was measured: drift goes further in a day
-    #: than in a block, and noise does not.
+    #: How many times as much is stated with compensation as was measured: drift goes further in a
+    #: day than in a block, and noise does not.
     widening: float = 1.0
     #: How far a thermometer moved within a recording, at most, K.
     moved_k: float = math.inf
@@ -63,8 +63,7 @@ class Evidence:
     longest_s: float = 0.0
     #: Whether another day stays below a limit that is smaller than the drift, as far as is known.
     promised: bool = True
-    #: Largest error with compensation, and what it stays below on 95 of 100 days; NaN if unknown.
-    peak: float = 0.0
+    #: What the largest error with compensation stays below on 95 of 100 days; NaN if unknown.
     limit: float = math.nan
     #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
@@ -80,7 +79,7 @@ class Verdict:
 
 def judge(evidence: Evidence) -> Verdict:
     """Judge one axis by the table above."""
-    before, after = evidence.before, evidence.after
+    before, after = evidence.errors.rms_before, evidence.errors.rms_after
     noise = NOISE_MARGIN * evidence.noise
     if not evidence.compensated:
         why = evidence.refusal or 'No model was clearly better than none'
@@ -121,8 +120,8 @@ def judge(evidence: Evidence) -> Verdict:
         )
     if not evidence.promised:
         doubts.append('the limit for another day is not known, so record one more day')
-    if evidence.peak > evidence.limit:
-        peak, limit = rounded(evidence.peak), rounded(evidence.limit)
+    if evidence.errors.max_after > evidence.limit:
+        peak, limit = rounded(evidence.errors.max_after), rounded(evidence.limit)
         doubts.append(f'its largest error, {peak} {evidence.unit}, is above the limit of {limit}')
     if doubts:
         return Verdict('weak', f'{remainder}; {"; ".join(doubts)}.')

@@ -29,10 +29,6 @@ Document = dict[str, Any]
 Record = TypeVar('Record')
 #: End of the name of a temporary file beside the target.
 _SUFFIX = '.wrist_ft_comp.tmp'
-#: A temporary file that is older than this, s, was left by a killed process.
-_ABANDONED_S = 60.0
-#: Bytes at the beginning of a file that show its kind.
-_BEGINNING = 4096
 #: What to do where a node's own file is refused by the disk; what is lost until then follows.
 MAKE_ROOM = 'Make room, or choose another data_directory;'
 #: Endings that promise a content: a new file of another content may not have them.
@@ -83,7 +79,7 @@ def remove_leftovers(folder: Path) -> None:
     """Remove temporary neighbours that killed processes left behind."""
     for path in folder.glob(f'.*{_SUFFIX}'):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _ABANDONED_S:
+            if time.time() - path.stat().st_mtime > 60.0:  # nobody is writing it any more
                 path.unlink()
 
 
@@ -116,7 +112,7 @@ def beginning(path: Path) -> str:
     with suppress(OSError, ValueError):
         if path.is_file():  # a pipe would keep whoever reads it waiting
             with path.open('rb') as file:
-                return file.read(_BEGINNING).decode(errors='replace')
+                return file.read(4096).decode(errors='replace')
     return ''
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
@@ -15,7 +14,7 @@ from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(
-    name='state file', says='wrist_ft_comp state', version=2, max_bytes=1_000_000,
+    name='state file', says='wrist_ft_comp state', version=3, max_bytes=1_000_000,
     error=StateFileError, made_by='A running node makes one.',
     renewed_by='Remove it',
     remedy=f'{MAKE_ROOM} until then a restart loses the thermal state and the tare.')  # fmt: skip
@@ -58,8 +57,6 @@ def save_state(path: Path, state: SavedState) -> None:
     for name, nothing in (('thermal', None), ('tare', _ZERO), ('external_tare', _ZERO)):
         if not _readable(document[name]):
             document[name] = nothing
-    if thermal := document['thermal']:  # what is subtracted lies beside the rest
-        thermal |= thermal.pop('compensation')
     KIND.save(path, document, indent=None)
 
 
@@ -68,11 +65,6 @@ def load_state(path: Path) -> SavedState | None:
     if not path.exists():
         return None
     document = KIND.document(path, KIND.read(path))
-    thermal = document.get('thermal')
-    if isinstance(thermal, dict):  # what is subtracted lies beside the rest
-        thermal['compensation'] = {
-            name: thermal.pop(name) for name in Drift._fields if name in thermal
-        }
     state = KIND.restore(SavedState, path, document)
     wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
     if memory is not None:
