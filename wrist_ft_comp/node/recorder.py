@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
+import time
 from typing import Any, cast
 
 from geometry_msgs.msg import WrenchStamped
@@ -51,9 +52,14 @@ class OwnRecording:
     averager: CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
+    #: Where the disk has refused, nothing is written for this time, s.
+    pause_s: float = math.inf
     rows: int = 0
-    #: Why the disk refused; nothing more is written after that. None while all is well.
+    #: Why the disk refused the newest row that was to be written; None while all is well.
     error: RecordingError | None = None
+    #: When the newest row came, and when rows are written again, by the steady clock.
+    came_s: float = field(default_factory=time.monotonic)
+    goes_on_s: float = 0.0
     #: By channel, how many of the newest rows, and of all, have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
     lacked: Counter[str] = field(default_factory=Counter)
@@ -62,20 +68,25 @@ class OwnRecording:
 
     def write(self, channels: Sequence[str], rows: Sequence[Row]) -> None:
         """Write rows, and note what they lack."""
-        try:
-            for stamp_ns, values in rows:
+        for stamp_ns, values in rows:
+            self.came_s = time.monotonic()
+            if self.came_s < self.goes_on_s:
+                return
+            try:
                 self.writer.append(stamp_ns, values)
-                self.rows += 1
-                for channel, value in zip(channels, values, strict=True):
-                    if math.isnan(value):
-                        self.lacking[channel] += 1
-                        self.lacked[channel] += 1
-                        continue
-                    self.lacking[channel] = 0
-                    least, most = self.spans.get(channel, (value, value))
-                    self.spans[channel] = min(least, value), max(most, value)
-        except RecordingError as error:
-            self.error = error
+            except RecordingError as error:
+                self.error, self.goes_on_s = error, self.came_s + self.pause_s
+                return
+            self.error = None
+            self.rows += 1
+            for channel, value in zip(channels, values, strict=True):
+                if math.isnan(value):
+                    self.lacking[channel] += 1
+                    self.lacked[channel] += 1
+                    continue
+                self.lacking[channel] = 0
+                least, most = self.spans.get(channel, (value, value))
+                self.spans[channel] = min(least, value), max(most, value)
 
 
 class Recorder(Part):
@@ -124,19 +135,18 @@ class Recorder(Part):
                     )
         return ''
 
-    def begin_recording(self, writer: Any) -> OwnRecording:
-        """Feed a new recording from now on, until ``finish`` or until its disk refuses."""
+    def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
+        """Feed a new recording until ``finish``; where the disk refuses, after a pause again."""
         thermometers = self._compensator.thermometers
         averager = CellAverager(self.period_ns, thermometers, with_force=self._with_force)
-        recording = OwnRecording(averager, writer)
+        recording = OwnRecording(averager, writer, pause_s)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
         return recording
 
     def finish(self, recording: OwnRecording) -> None:
         """Write all that a recording gets, and let go of it; its owner closes its writer."""
-        if recording.error is None:
-            recording.write(self.channels, recording.averager.rows(final=True))
+        recording.write(self.channels, recording.averager.rows(final=True))
         self._running = [other for other in self._running if other is not recording]
         self.hub.listen(self, wanted=bool(self._running))
 
@@ -179,15 +189,12 @@ class Recorder(Part):
 
     def poll(self) -> None:
         """Write the rows there are; a full disk ends a recording, not the stream."""
-        for recording in tuple(self._running):
+        for recording in self._running:
             recording.write(self.channels, recording.averager.rows())
-            if recording.error is None:
-                continue
-            self.finish(recording)
-            if recording is self.current:
-                self.failure = self._ended(str(recording.error), recording.rows)
-                self.hub.log.error(self.failure)
-                self._close()
+        if self.current is not None and self.current.error is not None:
+            self.failure = self._ended(str(self.current.error), self.current.rows)
+            self.hub.log.error(self.failure)
+            self._close()
 
     @service(
         '~/record', "starts (data: true) or ends (data: false) the node's own recording", SetBool
