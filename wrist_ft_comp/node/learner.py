@@ -30,7 +30,7 @@ _LOOK_S = 1.0
 _PAUSE_S = 60.0
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
 
@@ -87,7 +87,8 @@ class Learner(Part):
             )
         if self.why_not:
             return
-        directory, recorder, memory, broken = self._directory, self.recorder, None, ''
+        directory, recorder = self.live.store.directory, self.recorder
+        memory, broken = None, ''
         try:
             memory = load_memory(directory)
         except errors.StateFileError as error:
@@ -105,10 +106,6 @@ class Learner(Part):
             self._remember()
 
     @property
-    def _directory(self) -> Path:
-        return self.live.store.directory
-
-    @property
     def running_s(self) -> float | None:
         """How long a job has been running, s; None when none is."""
         return None if self._judging is None else time.monotonic() - self._begun_s
@@ -116,7 +113,7 @@ class Learner(Part):
     @property
     def offered(self) -> Path:
         """The file of the model that is offered."""
-        return self._directory / 'models' / self.memory.offered
+        return self.live.store.directory / 'models' / self.memory.offered
 
     def poll(self) -> None:
         """Do what is due: record, start a job, take its outcome, adopt its model."""
@@ -237,7 +234,7 @@ class Learner(Part):
             if is_over and not problem:
                 self.live.store.discard(offered)
 
-        write = partial(save_memory, self._directory, self.memory)
+        write = partial(save_memory, self.live.store.directory, self.memory)
         self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:

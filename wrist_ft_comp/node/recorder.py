@@ -11,13 +11,7 @@ from typing import Any, cast
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.channels import (
-    AXES,
-    FORCE_CHANNELS,
-    LARGEST,
-    REFERENCE_CHANNELS,
-    SensorNames,
-)
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
@@ -28,15 +22,8 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
+from wrist_ft_comp.stream import stream_grid as grid
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import (
-    CellAverager,
-    RAW,
-    REFERENCE,
-    Row,
-    row_channels,
-    ThermalCell,
-)
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
@@ -49,7 +36,7 @@ _LACKING_SHARE = 0.1
 class OwnRecording:
     """A recording in progress, with what averages for it."""
 
-    averager: CellAverager
+    averager: grid.CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
     #: Where the disk has refused, nothing is written for this time, s.
@@ -66,7 +53,7 @@ class OwnRecording:
     #: By channel, its least and its largest value.
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def write(self, channels: Sequence[str], rows: Sequence[Row]) -> None:
+    def write(self, channels: Sequence[str], rows: Sequence[grid.Row]) -> None:
         """Write rows, and note what they lack."""
         for stamp_ns, values in rows:
             self.came_s = time.monotonic()
@@ -108,7 +95,7 @@ class Recorder(Part):
         self._compensator, self._with_force = compensator, with_force
         self._store, self._writer, self.sensor = store, writer, sensor
         #: Names of a row's values.
-        self.channels = row_channels(compensator.thermometers, with_force=with_force)
+        self.channels = grid.row_channels(compensator.thermometers, with_force=with_force)
         #: Length of a row's cell, s and ns.
         self.period_s = compensator.settings.thermal_period_s
         self.period_ns = round(NANOSECONDS * self.period_s)
@@ -138,7 +125,7 @@ class Recorder(Part):
     def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
         """Feed a new recording until ``finish``; where the disk refuses, after a pause again."""
         thermometers = self._compensator.thermometers
-        averager = CellAverager(self.period_ns, thermometers, with_force=self._with_force)
+        averager = grid.CellAverager(self.period_ns, thermometers, with_force=self._with_force)
         recording = OwnRecording(averager, writer, pause_s)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
@@ -153,14 +140,12 @@ class Recorder(Part):
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
         for recording in self._running:
-            recording.averager.add(RAW, stamp_ns, raw)
+            recording.averager.add(grid.RAW, stamp_ns, raw)
 
-    def on_specific_force(
-        self, stamp_ns: int, specific_force: Vector, speed: float | None
-    ) -> None:
+    def on_specific_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         for recording in self._running:
-            recording.averager.add_force(stamp_ns, specific_force, speed)
+            recording.averager.add_force(stamp_ns, force, speed)
 
     def on_reference(self, data: bytes) -> None:
         """Take one reference wrench."""
@@ -170,9 +155,9 @@ class Recorder(Part):
             return
         # The comparison is false for NaN.
         if self.current is not None and math.hypot(*reference) < LARGEST:
-            self.current.averager.add(REFERENCE, stamp_ns or self.hub.now_ns(), reference)
+            self.current.averager.add(grid.REFERENCE, stamp_ns or self.hub.now_ns(), reference)
 
-    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
+    def on_cells(self, cells: Sequence[grid.ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
         if not self._running:
             return

@@ -125,7 +125,7 @@ class Thermometer:
     stamped: bool | None = True
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class TemperatureInput(Part):
     """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
 

@@ -11,14 +11,9 @@ import difflib
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy import qos
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    qos_profile_services_default,
-    QoSProfile,
-    ReliabilityPolicy,
-)
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.serialization import serialize_message
 
@@ -28,30 +23,27 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.message_layout import define_installed, follow, message_class, Path
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
-#: Fields of a message that a sentence proposes.
-_PROPOSED_FIELDS = 3
 #: A topic of whatever type is probably meant where its name is as similar as this, 0 to 1.
 _LEAST_SIMILARITY = 0.8
-#: Letters of a type's hash in a sentence: RIHS01_ and eight that tell versions apart.
-_HASH_LETTERS = 15
 
 # A topic is given a copy of a profile: rclpy writes what parameters override into the one given.
-_profile: Any = QoSProfile  # its constructor carries no types
+_profile: Any = qos.QoSProfile  # its constructor carries no types
+_BEST_EFFORT, _RELIABLE = qos.ReliabilityPolicy.BEST_EFFORT, qos.ReliabilityPolicy.RELIABLE
 #: Drivers publish best effort. Sensor-data QoS keeps only 5 messages, which a pause of a
 #: millisecond overruns at 8 kHz; 1000 are an eighth of a second there.
-FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+FAST_SENSOR: qos.QoSProfile = _profile(depth=1000, reliability=_BEST_EFFORT)
 #: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
-SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+SLOW_SENSOR: qos.QoSProfile = _profile(depth=100, reliability=_BEST_EFFORT)
 #: Where only the newest message counts, which is polled.
-NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+NEWEST: qos.QoSProfile = _profile(depth=1, reliability=_BEST_EFFORT)
 #: What is sent once and kept for those who come later: static transforms.
-LATCHED: QoSProfile = _profile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+LATCHED: qos.QoSProfile = _profile(
+    depth=100, reliability=_RELIABLE, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL
 )
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
-OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+OUTPUT: qos.QoSProfile = _profile(depth=10, reliability=_RELIABLE)
 #: As any service's, but twenty calls at once overrun the usual queue of 10 without an error.
-SERVICE: QoSProfile = copy(qos_profile_services_default)
+SERVICE: qos.QoSProfile = copy(qos.qos_profile_services_default)
 SERVICE.depth = 1000
 
 
@@ -113,10 +105,11 @@ def other_version(node: Node, topic: str) -> str:
     for publisher in node.get_publishers_info_by_topic(topic):
         theirs = publisher.topic_type_hash
         if ours and theirs.version > 0 and str(theirs) not in ours:
+            # Of a hash RIHS01_ and eight letters, which tell versions apart.
             return (
                 f'{topic} carries {short(publisher.topic_type)} of another version, which is not '
-                f'read: its hash is {str(theirs)[:_HASH_LETTERS]}…, that of the package installed '
-                f'here {min(ours)[:_HASH_LETTERS]}…. Install the version that the driver uses'
+                f'read: its hash is {str(theirs)[:15]}…, that of the package installed '
+                f'here {min(ours)[:15]}…. Install the version that the driver uses'
             )
     return ''
 
@@ -138,7 +131,7 @@ def wrong_type(node: Node, topic: str, wanted: str, *, propose: bool = False) ->
         empty = serialize_message(load_type(topic, types[0])())
         paths = numbers_in(follow(define_installed(topic, types[0]), types[0], empty))
     likely = [path for path in paths if may_be_temperature(path)] or paths
-    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED_FIELDS])
+    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:3])
     return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
 
 
