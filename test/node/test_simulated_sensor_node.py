@@ -5,31 +5,19 @@ from copy import deepcopy
 from types import SimpleNamespace
 
 from geometry_msgs.msg import WrenchStamped
+from moments import six_of, stamp_of, TIMEOUT_S
 import numpy as np
 import pytest
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.node import simulated_sensor as simulated_sensor_node
 from wrist_ft_comp.node.simulated_sensor import LONGEST_WAKE_S, SETTLE_S, SimulatedSensor
 
-TIMEOUT_S = 60.0
 START_S = 1000
 FAST = {
-    'start_stamp_s': float(START_S),
-    'speed': 100.0,
-    'wrench_rate': 500.0,
+    'start_stamp_s': float(START_S), 'speed': 100.0, 'wrench_rate': 500.0,
     'temperature_rate': 100.0,
-}
-
-
-def stamp_ns(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def six(message):
-    force, torque = message.wrench.force, message.wrench.torque
-    return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+}  # fmt: skip
 
 
 def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench):
@@ -39,35 +27,49 @@ def test_every_topic_carries_type_frame_readings_and_the_clock_s_time(bench):
     queues += [bench.listen(Temperature, topic) for topic in ('/arm/heat', 'temperature_2')]
     bench.start(SimulatedSensor, remap=remap)
     messages = [topic.get(timeout=TIMEOUT_S) for topic in queues]
-    assert before_ns <= stamp_ns(messages[0])
-    assert stamp_ns(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
+    assert before_ns <= stamp_of(messages[0])
+    assert stamp_of(messages[0]) <= bench.helper.get_clock().now().nanoseconds + 10**9
     assert {message.header.frame_id for message in messages} == {'wrist_ft'}
-    assert np.isfinite([six(message) for message in messages[:2]]).all()
+    assert np.isfinite([six_of(message) for message in messages[:2]]).all()
     assert all(15 < message.temperature < 30 for message in messages[2:])
     assert all(message.variance > 0 for message in messages[2:])
 
 
 @pytest.fixture
-def simulate(ros_context, monkeypatch):
-    """Run half a second of a simulation, without DDS; messages by topic and stamp, ns."""
+def make(bench, monkeypatch):
+    """Make a node without DDS, what wakes it at times, its messages by stamp, its listeners."""
 
-    def run(**parameters):
-        sent, now = defaultdict(dict), [0.0]
+    def start(**parameters):
+        sent, listeners, now = defaultdict(dict), defaultdict(lambda: 1), [0.0]
 
         def advertise(_, _kind, topic, *_qos, **_options):
             def publish(message):
                 if hasattr(message, 'header'):
-                    sent[topic][stamp_ns(message)] = deepcopy(message)
+                    sent[topic][stamp_of(message)] = deepcopy(message)
 
-            return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
+            return SimpleNamespace(
+                publish=publish, get_subscription_count=lambda: listeners[topic]
+            )
+
+        def wake(*times_s):
+            for now[0] in times_s:
+                node._wake()
 
         monkeypatch.setattr(SimulatedSensor, 'create_publisher', advertise)
         monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
-        chosen = [Parameter(name, value=value) for name, value in {**FAST, **parameters}.items()]
-        node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
-        for now[0] in np.arange(0.0, SETTLE_S + 0.5, 0.01):
-            node._wake()
-        node.destroy_node()
+        node = bench.make(SimulatedSensor, parameters={**FAST, **parameters})
+        return node, wake, sent, listeners
+
+    return start
+
+
+@pytest.fixture
+def simulate(make):
+    """Run half a second of a simulation; messages by topic and stamp, ns."""
+
+    def run(**parameters):
+        _, wake, sent, _ = make(**parameters)
+        wake(*np.arange(0.0, SETTLE_S + 0.5, 0.01))
         return sent
 
     return run
@@ -86,7 +88,7 @@ def test_same_parameters_give_the_same_messages_and_another_run_others(simulate)
         assert len(one[topic]) > 40
         assert one[topic] == other[topic]
     for topic in ('wrench_raw', 'wrench_reference'):
-        assert all(six(one[topic][at]) != six(later[topic][at]) for at in one[topic])
+        assert all(six_of(one[topic][at]) != six_of(later[topic][at]) for at in one[topic])
 
 
 def test_a_robot_at_work_publishes_its_imu_and_its_contacts(simulate):
@@ -98,54 +100,34 @@ def test_a_robot_at_work_publishes_its_imu_and_its_contacts(simulate):
     assert {message.header.frame_id for message in imu} == {'wrist_ft_imu'}
     turning = np.array([[getattr(m.angular_velocity, axis) for axis in 'xyz'] for m in imu])
     rest = np.linalg.norm(turning, axis=1) < 0.02
-    weight = np.array([six(m) for m in whole]) - [six(m) for m in external]
+    weight = np.array([six_of(m) for m in whole]) - [six_of(m) for m in external]
     masses = np.linalg.norm(weight[rest, :3], axis=1) / 9.807
     assert np.all(np.min(np.abs(masses[:, None] - [1.5, 2.3]), axis=1) < 0.05)
     felt = np.array([[getattr(m.linear_acceleration, axis) for axis in 'xyz'] for m in imu])
     assert np.all(np.abs(np.linalg.norm(felt[rest], axis=1) - 9.807) < 0.4)
 
 
-@pytest.fixture
-def unspun(ros_context, monkeypatch):
-    """Make a node that only the test wakes, at times it chooses; give both and what was sent."""
-    now, sent = [0.0], []
-    monkeypatch.setattr(simulated_sensor_node.time, 'monotonic', lambda: now[0])
-    chosen = [Parameter(name, value=value) for name, value in FAST.items()]
-    node = SimulatedSensor(context=ros_context, parameter_overrides=chosen)
-    for topic in (node._raw, node._reference):
-        monkeypatch.setattr(topic, 'send', lambda stamp_ns, _: sent.append(stamp_ns))
-
-    def wake(*times_s):
-        for now[0] in times_s:
-            node._wake()
-
-    yield node, wake, sent
-    node.destroy_node()
-
-
-def test_run_waits_until_its_subscribers_have_come(unspun, monkeypatch):
-    node, wake, sent = unspun
-    subscribers = dict.fromkeys(('_raw', '_reference'), 0)
-    for name in tuple(subscribers):
-        publisher = getattr(node, name).publisher
-        monkeypatch.setattr(publisher, 'get_subscription_count', lambda k=name: subscribers[k])
+def test_run_waits_until_its_subscribers_have_come(make):
+    _, wake, sent, listeners = make()
+    raw, reference = 'wrench_raw', 'wrench_reference'
+    listeners.update(dict.fromkeys((raw, reference, 'temperature', 'temperature_2'), 0))
     wake(0.0, 5.0, 10.0)
-    subscribers['_raw'] = 1
+    listeners[raw] = 1
     wake(15.0, 15.0 + 0.9 * SETTLE_S)
-    subscribers['_reference'] = 1
+    listeners[reference] = 1
     wake(16.0, 16.0 + 0.9 * SETTLE_S)
-    assert sent == []
+    assert sent == {}
     wake(16.0 + SETTLE_S)
-    assert sent == [START_S * 10**9] * 2
-    subscribers.update(_raw=0, _reference=0)
+    assert list(sent[raw]) == list(sent[reference]) == [START_S * 10**9]
+    listeners.update({raw: 0, reference: 0})
     wake(16.0 + SETTLE_S + LONGEST_WAKE_S)
-    assert len(sent) > 2
+    assert len(sent[raw]) > 1
 
 
-def test_a_long_pause_is_caught_up_in_part(unspun):
-    node, wake, sent = unspun
+def test_a_long_pause_is_caught_up_in_part(make):
+    node, wake, sent, _ = make()
     node._woken_s = 0.0  # it has begun
     wake(0.0, 0.0105, 10.0, 10.0105)
-    ran_s = 0.0105 + LONGEST_WAKE_S + 0.0105
-    assert len(sent) == 2 * (1 + int(ran_s * FAST['wrench_rate']))
-    assert (np.diff(sent[::2]) == 200_000_000).all()
+    ran_s, stamps = 0.0105 + LONGEST_WAKE_S + 0.0105, list(sent['wrench_raw'])
+    assert len(stamps) == 1 + int(ran_s * FAST['wrench_rate'])
+    assert (np.diff(stamps) == 200_000_000).all()

@@ -197,7 +197,7 @@ def test_a_type_that_nobody_can_describe_is_named(backend, messages, tmp_path, m
 
 @pytest.mark.parametrize('kind', ['os/path', 'os.path/msg/Join', 'a/msg/B;', ''])
 def test_a_bag_cannot_make_the_package_import_what_is_no_message(kind):
-    with pytest.raises(RecordingError, match=r'/heat is .* no message of ROS'):
+    with pytest.raises(RecordingError, match=r'/heat carries .* no message of ROS'):
         define_installed('/heat', kind)
 
 

@@ -116,14 +116,11 @@ class CompensatorNode(Hub):
         name = self.get_fully_qualified_name()
         self.store = ModelStore(node_directory(chosen['data_directory'], name))
         self.counts = Counts()
-        self.compensator = Compensator(
-            len(sources),
-            StreamSettings(
-                temperature_timeout_s=chosen['temperature_timeout'],
-                max_drift_n=chosen['max_drift'],
-                max_drift_rate_n_s=chosen['max_drift_rate'],
-            ),
-        )
+        settings = StreamSettings(
+            temperature_timeout_s=chosen['temperature_timeout'], max_drift_n=chosen['max_drift'],
+            max_drift_rate_n_s=chosen['max_drift_rate'],
+        )  # fmt: skip
+        self.compensator = Compensator(len(sources), settings)
         self._output = self.advertise(WrenchStamped, 'wrench', negotiable=True)
         self._raw = self.subscribe(WrenchStamped, 'wrench_raw', self._on_wrench, FAST_SENSOR)
         self.log.info(f'{len(sources)} thermometers; files are kept in {self.store.directory}')
@@ -134,33 +131,22 @@ class CompensatorNode(Hub):
         """Make one of each of PARTS; they meet here, and start in ``run``."""
         store, stream, counts = self.store, self.compensator, self.counts
         self.writer = writer = FileWriter()
-        self.live = live = LiveModel(
-            store=store, sensor=self.sensor, compensator=stream, counts=counts, writer=writer
-        )
+        self.live = live = LiveModel(store, self.sensor, stream, counts, writer)
         self.state_keeper = StateKeeper(
-            compensator=stream, live=live, counts=counts, writer=writer,
-            path=store.directory / 'state.json',
-        )  # fmt: skip
-        self.specific_force = SpecificForceInput(chosen)
+            stream, live, counts, writer, store.directory / 'state.json'
+        )
+        self.specific_force = force = SpecificForceInput(chosen)
         self.wrench_input = WrenchInput(counts, stream)
         self.inputs = TemperatureInput(
-            thermometers=self.thermometers, compensator=stream, counts=counts,
-            specific_force=self.specific_force, live=live, state_keeper=self.state_keeper,
-        )  # fmt: skip
+            self.thermometers, stream, counts, force, live, self.state_keeper
+        )
         self.recorder = Recorder(
-            stream, self.sensor, store, writer, with_force=chosen['gravity.source'] != 'none'
+            stream, self.sensor, store, writer, with_force=force.source != 'none'
         )
-        self.external = ExternalWrench(
-            compensator=stream, live=live, specific_force=self.specific_force, counts=counts
-        )
-        self.tare = TareService(
-            compensator=stream, external=self.external, wrenches=self.wrench_input,
-            state_keeper=self.state_keeper,
-        )  # fmt: skip
-        self.jobs = Jobs(
-            live=live, recorder=self.recorder, external=self.external, full_topics=self.full_topics
-        )
-        self.learning = Learner(live=live, jobs=self.jobs, recorder=self.recorder)
+        self.external = ExternalWrench(stream, live, force, counts)
+        self.tare = TareService(stream, self.external, self.wrench_input, self.state_keeper)
+        self.jobs = Jobs(live, self.recorder, self.external, self.full_topics)
+        self.learning = Learner(live, self.jobs, self.recorder)
         self.drift_topic = DriftTopic(stream, counts)
         return (
             self.wrench_input, self.inputs, live, self.state_keeper, self.recorder,

@@ -61,7 +61,7 @@ def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
     return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class ExternalWrench(Part):
     """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
@@ -234,10 +234,10 @@ class ExternalWrench(Part):
         """Find the payload that parameters name."""
         center_m = np.array(chosen['payload.center_of_mass'], float)
         by_hand = Payload(chosen['payload.mass'], center_m)
-        name = chosen['payload.active']
+        name, source = chosen['payload.active'], self.specific_force.source
         if not name:
             return None
-        if chosen['gravity.source'] == 'none':
+        if source == 'none':
             raise SettingsError(
                 f'payload.active is {name}, but gravity.source is none, so nobody knows where '
                 'down is. Start the node with -p gravity.source:=imu, or tf.'
@@ -249,17 +249,16 @@ class ExternalWrench(Part):
                     'payload.center_of_mass of all that is mounted first, or in one request.'
                 )
             # With TF no rotation is needed. That of an IMU is the newest learnt one.
-            frames = self.specific_force.frames()
-            if self.specific_force.source == 'tf':
-                return LivePayload(name, by_hand, ForceFrame(source='tf'), 'as TF gives it')
+            if source == 'tf':
+                return LivePayload(name, by_hand, ForceFrame(source=source), 'as TF gives it')
             if found := list(self.frames().items()):
                 return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
-            if frames.wrench_frame and frames.force_frame == frames.wrench_frame:
-                said = f'because both frame_ids are {frames.wrench_frame}'
-                frame = ForceFrame(
-                    source='imu', force_frame=frames[0], wrench_frame=frames.wrench_frame
+            here = self.specific_force.frames()
+            if here.wrench_frame and here.force_frame == here.wrench_frame:
+                said = f'because both frame_ids are {here.wrench_frame}'
+                return LivePayload(
+                    name, by_hand, ForceFrame(source=source, **here._asdict()), said
                 )
-                return LivePayload(name, by_hand, frame, said)
             raise SettingsError(
                 f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
                 'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
@@ -272,11 +271,10 @@ class ExternalWrench(Part):
                 f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
                 '~/identify_payload.'
             )
-        source, frame = self.specific_force.source, learnt[name][1]
+        frame = learnt[name][1]
         # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
-        learnt_by = frame.source
-        if not learnt_by:
-            learnt_by = 'imu' if source == 'tf' and not frame.does_nothing else source
+        unknown = 'imu' if source == 'tf' and not frame.does_nothing else source
+        learnt_by = frame.source or unknown
         if learnt_by != source:
             raise SettingsError(
                 f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '

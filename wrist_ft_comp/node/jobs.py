@@ -52,7 +52,7 @@ def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
     return outcome
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class Jobs(Part):
     """
     Runs calibrations and identifications of payloads, and makes the jobs of learning, too.

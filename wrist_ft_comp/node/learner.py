@@ -1,6 +1,6 @@
 """The part that learns: it records every day, has models judged on it, offers a better one."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -8,21 +8,15 @@ from pathlib import Path
 import time
 from typing import Any
 
+from wrist_ft_comp import errors
 from wrist_ft_comp.drift.drift_model import StoredModel
-from wrist_ft_comp.errors import (
-    CalibrationRefusedError,
-    RecordingError,
-    SettingsError,
-    StateFileError,
-    WristFtCompError,
-)
 from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
 from wrist_ft_comp.learning.working_day import DayFiles, SILENCE_NS
 from wrist_ft_comp.node.jobs import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
-from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, OK, Status, WARN
+from wrist_ft_comp.ros.diagnostics import OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.services import service, Work
@@ -32,54 +26,11 @@ from wrist_ft_comp.stored.model_store import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0
-#: A day that the disk refused is recorded again after this time, s.
-_RETRY_S = 60.0
+#: A day that the disk refuses is recorded again after this time, s.
+_PAUSE_S = 60.0
 
 
-class DiaryKeeper:
-    """Writes the days; where the disk refuses, rows are lost for a minute."""
-
-    def __init__(self, files: DayFiles, log: NodeLog) -> None:
-        #: Why nothing is being recorded; empty while all is well.
-        self.problem = ''
-        self.files, self._log = files, log
-        #: When to try again, and when the last row came, by the steady clock.
-        self._wait_until = self._heard = time.monotonic()
-
-    def append(self, stamp_ns: int, values: Sequence[float]) -> None:
-        """Write a row, unless the disk refused just now."""
-        self._heard = time.monotonic()
-        if self._heard >= self._wait_until:
-            self._do(self.files.append, stamp_ns, values)
-
-    def end_day(self) -> None:
-        """End the day, if one goes on; the next row begins another."""
-        self._do(self.files.leave)
-
-    def poll(self) -> None:
-        """End the day after a silence."""
-        silence_s = time.monotonic() - self._heard
-        if self.files.path is not None and silence_s > SILENCE_NS / NANOSECONDS:
-            self.end_day()
-
-    def _do(self, action: Callable[..., None], *arguments: Any) -> None:
-        try:
-            action(*arguments)
-            self.problem = ''
-        except RecordingError as error:
-            with suppress(RecordingError):  # what the disk took stays, the rest is lost
-                self.files.close()
-            self._wait_until = time.monotonic() + _RETRY_S
-            if not self.problem:
-                self._log.write(ERROR, f'The day is not recorded any more: {error}')
-            self.problem = f'{error} The day is not recorded; the node tries again every minute'
-
-    def close(self) -> None:
-        """Close the file; the day goes on when the node starts again."""
-        self._do(self.files.close)
-
-
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class Learner(Part):
     """Starts a job for every ended day, and offers its better model or makes it live."""
 
@@ -92,7 +43,8 @@ class Learner(Part):
     #: Why a model could not be made live, or what is remembered could not be saved.
     problem: str = ''
     memory: Memory = field(default_factory=Memory)
-    diary: DiaryKeeper | None = None
+    #: The days and what is recorded into them; None while nothing is learnt.
+    files: DayFiles | None = None
     _recording: OwnRecording | None = None
     #: Waits for the job that runs, and when that was started, by the steady clock.
     _judging: Generator[None, None, None] | None = None
@@ -106,7 +58,7 @@ class Learner(Part):
     #: File of an offered model that could not be made live; it is only offered from then on.
     _failed: str = ''
 
-    title = 'learning'
+    title, logged = 'learning', True
     parameters = (
         at_start(
             'learning.mode', 'off',
@@ -133,31 +85,25 @@ class Learner(Part):
                 'nothing is learnt: that needs calibration.reference payload, and gravity.source '
                 f'imu or tf; they are {reference} and {source}.'
             )
-            self.hub.log.warning(self.why_not)
         if self.why_not:
             return
-        directory, recorder, memory, broken = self._directory, self.recorder, None, ''
+        directory, recorder = self.live.store.directory, self.recorder
+        memory, broken = None, ''
         try:
             memory = load_memory(directory)
-        except StateFileError as error:
+        except errors.StateFileError as error:
             broken = (
                 'The verdict on the newest day and the offered model are lost: '
                 f'{error} The damaged file is kept as learning.json.kept.'
             )
-            self.hub.log.warning(broken)
         self.memory = memory or Memory(self.live.sha256, incident=broken)
         newest = max(self.memory.judged, day_of_choice(self.live.history))
         most_bytes = 1e6 * chosen['learning.max_mb']
-        files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
-        self.diary = DiaryKeeper(files, self.hub.log)
-        self._recording = recorder.begin_recording(self.diary)
+        self.files = DayFiles(directory, recorder.channels, most_bytes, newest, recorder.sensor)
+        self._recording = recorder.begin_recording(self.files, _PAUSE_S)
         self.live.end_day = self._end_day
         if memory is None:
             self._remember()
-
-    @property
-    def _directory(self) -> Path:
-        return self.live.store.directory
 
     @property
     def running_s(self) -> float | None:
@@ -167,14 +113,19 @@ class Learner(Part):
     @property
     def offered(self) -> Path:
         """The file of the model that is offered."""
-        return self._directory / 'models' / self.memory.offered
+        return self.live.store.directory / 'models' / self.memory.offered
 
     def poll(self) -> None:
         """Do what is due: record, start a job, take its outcome, adopt its model."""
-        if self.diary is None:
+        recording, files = self._recording, self.files
+        if recording is None or files is None:
             return
         self._follow_live()
-        self.diary.poll()
+        if recording.error is not None:
+            with suppress(errors.RecordingError):  # what the disk took stays, the rest is lost
+                files.close()
+        elif files.path and time.monotonic() - recording.came_s > SILENCE_NS / NANOSECONDS:
+            files.leave()
         if self.hub.running_s('~/calibrate') is not None:
             self._end_job()  # a person's goes first; the day is judged afterwards
         elif self._judging is not None:
@@ -183,7 +134,6 @@ class Learner(Part):
         elif time.monotonic() >= self._wait_until:
             self._wait_until = time.monotonic() + _LOOK_S
             # A job starts where the newest day is not judged; without room, once per day.
-            files = self.diary.files
             days = files.ended()
             newest = days[-1].name if days else ''
             is_judged_last = files.full and newest not in {'', self._judged_last}
@@ -194,9 +144,8 @@ class Learner(Part):
         if self.mode == 'auto' and not memory.paused and memory.offered not in {'', self._failed}:
             try:
                 self._adopt(f'the node made {memory.offered} live: {memory.why}', memory.judged)
-            except SettingsError as error:
+            except errors.SettingsError as error:
                 self._failed, self.problem = memory.offered, str(error)
-                self.hub.log.write(ERROR, self.problem)
 
     def _follow_live(self) -> None:
         """Forget what was said and offered about a model that is not live any more."""
@@ -219,10 +168,9 @@ class Learner(Part):
         )  # fmt: skip
         try:
             outcome = yield from run_job(job)
-        except CalibrationRefusedError as error:
-            trouble = f'{newest} could not be judged: {error}'
-            self._remember(judged=newest, verdict=str(error), incident=trouble)
-            log.warning(trouble)
+        except errors.CalibrationRefusedError as error:
+            incident = f'{newest} could not be judged: {error}'
+            self._remember(judged=newest, verdict=str(error), incident=incident)
             return
         message, news = outcome['message'], dict[str, str]()
         log.info(f'{newest}: {message}')
@@ -254,25 +202,25 @@ class Learner(Part):
             if self.why_not or not memory.offered:
                 said = f'the newest day said: {memory.verdict}' if memory.verdict else ''
                 none = f'No better model is offered: {said or "no day is judged yet"}.'
-                raise SettingsError(self.why_not or none)
+                raise errors.SettingsError(self.why_not or none)
             stored = self._found
             if stored is None or stored.sha256 != memory.sha256 or not judged:
                 stored = self.live.load(self.offered)
             if stored.sha256 != memory.sha256:
-                raise SettingsError(
+                raise errors.SettingsError(
                     f'{stored.path} has changed since it was judged. Set model_file to it if you '
                     'want it live all the same.'
                 )
             self.live.take(stored, why, judged)
-        except WristFtCompError as error:
-            raise SettingsError(f'{error} The running model stays.') from error
+        except errors.WristFtCompError as error:
+            raise errors.SettingsError(f'{error} The running model stays.') from error
         self._follow_live()
 
     def _end_day(self) -> None:
         """End the day that goes on, and the job, because a person decides about models."""
         self._end_job()
-        if self.diary is not None:
-            self.diary.end_day()
+        if self.files is not None:
+            self.hub.do(self, self.files.leave)  # a disk that refuses keeps no decision back
 
     def _remember(self, **changes: Any) -> None:
         """Save changes of the memory; delete the file of a model that is not offered any more."""
@@ -282,13 +230,11 @@ class Learner(Part):
         is_over = before.offered not in {'', self.memory.offered} and not was_live
 
         def note(problem: str) -> None:
-            if problem:
-                self.problem = problem
-                self.hub.log.error(problem)
-            elif is_over:
+            self.problem = problem or self.problem
+            if is_over and not problem:
                 self.live.store.discard(offered)
 
-        write = partial(save_memory, self._directory, self.memory)
+        write = partial(save_memory, self.live.store.directory, self.memory)
         self.live.writer.put('learning.json', write, note)
 
     def _end_job(self) -> None:
@@ -300,7 +246,7 @@ class Learner(Part):
         """Report what learning does, and its last results; nothing where it is off."""
         if self.mode == 'off':
             return
-        memory, diary = self.memory, self.diary
+        memory, recording, disk = self.memory, self._recording, ''
         numbers = {
             'mode': self.mode,
             'last_day': f'{memory.judged}: {memory.verdict}' if memory.verdict else 'none yet',
@@ -309,10 +255,11 @@ class Learner(Part):
         if memory.offered:
             report = str(self.offered.with_suffix('.html'))
             numbers |= {'offered': str(self.offered), 'why': memory.why, 'report': report}
-        if diary is not None:
-            numbers['days'] = str(len(diary.files.ended()))
-            numbers['megabytes'] = f'{diary.files.used() / 1e6:.1f}'
-        disk = diary.problem if diary else ''
+        if self.files is not None:
+            numbers['days'] = str(len(self.files.ended()))
+            numbers['megabytes'] = f'{self.files.used() / 1e6:.1f}'
+        if recording is not None and recording.error is not None:
+            disk = f'{recording.error} The day is not recorded; the node tries again every minute'
         # The worst first.
         trouble = self.why_not or disk or self.problem or memory.paused or memory.incident
         if trouble:
@@ -330,7 +277,7 @@ class Learner(Part):
     def end(self) -> None:
         """End the job, and write what was recorded."""
         self._end_job()
-        if self.diary is not None and self._recording is not None:
-            self.recorder.finish(self._recording)
-            self.diary.close()
-            self.diary = None
+        if self.files is not None and self._recording is not None:
+            recording, self._recording = self._recording, None
+            self.recorder.finish(recording)
+            self.files.close()

@@ -20,7 +20,7 @@ from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, How, Mode
 from wrist_ft_comp.stream.compensator import Compensator
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class LiveModel(Part):
     """
     Owns the live model and those before it.

@@ -5,18 +5,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
+import time
 from typing import Any, cast
 
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool
 
-from wrist_ft_comp.channels import (
-    AXES,
-    FORCE_CHANNELS,
-    LARGEST,
-    REFERENCE_CHANNELS,
-    SensorNames,
-)
+from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, LARGEST, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.node.live_model import warned
 from wrist_ft_comp.ros.diagnostics import ERROR, OK
@@ -27,15 +22,8 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
+from wrist_ft_comp.stream import stream_grid as grid
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import (
-    CellAverager,
-    RAW,
-    REFERENCE,
-    Row,
-    row_channels,
-    ThermalCell,
-)
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
 #: A warning comes where a channel was not recorded for this time, s; shorter gaps do no harm.
@@ -48,34 +36,44 @@ _LACKING_SHARE = 0.1
 class OwnRecording:
     """A recording in progress, with what averages for it."""
 
-    averager: CellAverager
+    averager: grid.CellAverager
     #: Has ``append(stamp_ns, values)`` and ``close()``, RecordingError when the disk refuses.
     writer: Any
+    #: Where the disk has refused, nothing is written for this time, s.
+    pause_s: float = math.inf
     rows: int = 0
-    #: Why the disk refused; nothing more is written after that. None while all is well.
+    #: Why the disk refused the newest row that was to be written; None while all is well.
     error: RecordingError | None = None
+    #: When the newest row came, and when rows are written again, by the steady clock.
+    came_s: float = field(default_factory=time.monotonic)
+    goes_on_s: float = 0.0
     #: By channel, how many of the newest rows, and of all, have no value of it.
     lacking: Counter[str] = field(default_factory=Counter)
     lacked: Counter[str] = field(default_factory=Counter)
     #: By channel, its least and its largest value.
     spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def write(self, channels: Sequence[str], rows: Sequence[Row]) -> None:
+    def write(self, channels: Sequence[str], rows: Sequence[grid.Row]) -> None:
         """Write rows, and note what they lack."""
-        try:
-            for stamp_ns, values in rows:
+        for stamp_ns, values in rows:
+            self.came_s = time.monotonic()
+            if self.came_s < self.goes_on_s:
+                return
+            try:
                 self.writer.append(stamp_ns, values)
-                self.rows += 1
-                for channel, value in zip(channels, values, strict=True):
-                    if math.isnan(value):
-                        self.lacking[channel] += 1
-                        self.lacked[channel] += 1
-                        continue
-                    self.lacking[channel] = 0
-                    least, most = self.spans.get(channel, (value, value))
-                    self.spans[channel] = min(least, value), max(most, value)
-        except RecordingError as error:
-            self.error = error
+            except RecordingError as error:
+                self.error, self.goes_on_s = error, self.came_s + self.pause_s
+                return
+            self.error = None
+            self.rows += 1
+            for channel, value in zip(channels, values, strict=True):
+                if math.isnan(value):
+                    self.lacking[channel] += 1
+                    self.lacked[channel] += 1
+                    continue
+                self.lacking[channel] = 0
+                least, most = self.spans.get(channel, (value, value))
+                self.spans[channel] = min(least, value), max(most, value)
 
 
 class Recorder(Part):
@@ -97,7 +95,7 @@ class Recorder(Part):
         self._compensator, self._with_force = compensator, with_force
         self._store, self._writer, self.sensor = store, writer, sensor
         #: Names of a row's values.
-        self.channels = row_channels(compensator.thermometers, with_force=with_force)
+        self.channels = grid.row_channels(compensator.thermometers, with_force=with_force)
         #: Length of a row's cell, s and ns.
         self.period_s = compensator.settings.thermal_period_s
         self.period_ns = round(NANOSECONDS * self.period_s)
@@ -124,33 +122,30 @@ class Recorder(Part):
                     )
         return ''
 
-    def begin_recording(self, writer: Any) -> OwnRecording:
-        """Feed a new recording from now on, until ``finish`` or until its disk refuses."""
+    def begin_recording(self, writer: Any, pause_s: float = math.inf) -> OwnRecording:
+        """Feed a new recording until ``finish``; where the disk refuses, after a pause again."""
         thermometers = self._compensator.thermometers
-        averager = CellAverager(self.period_ns, thermometers, with_force=self._with_force)
-        recording = OwnRecording(averager, writer)
+        averager = grid.CellAverager(self.period_ns, thermometers, with_force=self._with_force)
+        recording = OwnRecording(averager, writer, pause_s)
         self._running.append(recording)
         self.hub.listen(self, wanted=True)
         return recording
 
     def finish(self, recording: OwnRecording) -> None:
         """Write all that a recording gets, and let go of it; its owner closes its writer."""
-        if recording.error is None:
-            recording.write(self.channels, recording.averager.rows(final=True))
+        recording.write(self.channels, recording.averager.rows(final=True))
         self._running = [other for other in self._running if other is not recording]
         self.hub.listen(self, wanted=bool(self._running))
 
     def on_wrench(self, stamp_ns: int, raw: Sequence[float], *_: Any) -> None:
         """Take one raw wrench, N and N m."""
         for recording in self._running:
-            recording.averager.add(RAW, stamp_ns, raw)
+            recording.averager.add(grid.RAW, stamp_ns, raw)
 
-    def on_specific_force(
-        self, stamp_ns: int, specific_force: Vector, speed: float | None
-    ) -> None:
+    def on_specific_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Take one specific force, m/s², and the speed of rotation, rad/s, where it is known."""
         for recording in self._running:
-            recording.averager.add_force(stamp_ns, specific_force, speed)
+            recording.averager.add_force(stamp_ns, force, speed)
 
     def on_reference(self, data: bytes) -> None:
         """Take one reference wrench."""
@@ -160,9 +155,9 @@ class Recorder(Part):
             return
         # The comparison is false for NaN.
         if self.current is not None and math.hypot(*reference) < LARGEST:
-            self.current.averager.add(REFERENCE, stamp_ns or self.hub.now_ns(), reference)
+            self.current.averager.add(grid.REFERENCE, stamp_ns or self.hub.now_ns(), reference)
 
-    def on_cells(self, cells: Sequence[ThermalCell], _stamp_ns: int) -> None:
+    def on_cells(self, cells: Sequence[grid.ThermalCell], _stamp_ns: int) -> None:
         """Take the temperatures of thermal cells, which the live model may have made longer."""
         if not self._running:
             return
@@ -179,15 +174,12 @@ class Recorder(Part):
 
     def poll(self) -> None:
         """Write the rows there are; a full disk ends a recording, not the stream."""
-        for recording in tuple(self._running):
+        for recording in self._running:
             recording.write(self.channels, recording.averager.rows())
-            if recording.error is None:
-                continue
-            self.finish(recording)
-            if recording is self.current:
-                self.failure = self._ended(str(recording.error), recording.rows)
-                self.hub.log.error(self.failure)
-                self._close()
+        if self.current is not None and self.current.error is not None:
+            self.failure = self._ended(str(self.current.error), self.current.rows)
+            self.hub.log.error(self.failure)
+            self._close()
 
     @service(
         '~/record', "starts (data: true) or ends (data: false) the node's own recording", SetBool

@@ -32,26 +32,9 @@ from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import opening, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation.ft_sensor import (
-    draw_run,
-    drive,
-    NOMINAL_C,
-    room_temperature,
-    RunSettings,
-    STEP_S,
-    THERMOMETER_NOISE_K,
-    true_wrench,
-)
-from wrist_ft_comp.simulation.work import (
-    draw_accelerometer,
-    draw_work,
-    move,
-    read_imu,
-    Work,
-    WorkSettings,
-)
+from wrist_ft_comp.simulation import work as robot
 
-_RUN = RunSettings()
+_RUN = ft_sensor.RunSettings()
 PARAMETERS = (
     _row('seed', 1, 'Draws the specimen of the sensor, its gauges and their places.', minimum=0),
     _row('run', 0, 'Draws noise, loads and room of this run, for the same sensor.', minimum=0),
@@ -85,15 +68,18 @@ _FRAME, _IMU_FRAME = 'wrist_ft', 'wrist_ft_imu'
 
 
 class _Topic:
-    """A topic and its message, of which only the stamp and numbers at some places change."""
+    """A topic and its message, of which only the stamp and numbers of some parts change."""
 
-    def __init__(self, node: Node, name: str, message: Any, *places: tuple[Any, str]) -> None:
+    def __init__(
+        self, node: Node, name: str, message: Any, parts: Sequence[Any], fields: Sequence[str]
+    ) -> None:
         with opening(name):  # best effort as real drivers', and deep enough for one wake-up
             self.publisher: Any = node.create_publisher(
                 type(message), name, copy(SLOW_SENSOR),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )  # fmt: skip
-        self._message, self._stamp, self._places = message, message.header.stamp, places
+        self._message, self._stamp = message, message.header.stamp
+        self._places = [(part, name) for part in parts for name in fields]
 
     def send(self, stamp_ns: int, numbers: Sequence[float]) -> None:
         """Publish numbers."""
@@ -103,13 +89,9 @@ class _Topic:
         self.publisher.publish(self._message)
 
 
-def _xyz(*vectors: Any) -> list[tuple[Any, str]]:
-    return [(vector, component) for vector in vectors for component in 'xyz']
-
-
 def _wrench_topic(node: Node, name: str) -> _Topic:
     message = WrenchStamped(header=Header(frame_id=_FRAME))
-    return _Topic(node, name, message, *_xyz(message.wrench.force, message.wrench.torque))
+    return _Topic(node, name, message, (message.wrench.force, message.wrench.torque), 'xyz')
 
 
 class SimulatedSensor(Node):
@@ -121,12 +103,13 @@ class SimulatedSensor(Node):
         seeds = [chosen['seed'], chosen['run']]
         random = np.random.SeedSequence(seeds).spawn(3)
         draws, self._wrench_rng, self._temperature_rng = map(np.random.default_rng, random)
-        settings = RunSettings(chosen['duty_cycle.start_s'], chosen['duty_cycle.level'])
+        settings = ft_sensor.RunSettings(chosen['duty_cycle.start_s'], chosen['duty_cycle.level'])
         if chosen['tool_mass'] > 0 or not chosen['loaded']:
             settings = replace(settings, force_n=0.0, torque_nm=0.0)
-        self._run = draw_run(settings, draws)
+        self._run = ft_sensor.draw_run(settings, draws)
         self._sensor = ft_sensor.build_sensor(chosen['seed'])
-        self._state = ft_sensor.start(float(room_temperature(self._run, 0.0)))
+        room_c = float(ft_sensor.room_temperature(self._run, 0.0))
+        self._state = ft_sensor.start(room_c)
         #: Steps of the heat flow that are done.
         self._step = 0
         self._speed, self._wrench_rate = chosen['speed'], chosen['wrench_rate']
@@ -137,10 +120,14 @@ class SimulatedSensor(Node):
         self._ran_s, self._woken_s = -1e-9, cast('float | None', None)
         #: How many subscribers each topic had, and since when.
         self._subscribers, self._subscribed_s = list[int](), 0.0
-
-        self._open_topics()
+        self._raw = _wrench_topic(self, 'wrench_raw')
+        self._reference = _wrench_topic(self, 'wrench_reference')
+        noise_k, self._thermometers = ft_sensor.THERMOMETER_NOISE_K, list[_Topic]()
+        for name in ('temperature', 'temperature_2'):
+            heat = Temperature(header=Header(frame_id=_FRAME), variance=noise_k**2)
+            self._thermometers.append(_Topic(self, name, heat, [heat], ['temperature']))
         #: Of a robot at work: its program.
-        self._work: Work | None = None
+        self._work: robot.Work | None = None
         if chosen['tool_mass'] > 0:
             self._begin_work(chosen['tool_mass'], seeds)
         logger = cast('Any', self).get_logger()
@@ -150,26 +137,18 @@ class SimulatedSensor(Node):
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _open_topics(self) -> None:
-        """Open the topics of a sensor, with or without a robot."""
-        self._raw = _wrench_topic(self, 'wrench_raw')
-        self._reference = _wrench_topic(self, 'wrench_reference')
-        self._thermometers = list[_Topic]()
-        for name in ('temperature', 'temperature_2'):
-            heat = Temperature(header=Header(frame_id=_FRAME), variance=THERMOMETER_NOISE_K**2)
-            self._thermometers.append(_Topic(self, name, heat, (heat, 'temperature')))
-
     def _begin_work(self, tool_kg: float, seeds: Sequence[int]) -> None:
         """Draw a robot's program, the noise of its IMU, and what else it publishes."""
         tools, program, self._imu_rng, imu_rng = (
             np.random.default_rng(seed)
             for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
         )
-        self._accelerometer = draw_accelerometer(imu_rng)
-        self._work = draw_work(WorkSettings(tool_kg), program, tools)
+        self._accelerometer = robot.draw_accelerometer(imu_rng)
+        self._work = robot.draw_work(robot.WorkSettings(tool_kg), program, tools)
         imu = Imu(header=Header(frame_id=_IMU_FRAME))
         imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
-        self._imu = _Topic(self, 'imu', imu, *_xyz(imu.linear_acceleration, imu.angular_velocity))
+        felt = imu.linear_acceleration, imu.angular_velocity
+        self._imu = _Topic(self, 'imu', imu, felt, 'xyz')
         self._contact = _wrench_topic(self, 'wrench_external_reference')
 
     def _wake(self) -> None:
@@ -196,16 +175,17 @@ class SimulatedSensor(Node):
         )
         # Advance the heat to the latest of these times; node temperatures at each of them.
         first = self._step
-        steps = [due_ns // round(STEP_S * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
+        steps = [due_ns // round(ft_sensor.STEP_S * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
         self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
-        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * STEP_S
-        nodes_c = ft_sensor.trajectory(self._sensor, self._state, drive(self._run, begins_s))
+        begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * ft_sensor.STEP_S
+        drive = ft_sensor.drive(self._run, begins_s)
+        nodes_c = ft_sensor.trajectory(self._sensor, self._state, drive)
         self._state = nodes_c[-1]
         wrench_nodes_c, temperature_nodes_c = (
             nodes_c[np.maximum(step - first, 0)] for step in steps
         )
         elapsed_s = wrench_ns / NANOSECONDS
-        true = true_wrench(self._run, elapsed_s)
+        true = ft_sensor.true_wrench(self._run, elapsed_s)
         read = ft_sensor.digitised_temperatures(
             self._sensor, temperature_nodes_c, self._temperature_rng
         )
@@ -214,9 +194,10 @@ class SimulatedSensor(Node):
             (topic, temperature_ns, read[:, [j]]) for j, topic in enumerate(self._thermometers)
         ]
         if self._work is not None:
-            motion = move(self._work, elapsed_s)
+            motion = robot.move(self._work, elapsed_s)
             near_c = ft_sensor.thermometer_temperatures(self._sensor, wrench_nodes_c)[:, 0]
-            felt = read_imu(self._accelerometer, motion, near_c - NOMINAL_C, self._imu_rng)
+            warmth_k = near_c - ft_sensor.NOMINAL_C
+            felt = robot.read_imu(self._accelerometer, motion, warmth_k, self._imu_rng)
             contact = true + motion.contact
             true = contact + motion.weight
             streams += [(self._imu, wrench_ns, felt), (self._contact, wrench_ns, contact)]

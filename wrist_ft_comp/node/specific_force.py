@@ -21,8 +21,6 @@ from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
-#: Old transforms are dropped after this many messages of TF.
-_TIDY_MESSAGES = 100
 #: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
 _KEPT_SAMPLES = 256
 
@@ -128,11 +126,9 @@ class SpecificForceInput(Part):
             for data in waiting(self._imu):
                 self.on_imu(data)
 
-    def on_specific_force(
-        self, stamp_ns: int, specific_force: Vector, speed: float | None
-    ) -> None:
+    def on_specific_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Keep one specific force, m/s², and its speed of rotation, rad/s."""
-        self.forces.add(stamp_ns, specific_force)
+        self.forces.add(stamp_ns, force)
         self.speed = math.nan if speed is None else speed
 
     def frames(self) -> FrameIds:
@@ -174,7 +170,7 @@ class SpecificForceInput(Part):
         for transforms in layout.decode(np.frombuffer(data, np.uint8)[np.newaxis], needed):
             self._tree.add(transforms, static=static)
         self._tf_messages += 1
-        if self._tf_messages % _TIDY_MESSAGES == 0:
+        if self._tf_messages % 100 == 0:  # at each message it would cost more than the message
             self._tree.forget()
         if not needed:
             return

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 import time
-from typing import TypeAlias
+from typing import Any
 
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.node.live_model import LiveModel
@@ -22,13 +22,9 @@ from wrist_ft_comp.stream.thermal_memory import belongs_to
 #: How often the thermal state is saved, s; also when the node ends, and when the tare or the model
 #: changes. A restart goes on from it.
 SAVE_PERIOD_S = 5.0
-#: Longest time that the node waits for the disk when it ends, s.
-_END_TIMEOUT_S = 2.0
-#: The live model's hash, the bytes of both tares, what is doubted of the zero, and who publishes.
-_Key: TypeAlias = tuple[str | None, bytes, bytes, tuple[str, ...], tuple[str, ...]]
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class StateKeeper(Part):
     """
     Continues from the state that the last node saved, and saves the state of this one.
@@ -50,7 +46,7 @@ class StateKeeper(Part):
     #: When to save next, by the steady clock.
     _due: float = 0.0
     #: What was saved last, as ``_present`` collects it; None before the first model is live.
-    _saved: tuple[_Key, int | None] | None = None
+    _saved: tuple[Any, int | None] | None = None
 
     title = 'state'
 
@@ -96,13 +92,12 @@ class StateKeeper(Part):
         self.outcome = self.compensator.tracker.origin
         return ''
 
-    def _present(self) -> tuple[_Key, int | None]:
+    def _present(self) -> tuple[Any, int | None]:
         """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
-        stream, tracker = self.compensator, self.compensator.tracker
+        stream, drivers = self.compensator, sorted(self.counts.drivers)
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
-        doubts, drivers = tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers))
-        key = (self.live.sha256, *tares, doubts, drivers)
-        return key, tracker.end_ns if stream.compensating else None
+        key = (self.live.sha256, tares, [*stream.zero_doubts], drivers)
+        return key, stream.tracker.end_ns if stream.compensating else None
 
     def poll(self) -> None:
         """Log what happened to the saved state; save where something changed or is due."""
@@ -149,7 +144,7 @@ class StateKeeper(Part):
         """Save once more, and wait for the disk."""
         if self._saved is not None and self._present() != self._saved:
             self.save()
-        if not self.writer.end(_END_TIMEOUT_S):
+        if not self.writer.end(timeout_s=2.0):
             self.hub.log.error(f'{self.path} was not saved: the disk does not answer.')
         elif problem := self.writer.problems.get(self.path.name):
             self.hub.log.error(problem)

@@ -27,7 +27,7 @@ _FRESH_SHARE = 0.9
 _DISK_S = 5.0
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class TareService(Part):
     """
     Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.

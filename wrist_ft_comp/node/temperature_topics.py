@@ -13,19 +13,10 @@ from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import age, arrival, Counts
+from wrist_ft_comp.ros import topics as ros_topics
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
-from wrist_ft_comp.ros.topics import (
-    load_type,
-    no_temperature,
-    other_version,
-    short,
-    SLOW_SENSOR,
-    types_on,
-    unpublished,
-    wrong_type,
-)
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.clock import ClockComparison
@@ -48,69 +39,64 @@ class TemperatureTopic:
         self.sources = sources
         #: Messages of which some temperature could not be read.
         self.unreadable = 0
-        #: Why temperatures cannot be read, by thermometer, and whether none can be.
-        self.problems, self._is_deaf = dict[int, str](), False
+        #: Why none can be read, and why the number of a thermometer cannot.
+        self.trouble, self.problems = '', dict[int, str]()
         self._hub: Hub = part.hub
         self._part, self._topic = part, topic
         self._is_plain = not all(source.path for source in sources.values())
         #: Of the messages that are subscribed to; empty while none are.
         self._type = ''
         self._definitions: Definitions = {}
-        self._subscription: Any = None
+        #: Where messages wait for ``poll``, if they do.
+        self._kept: Any = None
         if self._is_plain:
             self._subscribe(TEMPERATURE)
 
     def poll(self) -> None:
         """Take what came; ten times a second."""
-        if self._subscription is not None and not self._is_plain:
-            for data in waiting(self._subscription):
+        if self._kept is not None:
+            for data in waiting(self._kept):
                 self.read(data)
 
     def look(self) -> None:
         """Ask which type the topic has, and subscribe when that is new; once a second."""
-        types, problem = types_on(self._hub, self._topic), ''
-        if types and not self._type:
-            try:
+        hub, topic, self.trouble = self._hub, self._topic, ''
+        types = ros_topics.types_on(hub, topic)
+        try:
+            if types and not self._type:
                 self._subscribe(TEMPERATURE if TEMPERATURE in types else types[0])
-            except WristFtCompError as error:
-                problem = str(error).rstrip('.')
-        if not types and not self._type:
-            problem = unpublished(self._hub, self._topic)
-        elif types and self._type:
-            problem = wrong_type(self._hub, self._topic, self._type)
-            if self._is_plain:
-                problem = no_temperature(self._hub, self._topic)
-            problem = problem or other_version(self._hub, self._topic)
-        if problem:
-            self.problems = dict.fromkeys(self.sources, problem)
-        elif self._is_deaf or not types:
+            if types:
+                wrong = ros_topics.wrong_type(hub, topic, self._type, propose=self._is_plain)
+                self.trouble = wrong or ros_topics.other_version(hub, topic)
+        except WristFtCompError as error:
+            self.trouble = str(error).rstrip('.')
+        if self.trouble or not types:
             self.problems = {}
-        self._is_deaf = bool(problem)
 
     def _subscribe(self, name: str) -> None:
         """Subscribe to messages of a type; WristFtCompError where they cannot be had."""
-        kind, (source, *_) = load_type(self._topic, name), self.sources.values()
+        kind, (source, *_) = ros_topics.load_type(self._topic, name), self.sources.values()
         self._definitions = define_installed(self._topic, name)
         paths = [source.number for source in self.sources.values()]
         self._reader = NumberReader(self._definitions, name, paths)
         if self._is_plain:
             take = self._hub.guarded(self._part, self.read)
-            self._subscription = self._hub.subscribe(kind, source.topic, take, SLOW_SENSOR)
+            self._hub.subscribe(kind, source.topic, take, ros_topics.SLOW_SENSOR)
         else:
-            self._subscription = self._hub.subscribe_unserved(kind, source.topic)
+            self._kept = self._hub.subscribe_unserved(kind, source.topic)
         self._type = name
 
     def read(self, data: bytes) -> None:
         """Take the temperatures of one message."""
-        if self._is_deaf:
+        if self.trouble:
             return
         try:
             (stamp_ns,), (numbers,) = (part.tolist() for part in self._reader.read([data]))
         except RecordingError:
             self.unreadable += 1
             sentence = (
-                f"a message of {self._topic} can't be read as {short(self._type)}; is the package "
-                'here of the same version as where it comes from?'
+                f"a message of {self._topic} can't be read as {ros_topics.short(self._type)}; is "
+                'the package here of the same version as where it comes from?'
             )
             self.problems = dict.fromkeys(self.sources, sentence)
             return
@@ -139,7 +125,7 @@ class Thermometer:
     stamped: bool | None = True
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class TemperatureInput(Part):
     """Gives temperatures to the stream, and judges the thermometers, which count from 0."""
 
@@ -295,21 +281,24 @@ class TemperatureInput(Part):
     def _silence(self) -> Iterator[str]:
         """Say which thermometers can't be read or are silent, and why, where that is known."""
         limit_s = self.compensator.settings.temperature_timeout_s
-        problems = {j: why for topic in self.by_topic for j, why in topic.problems.items()}
+        problems = {
+            j: topic.trouble or topic.problems.get(j, '')
+            for topic in self.by_topic
+            for j in topic.sources
+        }
         drift = 'nothing is compensated until then'
         if self.compensator.compensating:
             drift = 'drift is held'
         silent, grid = [], self._tracker.grid
         for j, thermometer in enumerate(self.thermometers):
-            topic, heard_s = thermometer.topic, thermometer.heard_s
+            heard_s = thermometer.heard_s
             effect = 'it is predicted' if j in self._tracker.replaced else drift
-            if j in problems:
+            if problems[j]:
                 yield f'thermometer {j + 1}: {problems[j]}; {effect}'
             elif heard_s is None:
-                why = self.hub.incompatible.get(thermometer.source.topic, '')
-                if not self.hub.count_publishers(topic):
-                    why = unpublished(self.hub, topic, TEMPERATURE)
-                why = why or f'the publisher of {topic} sends nothing'
+                wanted = '' if thermometer.source.path else TEMPERATURE
+                incompatible = self.hub.incompatible.get(thermometer.source.topic, '')
+                why = ros_topics.why_silent(self.hub, thermometer.topic, wanted, incompatible)
                 yield f'thermometer {j + 1} has not reported: {why}; {effect}'
             else:
                 spacing_s = grid.spacing(j) * grid.period_ns / NANOSECONDS

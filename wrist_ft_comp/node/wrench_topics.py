@@ -12,7 +12,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Part
-from wrist_ft_comp.ros.topics import unpublished, wrench_message, wrong_type
+from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.compensator import Compensator
@@ -129,9 +129,7 @@ class WrenchInput(Part):
         self.poll()
         counts, sensor = self._counts, self.sensor
         topic = self.hub.resolve_topic_name('wrench_raw')
-        ends, publishers = (
-            self.hub.get_publishers_info_by_topic(topic), self.hub.count_publishers(topic),
-        )  # fmt: skip
+        ends = self.hub.get_publishers_info_by_topic(topic)
         drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(counts.drivers):
             if counts.drivers:
@@ -159,10 +157,8 @@ class WrenchInput(Part):
                 message += f': they are {why_unusable(AXES[0], counts.strange)}'
             yield Status(self.title, WARN, message, numbers)
         elif not rate_hz:
-            why = self.hub.incompatible.get('wrench_raw') or wrong_type(self.hub, topic, WRENCH)
-            if publishers and not why:
-                why = f'the publisher of {topic} sends nothing; is the sensor running?'
-            why = why or unpublished(self.hub, topic, WRENCH)
+            incompatible = self.hub.incompatible.get('wrench_raw', '')
+            why = why_silent(self.hub, topic, WRENCH, incompatible)
             yield Status(self.title, STALE, f'no raw wrenches arrive: {why}', numbers)
         else:
             well = f'{rate_hz:.0f} wrenches per second'

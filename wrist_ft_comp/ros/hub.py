@@ -31,8 +31,6 @@ from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_nod
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
 from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT
 
-#: Parts are polled, and the work of requests goes on, once in this time, s.
-HOUSEKEEPING_PERIOD_S = 0.1
 #: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
 #: The node waits for this time at its end, s, so that callers take the last answers.
@@ -81,9 +79,7 @@ class Part:
     def on_cells(self, cells: Sequence[Any], stamp_ns: int) -> None:
         """Take thermal cells that a temperature, with its stamp, ns, has completed."""
 
-    def on_specific_force(
-        self, stamp_ns: int, specific_force: Vector, speed: float | None
-    ) -> None:
+    def on_specific_force(self, stamp_ns: int, force: Vector, speed: float | None) -> None:
         """Take a specific force, m/s², and the speed of rotation, rad/s, where it is known."""
 
     def check_parameters(self, parameters: Sequence[Any]) -> None:
@@ -134,7 +130,6 @@ class Hub(Node):
         self.parts: tuple[Part, ...] = ()
         #: Parts that get every wrench; usually there are none.
         self._listeners: tuple[Part, ...] = ()
-        self._hearing: dict[str, list[Part]] = {}
         self._offered: list[DeferredService] = []
         #: Requests that are being served, by name of the service.
         self._requests: dict[str, _Request] = {}
@@ -172,7 +167,7 @@ class Hub(Node):
         self.add_post_set_parameters_callback(partial(self.broadcast, 'apply_parameters'))
         # A steady clock: parts are polled where simulated time stands still, too.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(HOUSEKEEPING_PERIOD_S, self.housekeep, clock=steady)
+        self.create_timer(0.1, self.housekeep, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnose, clock=steady)
 
     def call(self, part: Part, verb: Callable[..., Any], *arguments: Any) -> Any:

@@ -28,8 +28,6 @@ _TYPES = {
     float: (_Type.DOUBLE, _Type.DOUBLE_ARRAY, 'a number'),
     str: (_Type.STRING, _Type.STRING_ARRAY, 'a string'),
 }
-#: Letters in a line of ``--help``.
-_WIDTH = 79
 #: A name is taken for a mistyped one from this similarity on, 0 to 1.
 _SIMILAR = 0.8
 
@@ -138,9 +136,8 @@ def converted(row: Parameter, value: Any) -> Value:
     """Convert a given value to a parameter's type; SettingsError where that is impossible."""
     if not row.is_array:
         return cast('Value', _converted_scalar(row, value))
-    if isinstance(value, (bool, int, float, str)):
-        value = [value]
-    elements = value or ()  # None is the empty array that was given
+    # None is the empty array that was given.
+    elements = [value] if isinstance(value, (bool, int, float, str)) else value or ()
     return tuple(_converted_scalar(row, element) for element in elements if element != '')
 
 
@@ -193,7 +190,7 @@ def usage(
 
     def entry(end: str, text: str) -> str:
         indent = ' ' * 6
-        return f'  {end}\n{fill(text, _WIDTH, initial_indent=indent, subsequent_indent=indent)}'
+        return f'  {end}\n{fill(text, 79, initial_indent=indent, subsequent_indent=indent)}'
 
     lines = [f'usage: {name} --ros-args [-p NAME:=VALUE ...] [-r FROM:=TO ...]\n', what]
     for title, purposes in ends:

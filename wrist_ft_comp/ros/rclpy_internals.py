@@ -20,16 +20,14 @@ def given_parameters(node: Node) -> Mapping[str, Any]:
     return {name: parameter.value for name, parameter in overrides.items()}
 
 
-def intercept_answers(
-    service: Any, on_header: Callable[[Any, Any], None]
-) -> Callable[[Any, Any], None]:
+def intercept_answers(service: Any, on_header: Callable[..., None]) -> Callable[..., None]:
     """
     Give the response and the header of every request to a function; returns what sends them.
 
     A callback has to return at once, and a coroutine as callback fails on the EventsExecutor and
     starves timers on the others. So what would send the returned response keeps it.
     """
-    send: Callable[[Any, Any], None] = service.send_response
+    send: Callable[..., None] = service.send_response
     service.send_response = on_header
     return send
 

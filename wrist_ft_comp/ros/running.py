@@ -18,9 +18,6 @@ from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.topics import ROS_REFUSALS
 
-#: Longest time between a signal and the look at its flag, seconds.
-POLL_PERIOD_S = 0.1
-
 
 def run_node(
     factory: Callable[..., Node], argv: Sequence[str] | None, usage: Callable[[], str]
@@ -83,10 +80,10 @@ def spin(executor: Any, context: Context, stop: Stop) -> None:
     """
     Run callbacks until a flag is set or the context is shut down.
 
-    An executor that waits is left now and then, because Python runs signal handlers only then. An
+    An executor is left ten times a second, because Python runs signal handlers only then. An
     EventsExecutor with callbacks due looks neither at the time nor at a flag: it is ended by the
     callback of the flag.
     """
     while context.ok() and not stop.done():
         # Not spin_once: leaving and entering the executor costs as much as a callback.
-        executor.spin_until_future_complete(stop, timeout_sec=POLL_PERIOD_S)
+        executor.spin_until_future_complete(stop, timeout_sec=0.1)

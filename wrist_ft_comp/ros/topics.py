@@ -8,54 +8,42 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from copy import copy
 import difflib
-from importlib import import_module
-import re
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy import qos
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    qos_profile_services_default,
-    QoSProfile,
-    ReliabilityPolicy,
-)
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.message_layout import define_installed, follow, Path
+from wrist_ft_comp.wire.message_layout import define_installed, follow, message_class, Path
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
-_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
-#: Fields of a message that a sentence proposes.
-_PROPOSED_FIELDS = 3
 #: A topic of whatever type is probably meant where its name is as similar as this, 0 to 1.
 _LEAST_SIMILARITY = 0.8
-#: Letters of a type's hash in a sentence: RIHS01_ and eight that tell versions apart.
-_HASH_LETTERS = 15
 
 # A topic is given a copy of a profile: rclpy writes what parameters override into the one given.
-_profile: Any = QoSProfile  # its constructor carries no types
+_profile: Any = qos.QoSProfile  # its constructor carries no types
+_BEST_EFFORT, _RELIABLE = qos.ReliabilityPolicy.BEST_EFFORT, qos.ReliabilityPolicy.RELIABLE
 #: Drivers publish best effort. Sensor-data QoS keeps only 5 messages, which a pause of a
 #: millisecond overruns at 8 kHz; 1000 are an eighth of a second there.
-FAST_SENSOR: QoSProfile = _profile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+FAST_SENSOR: qos.QoSProfile = _profile(depth=1000, reliability=_BEST_EFFORT)
 #: Thermometers are slow (up to 100 Hz) and best effort, too; one second is kept.
-SLOW_SENSOR: QoSProfile = _profile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+SLOW_SENSOR: qos.QoSProfile = _profile(depth=100, reliability=_BEST_EFFORT)
 #: Where only the newest message counts, which is polled.
-NEWEST: QoSProfile = _profile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+NEWEST: qos.QoSProfile = _profile(depth=1, reliability=_BEST_EFFORT)
 #: What is sent once and kept for those who come later: static transforms.
-LATCHED: QoSProfile = _profile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+LATCHED: qos.QoSProfile = _profile(
+    depth=100, reliability=_RELIABLE, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL
 )
 #: Reliable, so that every tool receives it; a controller wants the newest values, not old ones.
-OUTPUT: QoSProfile = _profile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+OUTPUT: qos.QoSProfile = _profile(depth=10, reliability=_RELIABLE)
 #: As any service's, but twenty calls at once overrun the usual queue of 10 without an error.
-SERVICE: QoSProfile = copy(qos_profile_services_default)
+SERVICE: qos.QoSProfile = copy(qos.qos_profile_services_default)
 SERVICE.depth = 1000
 
 
@@ -88,16 +76,15 @@ def short(name: str) -> str:
 
 
 def load_type(topic: str, name: str) -> Any:
-    """Import the class of a type that a topic carries; SettingsError when it cannot be used."""
-    parts = _NAME.fullmatch(name)  # it comes from the network, and names what is imported
-    if parts is None:
-        raise SettingsError(f'{topic} carries {name}, which is no message of ROS')
-    package, kind = parts.groups()
+    """Import the class of a type that a topic carries; WristFtCompError when it can't be used."""
     try:
-        found = getattr(import_module(f'{package}.msg'), kind)
+        found = message_class(topic, name)
         serialize_message(found())  # loads its libraries
+    except WristFtCompError:
+        raise
     except Exception as error:  # others' code: it may raise anything
         reason = str(error).split('\n')[0].split(', at /')[0].rstrip(':.')
+        package = name.partition('/')[0]
         raise SettingsError(
             f'{topic} carries {short(name)}, but the Python package {package} with this type is '
             f'not installed here, or not sourced, or its libraries cannot be loaded ({reason}). '
@@ -118,24 +105,46 @@ def other_version(node: Node, topic: str) -> str:
     for publisher in node.get_publishers_info_by_topic(topic):
         theirs = publisher.topic_type_hash
         if ours and theirs.version > 0 and str(theirs) not in ours:
+            # Of a hash RIHS01_ and eight letters, which tell versions apart.
             return (
                 f'{topic} carries {short(publisher.topic_type)} of another version, which is not '
-                f'read: its hash is {str(theirs)[:_HASH_LETTERS]}…, that of the package installed '
-                f'here {min(ours)[:_HASH_LETTERS]}…. Install the version that the driver uses'
+                f'read: its hash is {str(theirs)[:15]}…, that of the package installed '
+                f'here {min(ours)[:15]}…. Install the version that the driver uses'
             )
     return ''
 
 
-def wrong_type(node: Node, topic: str, wanted: str) -> str:
-    """Say that a topic's publishers, if there are any, are not of the type that is wanted."""
+def wrong_type(node: Node, topic: str, wanted: str, *, propose: bool = False) -> str:
+    """
+    Say that a topic's publishers, if there are any, are not of the type that is wanted.
+
+    With ``propose``, also which entries of temperature_topics take a number in what they send.
+    """
     types = types_on(node, topic)
     if not types or wanted in types:
         return ''
-    return f'{topic} carries {short(types[0])}, not {short(wanted)}'
+    problem = f'{topic} carries {short(types[0])}, not {short(wanted)}'
+    if not propose:
+        return problem
+    paths = list[Path]()
+    with suppress(WristFtCompError):  # of a type that cannot be loaded none is known
+        empty = serialize_message(load_type(topic, types[0])())
+        paths = numbers_in(follow(define_installed(topic, types[0]), types[0], empty))
+    likely = [path for path in paths if may_be_temperature(path)] or paths
+    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:3])
+    return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
 
 
-def unpublished(node: Node, topic: str, wanted: str = '') -> str:
-    """Say that nobody publishes on a topic, and which one, of the wanted type, may be meant."""
+def why_silent(node: Node, topic: str, wanted: str, incompatible: str) -> str:
+    """
+    Say why no message, of a wanted type or any, comes on a topic, and which one may be meant.
+
+    ``incompatible`` is what is known of the quality of service of a publisher.
+    """
+    if node.count_publishers(topic):
+        said = wrong_type(node, topic, wanted) if wanted else ''
+        silent = f'the publisher of {topic} sends nothing; is the sensor running?'
+        return incompatible or said or silent
     own = {publisher.topic_name for publisher in node.publishers}
     others = [
         name
@@ -147,21 +156,6 @@ def unpublished(node: Node, topic: str, wanted: str = '') -> str:
     what = f', a {short(wanted)},' if wanted else ''
     question = f', or is {alike[0]}{what} meant' if alike else ''
     return f'{topic} has no publisher (is the driver running{question}?)'
-
-
-def no_temperature(node: Node, topic: str) -> str:
-    """Say that a topic carries no sensor_msgs/Temperature, and what to write; empty if it does."""
-    problem = wrong_type(node, topic, TEMPERATURE)
-    if not problem:
-        return ''
-    paths = list[Path]()
-    with suppress(WristFtCompError):  # of a type that cannot be loaded none is known
-        (kind, *_) = types_on(node, topic)
-        empty = serialize_message(load_type(topic, kind)())
-        paths = numbers_in(follow(define_installed(topic, kind), kind, empty))
-    likely = [path for path in paths if may_be_temperature(path)] or paths
-    entries = ' or '.join(f'{topic}:{path_text(path)}' for path in likely[:_PROPOSED_FIELDS])
-    return f'{problem}; write {entries or f"{topic}:FIELD"} to take a number in it'
 
 
 def wrench_message(stamp_ns: int, frame_id: str, values: Iterable[float]) -> WrenchStamped:

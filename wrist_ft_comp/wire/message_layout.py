@@ -12,7 +12,7 @@ import importlib
 from operator import itemgetter
 import re
 import struct
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,15 @@ _MOST_SIZES = 100
 _MOST_OF_A_SIZE = 4
 
 
+def message_class(topic: str, kind: str) -> Any:
+    """Import the class of a topic's type; RecordingError where the name is none of a message."""
+    parts = _MESSAGE_NAME.fullmatch(kind)
+    if parts is None:
+        raise RecordingError(f'{topic} carries {kind!r}, which is no message of ROS.')
+    package, name = parts.groups()
+    return getattr(importlib.import_module(f'{package}.msg'), name)
+
+
 def define_installed(topic: str, kind: str) -> Definitions:
     """
     Collect the definitions of a topic's type from the Python packages that are installed.
@@ -62,13 +71,10 @@ def define_installed(topic: str, kind: str) -> Definitions:
     missing = [kind]
     while missing:
         part = missing.pop()
-        parts = _MESSAGE_NAME.fullmatch(part)
-        if parts is None:
-            raise RecordingError(f'{topic} is {part!r}, which is no message of ROS.')
-        package, name = parts.groups()
         try:
-            message = getattr(importlib.import_module(f'{package}.msg'), name)
+            message = message_class(topic, part)
         except (ImportError, AttributeError) as error:
+            package = part.partition('/')[0]
             raise RecordingError(
                 f'{topic} is {kind}, and {part} is not known here '
                 f'({error}). Install and source its package {package}; or, where the bag carries '

@@ -13,7 +13,7 @@ from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, WrenchStamped
-from moments import SECOND, START, TIMEOUT_S
+from moments import SECOND, six_of, stamp_of, START, TIMEOUT_S
 import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -138,9 +138,8 @@ class Rig:
         """Send one raw wrench; return what it is corrected to."""
         self.put(stamp, values)
         (message,) = self.take()
-        at, force, torque = message.header.stamp, message.wrench.force, message.wrench.torque
-        assert at.sec * SECOND + at.nanosec == stamp
-        return (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+        assert stamp_of(message) == stamp
+        return six_of(message)
 
     def stream(self, stamps, wrenches):
         """Send raw wrenches; return what they are corrected to, shape (n, 6)."""

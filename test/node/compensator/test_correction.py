@@ -4,7 +4,7 @@
 The stand-in follows the controller's source (ros2_controllers 4.42.1), which was read and not run.
 """
 
-from moments import SECOND, START
+from moments import SECOND, six_of, START
 import numpy as np
 import pytest
 
@@ -22,8 +22,7 @@ class AdmittanceController:
 
     def on_reference(self, message):
         if message.header.frame_id in {'', 'tool0'}:
-            force, torque = message.wrench.force, message.wrench.torque
-            self.reference = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+            self.reference = np.array(six_of(message))
 
     def hears(self, raw):
         """Let the timer of the node fire; tell whether what is seen is the compensated wrench."""

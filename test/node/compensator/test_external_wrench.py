@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from geometry_msgs.msg import WrenchStamped
-from moments import OK, SECOND, START, WARN
+from moments import OK, SECOND, six_of, stamp_of, START, WARN
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile
@@ -35,12 +35,6 @@ BY_HAND = {
     'payload.active': 'manual', 'payload.mass': PART.mass_kg,
     'payload.center_of_mass': tuple(PART.center_m.tolist()),
 }  # fmt: skip
-
-
-def numbers(message):
-    """Six numbers of a message, N and N m."""
-    halves = message.wrench.force, message.wrench.torque
-    return np.array([getattr(half, axis) for half in halves for axis in 'xyz'])
 
 
 class Held:
@@ -75,7 +69,7 @@ class Held:
         if self.hub.listening:
             self.part.on_wrench(stamp, raw, data, layout)
         sent = self.hub.topics['wrench_external']
-        return numbers(deserialize_message(sent.pop(), WrenchStamped)) if sent else None
+        return np.array(six_of(deserialize_message(sent.pop(), WrenchStamped))) if sent else None
 
     def weighs(self, payload, force=ASIDE):
         """Tell whether the weight of a payload is what is subtracted."""
@@ -122,10 +116,9 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     raw = TOOL.weight(ASIDE) + CONSTANT
     assert node.ask_output(START + SECOND // 10, raw) == tuple(raw)
     message = externals.get(timeout=20.0)
-    stamp = message.header.stamp
-    assert stamp.sec * SECOND + stamp.nanosec == START + SECOND // 10
+    assert stamp_of(message) == START + SECOND // 10
     assert message.header.frame_id == 'tool0'
-    np.testing.assert_allclose(numbers(message), CONSTANT, atol=1e-12)
+    np.testing.assert_allclose(six_of(message), CONSTANT, atol=1e-12)
     assert node.node.specific_force.speed == pytest.approx(0.1)
 
 

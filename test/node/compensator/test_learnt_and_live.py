@@ -4,7 +4,7 @@ from dataclasses import replace
 import json
 
 from geometry_msgs.msg import WrenchStamped
-from moments import SECOND, START
+from moments import SECOND, six_of, START
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -34,9 +34,7 @@ def free_motion(node, messages, read):
         node.node.specific_force.on_imu(felt)
         node.ask_output(stamp, TOOL.weight(up) + (WARM_C - 20.0) * DRIFT + 1.0)
         wrong.append(node.node.external.weight_at(stamp) - TOOL.weight(up))
-        wrench = deserialize_message(node.externals.get_nowait(), WrenchStamped).wrench
-        parts = (wrench.force, wrench.torque)
-        externals.append([getattr(part, name) for part in parts for name in 'xyz'])
+        externals.append(six_of(deserialize_message(node.externals.get_nowait(), WrenchStamped)))
     return np.array(wrong), np.array(externals) - np.mean(externals, axis=0)
 
 

@@ -64,7 +64,7 @@ class Listening:
             self.topic.poll()
 
     def problem(self):
-        return self.topic.problems.get(0, '')
+        return self.topic.trouble or self.topic.problems.get(0, '')
 
 
 @pytest.fixture
@@ -175,5 +175,5 @@ def test_a_misspelt_topic_is_named_and_the_one_that_is_probably_meant(rig, drive
     said = node.diagnosis('temperature', f'or is {node.topic("stat")} meant?').message
     assert f'thermometer 1 has not reported: {node.topic("heat")} has no publisher' in said
     assert f'or is {node.topic("temperature")}, a sensor_msgs/Temperature, meant?)' in said
-    assert f'thermometer 2: {node.topic("state")} has no publisher' in said
+    assert f'thermometer 2 has not reported: {node.topic("state")} has no publisher' in said
     assert said.endswith('; nothing is compensated until then')

@@ -109,12 +109,3 @@ def test_simulated_time_may_be_slower_than_a_tare_waits(rig):
 
     node.wait_until(goes_on, 'the answer')
     assert answers.get().success
-
-
-def test_a_caller_that_waits_for_a_tare_is_answered_at_the_end(rig):
-    node = rig()
-    answers = begin(node)
-    node.node.destroy_node()
-    answer = answers.get(timeout=20.0)
-    assert not answer.success
-    assert answer.message == 'The node is shutting down.'

@@ -29,7 +29,7 @@ def test_a_node_writes_what_it_hears_and_a_silence_by_the_clock_ends_the_day(lea
     assert [len(job['recordings']) for job in node.asked()] == [1]
 
 
-def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learner, monkeypatch):
+def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learner):
     node = learner()
     node.hear(20)
     path = node.days / 'day_00001.csv'
@@ -42,20 +42,20 @@ def test_a_full_disk_is_a_warning_and_tried_again_while_the_stream_goes_on(learn
     status = node.rig.diagnosis('learning', 'day_00001.csv cannot be written: File too large')
     assert status.level == b'\x01'
     assert len(node.rig.take(25)) == 25, 'wrenches went on'
-    monkeypatch.setattr(node.node.learning.diary, '_wait_until', 0.0)
+    node.node.learning._recording.goes_on_s = 0.0
     node.hear(5)
     node.rig.diagnosis('learning', 'no better model is offered')
     assert node.files() == ['day_00001.csv']
     assert len(read_recording(path)) == 29, 'five are missing, one is not complete'
 
 
-def test_a_day_whose_folder_is_deleted_is_a_warning_and_another_one_begins(learner, monkeypatch):
+def test_a_day_whose_folder_is_deleted_is_a_warning_and_another_one_begins(learner):
     node = learner()
     node.hear(20)
     shutil.rmtree(node.days)
     node.hear(5)
     assert node.rig.diagnosis('learning', 'day_00001.csv cannot be written: it was').level == WARN
-    monkeypatch.setattr(node.node.learning.diary, '_wait_until', 0.0)
+    node.node.learning._recording.goes_on_s = 0.0
     node.hear(20)
     node.rig.diagnosis('learning', 'no better model is offered')
     assert node.files() == ['day_00002.csv']
@@ -71,7 +71,7 @@ def test_a_job_makes_room_once_where_days_take_more_than_they_may(learner, tmp_p
     node = learner(**{'learning.max_mb': 50.0})
     node.hear(5)
     node.judged(2)
-    node.wait(lambda: node.node.learning.diary.files.full, 'another look')
+    node.wait(lambda: node.node.learning.files.full, 'another look')
     assert len(node.asked()) == 2
     assert node.rig.diagnosis('learning', 'learning.max_mb').values['megabytes'] == '60.0'
 

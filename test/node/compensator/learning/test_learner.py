@@ -40,7 +40,8 @@ def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
         history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
         writer=SimpleNamespace(put=lambda *_: None),
     )  # fmt: skip
-    recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda _: None)
+    recording = SimpleNamespace(error=None)
+    recorder = SimpleNamespace(channels=(), sensor=dict, begin_recording=lambda *_: recording)
     part = Learner(live=live, jobs=None, recorder=recorder)
     fake_hub(part, **{**given, 'calibration.reference': 'payload', **chosen})
     part.start()
