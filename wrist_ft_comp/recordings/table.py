@@ -207,11 +207,11 @@ class Table:
         cells = len(text.split()) if sign == ' ' else line_ends + signs
         if line_ends and cells == line_ends * width:
             used = [place for place in convert.places if place < width]
-            with suppress(RecordingError, ValueError):
+            with suppress(RecordingError, *_BAD):
                 frame = pandas.read_csv(
                     StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
                     names=range(width), usecols=used, index_col=False, skipinitialspace=True,
-                    dtype=dict.fromkeys(set(used) & convert.stamp_places, str),
+                    dtype={place: kind for place, kind in convert.types.items() if place in used},
                     skip_blank_lines=False, float_precision='high',
                     decimal=self.header.decimal,
                     thousands=self.header.thousands or None)  # fmt: skip
@@ -271,12 +271,15 @@ class _RowConverter:
     """Converts the rows of a table, block by block."""
 
     def __init__(self, placed: Placed) -> None:
-        self._name, self._columns = placed.table, placed.columns
-        self._header = placed.header
+        self._name, self._columns, self._header = placed.table, placed.columns, placed.header
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
-        #: The places of all columns that are used, and those of stamps.
+        #: The places of all columns that are used.
         self.places = [c.place for c in placed.columns.values() if c.place != read_options.ROW]
-        self.stamp_places = {column.place for column in placed.stamps}
+        #: What pandas reads stamps as, by place: texts, which are exact, but whole nanoseconds.
+        self.types = {
+            column.place: np.int64 if self._stamp.unit == 'ns' else str
+            for name, column in placed.columns.items() if name in read_options.STAMP_COLUMNS
+        }  # fmt: skip
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
         #: How often a time of day passed midnight, and the last one, ns.
