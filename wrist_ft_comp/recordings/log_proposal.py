@@ -20,7 +20,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import KINDS, Placed
-from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, MISSING
+from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
@@ -34,18 +34,13 @@ _EXPECTED = {
 OPEN = '…'
 #: Words of quantities, in small letters, in the languages of common recorders.
 _QUANTITIES = {
-    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', 'síla',
-              'сила', '힘', '力', '荷重'},
-    'torque': {
-        'torque', 'torques', 'trq', 't', 'm', 'mom', 'moment', 'drehmoment', 'couple', 'momento',
-        'coppia', 'момент', '토크', 'トルク', '力矩', '扭矩',
-    },
-    'linear_acceleration': {'acceleration', 'accel', 'acc', 'a', 'beschleunigung'},
+    'force': 'forces?|frc|f|kraft|effort|fuerza|forza|síla|сила|힘|力|荷重',
+    'torque': 'torques?|trq|t|m|mom|momento?|drehmoment|couple|coppia|момент|'
+              '토크|トルク|力矩|扭矩',
+    'linear_acceleration': 'acceleration|accel|acc|a|beschleunigung',
 }  # fmt: skip
 #: A word that ends in an axis, and the quantity before it.
-_AXIS = re.compile(
-    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク|힘|토크)?([xyz])'
-)
+_AXIS = re.compile(f'({"|".join(_QUANTITIES.values())})?([xyz])')
 #: Words of times, in words of names, and alone.
 _TIME_WORD = re.compile(
     'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
@@ -87,8 +82,6 @@ _KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
 _MOST_BACK = 0.05
-#: When a log was probably written: from 1982 to 2118, days since 1970.
-_LIKELY_DAYS = 4_400, 54_000
 #: Numbers in this range that grow by less are days, and no seconds.
 _MOST_DAYS = 30.0
 
@@ -194,11 +187,10 @@ class _Looks:
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
-            first, last = self.numbers[0], self.numbers[-1]
-            for form, day in DAYS_TO_1970.items():
-                likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
-                is_short_time = likely and last - first < _MOST_DAYS
-                self.form = form if is_short_time and self._is_time_word else self.form
+            first, lasts = self.numbers[0], self.numbers[-1] - self.numbers[0]
+            for form, day in DAYS_TO_1970.items() if self._is_time_word else ():
+                if LIKELY_DAYS[0] < first - day < LIKELY_DAYS[1] and 0 <= lasts < _MOST_DAYS:
+                    self.form = form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -260,7 +252,8 @@ class _Looks:
             if match and (axis := match[2]) and not match[1]:
                 continue
             part = match[1] if match else word
-            quantity = next((q for q, words in _QUANTITIES.items() if part in words), quantity)
+            named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
+            quantity = next(named, quantity)
         if not quantity and axis:
             units = (('force', 'force_x'), ('torque', 'torque_x'))
             quantity = next((q for q, channel in units if self.unit_of(channel)), '')

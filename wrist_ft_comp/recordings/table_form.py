@@ -60,8 +60,9 @@ _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
 #: nanoseconds of 64 bits end; in a smaller unit they are as much larger.
 _EPOCH_S, _EPOCH_RANGE, _SMALLER = 1e9, 9.2, ('s', 'ms', 'us', 'ns')
-#: When a log was probably written: from 2010 to 2040, ns since 1970.
-_LIKELY_NS = 1_262_304_000 * NANOSECONDS, 2_208_988_800 * NANOSECONDS
+#: When a log was probably written: from 2010 to 2040, days since 1970.
+LIKELY_DAYS = 14_610, 25_567
+DAY_NS = 86_400 * NANOSECONDS
 #: A double holds every nanosecond of times up to 13 days.
 _EXACT_NS = 2**50
 
@@ -311,17 +312,15 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
         with suppress(ValueError, ArithmeticError):
             stamps_ns = exact_ns(filled, form)
             runs_back = int(np.count_nonzero(np.diff(stamps_ns) < 0))
-            is_odd = bool(day) and not _LIKELY_NS[0] < stamps_ns[0] < _LIKELY_NS[1]
+            is_odd = bool(day) and not LIKELY_DAYS[0] < stamps_ns[0] // DAY_NS < LIKELY_DAYS[1]
             disorder[form] = (10 * runs_back + is_odd) * 10**19 + int(np.ptp(stamps_ns))
     return min(disorder, key=disorder.__getitem__) if disorder else ''
 
 
 def _is_in_form(text: str, form: str) -> bool:
-    try:
-        datetime.strptime(text, form)
-    except ValueError:
-        return False
-    return True
+    with suppress(ValueError):
+        return bool(datetime.strptime(text, form))
+    return False
 
 
 def unit_of_times(numbers: FloatArray) -> str:
