@@ -1,12 +1,12 @@
 """What a bag is, whichever backend reads it."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 import difflib
 from itertools import chain, islice
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr, temperature_source
-from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader, Path
+from wrist_ft_comp.wire.message_layout import Definitions, follow, NumberReader
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
 from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
@@ -25,7 +25,6 @@ from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 #: Messages in memory at once.
 BATCH = 20_000
-_Stream = TypeVar('_Stream')
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +80,17 @@ class Bag:
                 progress(min(seen / max(total, 1), 1.0))
 
     def grouped(
-        self, streams: Mapping[int, _Stream], progress: Progress | None = None
-    ) -> Iterator[tuple[_Stream, list[int], list[bytes]]]:
-        """Read batches per stream, by connection: the stream, times of arrival, ns, and bytes."""
-        wanted = [c for c in self.connections if c.id in streams]
+        self, ids: Container[int], progress: Progress | None = None
+    ) -> Iterator[tuple[int, list[int], list[bytes]]]:
+        """Read batches by the ids of connections: the id, times of arrival, ns, and bytes."""
+        wanted = [c for c in self.connections if c.id in ids]
         for batch in self.batches(wanted, progress):
-            groups: dict[int, tuple[list[int], list[bytes]]] = {c.id: ([], []) for c in wanted}
-            for connection, time_ns, data in batch:
-                times_ns, messages = groups[connection.id]
-                times_ns.append(time_ns)
-                messages.append(data)
-            for number, stream in list(streams.items()):
-                if groups[number][0]:
-                    yield stream, *groups[number]
+            groups: dict[int, list[Message]] = {c.id: [] for c in wanted}
+            for message in batch:
+                groups[message[0].id].append(message)
+            for number, group in groups.items():
+                if group:
+                    yield number, [ns for _, ns, _ in group], [data for _, _, data in group]
 
     def first(self, connection: Connection) -> bytes | None:
         """Read the first message of a connection; None when there is none."""
@@ -185,7 +182,8 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
     ahead_ns = 0
     if topics.gravity_frame:
         yield from gravity_samples(bag, topics)
-    for stream, times_ns, messages in bag.grouped(streams, progress):
+    for number, times_ns, messages in bag.grouped(streams, progress):
+        stream = streams[number]
         connection, named = stream.connection, stream.channels
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
         is_first, stream.is_read = not stream.is_read, True
@@ -267,15 +265,6 @@ def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
                 f'Topic {stream.connection.topic} is named twice; name each topic once.'
             )
     return streams
-
-
-def temperatures_inside(bag: Bag, connection: Connection) -> list[Path]:
-    """Find the numbers of a topic's first message that are named like temperatures."""
-    with suppress(RecordingError):  # a message that cannot be decoded shows none
-        if content := bag.first(connection):
-            layout = follow(bag.define(connection), connection.msgtype, content)
-            return temperature_source.temperatures_in(layout, connection.topic)
-    return []
 
 
 def decode(

@@ -1,6 +1,7 @@
 """Which topics of a bag may be used, how good they are, and which are the most probable ones."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 import re
 
@@ -9,12 +10,12 @@ import numpy as np
 from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.bag import Bag, Connection, decode, temperatures_inside
+from wrist_ft_comp.recordings.bag import Bag, Connection, decode
 from wrist_ft_comp.recordings.log_proposal import FAR
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.message_layout import NumberReader, Path
-from wrist_ft_comp.wire.temperature_source import path_text
+from wrist_ft_comp.wire.message_layout import follow, NumberReader, Path
+from wrist_ft_comp.wire.temperature_source import path_text, temperatures_in
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
@@ -99,14 +100,18 @@ def survey_bag(
             except RecordingError as error:
                 warnings.append(f'Whether it holds temperatures is not known: {error}')
                 continue
-            if paths := temperatures_inside(bag, connection):
-                reader = NumberReader(definitions, kind, paths)
-                tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
-    for tally, _, messages in bag.grouped(tallies, progress):
+            with suppress(RecordingError):  # a message that cannot be decoded shows none
+                first = bag.first(connection) or b''
+                if paths := temperatures_in(follow(definitions, kind, first), topic):
+                    reader = NumberReader(definitions, kind, paths)
+                    tallies[connection.id] = _Tally(connection, TEMPERATURE, paths, reader)
+    for number, _, messages in bag.grouped([*tallies], progress):
+        if not (tally := tallies.get(number)):
+            continue
         try:
             stamps_ns, values = decode(bag, tally.connection, messages, tally.reader)
         except RecordingError as error:
-            del tallies[tally.connection.id]
+            del tallies[number]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
             continue
         tally.is_read, tally.stamped = True, tally.stamped or bool(stamps_ns.any())

@@ -9,18 +9,18 @@ stays open, as in ``force_z=…``.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import count
 import re
 import shlex
+from typing import NamedTuple
 from unicodedata import normalize
 
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
 from wrist_ft_comp.recordings import read_options, table_form
-from wrist_ft_comp.recordings.read_options import KINDS, Placed, STAMP_COLUMNS
-from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, MISSING
+from wrist_ft_comp.recordings.read_options import KINDS, Placed
+from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
@@ -34,18 +34,13 @@ _EXPECTED = {
 OPEN = '…'
 #: Words of quantities, in small letters, in the languages of common recorders.
 _QUANTITIES = {
-    'force': {'force', 'forces', 'frc', 'f', 'kraft', 'effort', 'fuerza', 'forza', 'síla',
-              'сила', '힘', '力', '荷重'},
-    'torque': {
-        'torque', 'torques', 'trq', 't', 'm', 'mom', 'moment', 'drehmoment', 'couple', 'momento',
-        'coppia', 'момент', '토크', 'トルク', '力矩', '扭矩',
-    },
-    'linear_acceleration': {'acceleration', 'accel', 'acc', 'a', 'beschleunigung'},
+    'force': 'forces?|frc|f|kraft|effort|fuerza|forza|síla|сила|힘|力|荷重',
+    'torque': 'torques?|trq|t|m|mom|momento?|drehmoment|couple|coppia|момент|'
+              '토크|トルク|力矩|扭矩',
+    'linear_acceleration': 'acceleration|accel|acc|a|beschleunigung',
 }  # fmt: skip
 #: A word that ends in an axis, and the quantity before it.
-_AXIS = re.compile(
-    '(force|kraft|f|torque|moment|mom|t|m|acceleration|accel|acc|a|力|荷重|トルク|힘|토크)?([xyz])'
-)
+_AXIS = re.compile(f'({"|".join(_QUANTITIES.values())})?([xyz])')
 #: Words of times, in words of names, and alone.
 _TIME_WORD = re.compile(
     'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
@@ -87,33 +82,26 @@ _KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
 _MOST_BACK = 0.05
-#: When a log was probably written: from 1982 to 2118, days since 1970.
-_LIKELY_DAYS = 4_400, 54_000
 #: Numbers in this range that grow by less are days, and no seconds.
 _MOST_DAYS = 30.0
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """A map of the columns of tables with one clock."""
+class Proposal(NamedTuple):
+    """A map of the columns of tables with one clock, as --columns and --time take it."""
 
-    #: As ``--columns`` takes it; empty where nothing is missing.
     columns: str
-    #: As ``--time`` takes it.
     time: str
 
     @classmethod
     def of(cls, found: Sequence[tuple[dict[str, str], str]], lacking: Sequence[str]) -> 'Proposal':
         """Join what propose found in each table; KINDS that are lacking without it stay OPEN."""
-        times = {time for _, time in found if time}
-        entries = [
+        times, entries = {time for _, time in found if time}, []
+        for columns, time in found:
             # Each table has its own form of times; forms of dates are found again.
-            f'{ours}={theirs}'
-            + (f':{time}' if ours == STAMP and len(times) > 1 and time in TIME_UNITS_NS else '')
-            for columns, time in found
-            for ours, theirs in columns.items()
-            if theirs != OPEN or 'raw wrench' in lacking
-        ]
+            own = f':{time}' if len(times) > 1 and time in TIME_UNITS_NS else ''
+            for ours, theirs in columns.items():
+                if theirs != OPEN or 'raw wrench' in lacking:
+                    entries.append(f'{ours}={theirs}{own if ours == STAMP else ""}')
         for kind, channel in zip(KINDS, (STAMP, 'force_z', 'temperature_c'), strict=True):
             has_kind = [not columns.keys().isdisjoint(KINDS[kind]) for columns, _ in found]
             if kind in lacking and not (all(has_kind) if kind == STAMP else any(has_kind)):
@@ -157,15 +145,8 @@ def suffix_of(low: float, high: float) -> str:
 
 def warn_of_unused(placed: Placed) -> list[str]:
     """Warn, in one sentence, of columns that are not used, and say what their names mean."""
-    used, ours = (
-        {column.place for column in placed.columns.values()},
-        (ORIGIN, read_options.COMPENSATED),
-    )
-    unused = [
-        name
-        for place, name in enumerate(placed.header.names)
-        if name and place not in used and not name.startswith(ours)
-    ]
+    unused = [placed.header.names[place] for place in placed.unused]
+    unused = [n for n in unused if n and not n.startswith((ORIGIN, read_options.COMPENSATED))]
     if not unused:
         return []
     names = read_options.listed(unused)
@@ -177,10 +158,9 @@ def warn_of_unused(placed: Placed) -> list[str]:
 class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
-    def __init__(
-        self, place: int, name: str, unit: str, cells: Sequence[str], header: Header
-    ) -> None:
-        self.place, self._name, self._unit = place, name, unit
+    def __init__(self, place: int, cells: Sequence[str], header: Header) -> None:
+        self.place, self._unit = place, header.units.get(place, '')
+        self._name = name = header.names[place]
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
         text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
@@ -207,11 +187,10 @@ class _Looks:
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
-            first, last = self.numbers[0], self.numbers[-1]
-            for form, day in DAYS_TO_1970.items():
-                likely = _LIKELY_DAYS[0] < first - day <= last - day < _LIKELY_DAYS[1]
-                is_short_time = likely and last - first < _MOST_DAYS
-                self.form = form if is_short_time and self._is_time_word else self.form
+            first, lasts = self.numbers[0], self.numbers[-1] - self.numbers[0]
+            for form, day in DAYS_TO_1970.items() if self._is_time_word else ():
+                if LIKELY_DAYS[0] < first - day < LIKELY_DAYS[1] and 0 <= lasts < _MOST_DAYS:
+                    self.form = form
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
@@ -245,8 +224,8 @@ class _Looks:
         merit = 1.0 + 2.0 * is_clock + 0.5 * self._is_time_word - 0.5 * is_row_number
         return merit * float(np.mean(steps > 0))
 
-    def temperature_unit(self) -> str | None:
-        """Find unit, or factor, by which it reads like a thermometer; None where it is none."""
+    def thermometer(self) -> str | None:
+        """Find :UNIT, or a factor, by which it reads like a thermometer; None if it is none."""
         unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
@@ -256,16 +235,14 @@ class _Looks:
         is_other = not _NO_THERMOMETER.isdisjoint(self.words)
         if is_other or not (unit or is_named) or not self.may_be('temperature_c'):
             return None
-        if not len(self.numbers):
-            return unit
-        if not unit and _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]:
-            unit = 'F'
-        elif not unit:
-            unit = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist()).strip(':')
-            if unit == '*0.1':
-                return unit
-        plausible = map(is_plausible, to_celsius(self.numbers, unit or 'C').tolist())
-        return unit if sum(plausible) > 0.9 * len(self.numbers) else None
+        behind = f':{unit}' if unit else ''
+        if not unit and len(self.numbers):
+            is_cold_start_f = _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]
+            range_ = np.quantile(self.numbers, (0.05, 0.95)).tolist()
+            behind = ':F' if is_cold_start_f else suffix_of(*range_)
+        celsius = to_celsius(self.numbers, behind[1:] if behind[:1] == ':' else 'C')
+        is_strange = sum(map(is_plausible, celsius.tolist())) <= 0.9 * len(celsius)
+        return None if len(celsius) and behind != '*0.1' and is_strange else behind
 
     def channel(self) -> str:
         """Find the axis that its name means, or ''; of a reference only if it says so."""
@@ -275,7 +252,8 @@ class _Looks:
             if match and (axis := match[2]) and not match[1]:
                 continue
             part = match[1] if match else word
-            quantity = next((q for q, words in _QUANTITIES.items() if part in words), quantity)
+            named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
+            quantity = next(named, quantity)
         if not quantity and axis:
             units = (('force', 'force_x'), ('torque', 'torque_x'))
             quantity = next((q for q, channel in units if self.unit_of(channel)), '')
@@ -293,42 +271,45 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
     the form of the times, as ``--time`` has it.
     """
     header, names = placed.header, placed.header.names
-    units = (*header.units, *[''] * len(names))
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
-    used = {column.place for column in placed.columns.values()}
     free = [
-        _Looks(place, name, units[place], cells[place], header)
-        for place, name in enumerate(names)
-        if place not in used and (name or any(cells[place]))
+        _Looks(place, cells[place], header)
+        for place in placed.unused
+        if names[place] or any(cells[place])
     ]
     found, time = dict[str, _Looks](), ''
     if STAMP not in placed.columns:
         found, time = _find_times(free, header)
-    found |= _find_channels(free, [c for c in CHANNELS if c not in placed.columns], placed)
+    found |= _find_channels(free, placed)
 
     proposed = {}
     thermometers = [channel for channel in found if channel.startswith('temperature')]
-    order = dict.fromkeys([*STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS])
-    for channel in [c for c in order if c in found]:
-        looks, factor, quantity = found[channel], '', channel.split('_')[0]
-        unit = '' if channel in STAMP_COLUMNS else looks.unit_of(channel)
-        if channel.startswith('temperature'):
-            unit = looks.temperature_unit() or ''
-            factor, unit = (unit, '') if unit.startswith('*') else ('', unit)
-        if channel in AXES:
-            unit = unit or known_unit(channel, '', header.said_units.get(quantity, ''))
-            counts = header.said_counts.get(quantity, 1.0)
-            factor = f'*{1 / counts:g}' if counts > 1 else ''
+    order = [*read_options.STAMP_COLUMNS, *AXES, *thermometers, *CHANNELS]
+    for channel in filter(found.__contains__, dict.fromkeys(order)):
+        looks = found[channel]
         # A map names a column by its number where its name is none for a map.
         name = names[looks.place]
         by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
         name = str(looks.place + 1) if by_number else name
-        proposed[channel] = f'{name}{factor}{f":{unit}" if unit else ""}'
+        proposed[channel] = name + _behind(looks, channel, header)
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
     if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
         proposed |= dict.fromkeys(AXES, OPEN)
     return proposed, time
+
+
+def _behind(looks: _Looks, channel: str, header: Header) -> str:
+    """Write the factor and the unit that a map has to have behind a column."""
+    if channel in read_options.STAMP_COLUMNS:
+        return ''
+    if channel.startswith('temperature'):
+        return looks.thermometer() or ''
+    quantity = channel.split('_', maxsplit=1)[0]
+    unit = looks.unit_of(channel) or known_unit(channel, '', header.said_units.get(quantity, ''))
+    counts = header.said_counts.get(quantity, 1.0)
+    factor = f'*{1 / counts:g}' if counts > 1 else ''
+    return f'{factor}:{unit}' if unit else factor
 
 
 def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:
@@ -348,14 +329,14 @@ def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], 
     if date := found.get(read_options.STAMP_DATE):
         joined = map(' '.join, zip(date.filled, best.filled, strict=False))
         time = find_form([*joined], month_first=header.delimiter == ',')
-    others = {looks for looks, score in scores.items() if score > 1}
-    free[:] = [looks for looks in free if looks not in others | {*found.values()}]
+    free[:] = [k for k in free if k not in found.values() and scores.get(k, 0.0) <= 1]
     return found, time
 
 
-def _find_channels(free: list[_Looks], absent: Sequence[str], placed: Placed) -> dict[str, _Looks]:
+def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     """Take the columns of thermometers, forces and torques from those that are free."""
-    hot = [looks for looks in free if looks.temperature_unit() is not None]
+    absent = [channel for channel in CHANNELS if channel not in placed.columns]
+    hot = [looks for looks in free if looks.thermometer() is not None]
     hot.sort(key=lambda looks: bool(FAR.search(looks.plain)))
     thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     found = dict(zip(thermometers, hot, strict=False))

@@ -97,14 +97,15 @@ class Placed:
     warnings: tuple[str, ...] = ()
 
     @property
-    def stamps(self) -> list[Column]:
-        """List the columns of stamps: one, or also that of the nanoseconds or of the date."""
-        return [c for c in self.columns.values() if c.channel in STAMP_COLUMNS]
+    def channels(self) -> list[Column]:
+        """List the columns that hold no stamps."""
+        return [c for c in self.columns.values() if c.channel not in STAMP_COLUMNS]
 
     @property
-    def channels(self) -> list[Column]:
-        """List the other columns."""
-        return [c for c in self.columns.values() if c.channel not in STAMP_COLUMNS]
+    def unused(self) -> list[int]:
+        """List the places of the columns that are not understood."""
+        used = {column.place for column in self.columns.values()}
+        return [place for place in range(len(self.header.names)) if place not in used]
 
 
 def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
@@ -230,7 +231,7 @@ class ReadOptions:
             # A word of the person counts most, then that of the name, then that beside it.
             unit = self.time if channel == STAMP and self.time else column.unit
             if not unit and column.factor is None and channel not in {STAMP_NANOSEC, STAMP_DATE}:
-                beside = header.units[place] if 0 <= place < len(header.units) else ''
+                beside = header.units.get(place, '')
                 unit = units.known_unit(channel, name, beside)
                 word = next(iter(units.said_units(name, beside)[-1:]), '')
                 # What stands beside times is often a zone, or their form.

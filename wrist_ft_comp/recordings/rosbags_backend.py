@@ -110,21 +110,17 @@ def write_bag(folder: Path, like: Bag, compression: str) -> Iterator[BagWriter]:
 
 def _add_topic(writer: rosbag2.Writer, like: Connection, topic: str, kind: str) -> Any:
     """Add a topic with the quality of service of another, and its definition or a standard one."""
-    extra = like.native.ext
+    extra, store = like.native.ext, get_typestore(Stores.ROS2_JAZZY)
     qos = extra.offered_qos_profiles if isinstance(extra, ConnectionExtRosbag2) else []
     if kind != like.msgtype:
-        store = get_typestore(Stores.ROS2_JAZZY)
         return writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
-    # Older and bare bags lack the definition or its hash.
-    text, digest = like.native.msgdef.data, like.native.digest
-    if not (text and digest):
-        store = get_typestore(Stores.ROS2_JAZZY)
-        with suppress(Exception):  # a type that nobody can describe is copied without description
-            if kind not in store.types:
-                store.register(_parse(like.native))
-            digest = digest or store.hash_rihs01(kind)
-            text = text or store.generate_msgdef(kind, ros_version=2)[0]
-    digest = digest or f'RIHS01_{0:064}'
+    # Older and bare bags lack the definition or its hash; nobody can describe some types.
+    text, digest = like.native.msgdef.data, like.native.digest or f'RIHS01_{0:064}'
+    with suppress(Exception):
+        if kind not in store.types:
+            store.register(_parse(like.native))
+        digest = like.native.digest or store.hash_rihs01(kind)
+        text = text or store.generate_msgdef(kind, ros_version=2)[0]
     return writer.add_connection(topic, kind, msgdef=text, rihs01=digest, offered_qos_profiles=qos)
 
 

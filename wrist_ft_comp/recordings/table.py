@@ -27,8 +27,8 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import Column, Placed
-from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, Header
-from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
+from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, Header
+from wrist_ft_comp.series import FloatArray, IntArray, Progress
 from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
 
 #: Characters of the longest line that a table may have.
@@ -49,7 +49,6 @@ _PACKED = (b'\x1f\x8b', gzip), (b'BZh', bz2), (b'\xfd7zXZ', lzma)
 _BAD = ValueError, ArithmeticError, TypeError, AttributeError
 #: What is no text, and the library that reads it.
 _LIBRARIES = {'.xlsx': 'openpyxl', '.xlsm': 'openpyxl', '.parquet': 'pyarrow'}
-_DAY_NS = 86_400 * NANOSECONDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,11 +206,11 @@ class Table:
         cells = len(text.split()) if sign == ' ' else line_ends + signs
         if line_ends and cells == line_ends * width:
             used = [place for place in convert.places if place < width]
-            with suppress(RecordingError, ValueError):
+            with suppress(RecordingError, *_BAD):
                 frame = pandas.read_csv(
                     StringIO(text), sep=r'\s+' if sign == ' ' else sign, header=None,
                     names=range(width), usecols=used, index_col=False, skipinitialspace=True,
-                    dtype=dict.fromkeys(set(used) & convert.stamp_places, str),
+                    dtype={place: kind for place, kind in convert.types.items() if place in used},
                     skip_blank_lines=False, float_precision='high',
                     decimal=self.header.decimal,
                     thousands=self.header.thousands or None)  # fmt: skip
@@ -271,18 +270,19 @@ class _RowConverter:
     """Converts the rows of a table, block by block."""
 
     def __init__(self, placed: Placed) -> None:
-        self._name, self._columns = placed.table, placed.columns
-        self._header = placed.header
+        self._name, self._columns, self._header = placed.table, placed.columns, placed.header
         self._channels, self._stamp = placed.channels, placed.columns[STAMP]
-        #: The places of all columns that are used, and those of stamps.
+        #: The places of all columns that are used.
         self.places = [c.place for c in placed.columns.values() if c.place != read_options.ROW]
-        self.stamp_places = {column.place for column in placed.stamps}
+        #: What pandas reads stamps as, by place: texts, which are exact, but whole nanoseconds.
+        self.types = {
+            column.place: np.int64 if self._stamp.unit == 'ns' else str
+            for name, column in placed.columns.items() if name in read_options.STAMP_COLUMNS
+        }  # fmt: skip
         #: The unit or form of stamps; empty until it is found.
         self._form = self._stamp.unit
-        #: How often a time of day passed midnight, and the last one, ns.
-        self._days, self._last_ns = 0, 0
-        #: How many rows were converted.
-        self._count = 0
+        #: The last stamp, ns, and how many rows were converted.
+        self._last_ns, self._count = 0, 0
 
     def __call__(self, frame: Any) -> Rows:
         """Convert columns by their places, numbers or texts, of rows by their lines."""
@@ -356,12 +356,11 @@ class _RowConverter:
                 lambda cells: table_form.exact_ns(cells, 'ns'), cells_of(nanosec), nanosec, lines
             )
         if form.startswith(('%H', '%I')):
-            stamps_ns = stamps_ns % _DAY_NS
-            has_passed = np.diff(stamps_ns, prepend=self._last_ns) < -_DAY_NS // 2
+            day, time_ns = divmod(self._last_ns, DAY_NS)
+            stamps_ns = stamps_ns % DAY_NS
+            has_passed = np.diff(stamps_ns, prepend=time_ns) < -DAY_NS // 2  # midnight
+            stamps_ns = stamps_ns + (day + np.cumsum(has_passed)) * DAY_NS
             self._last_ns = int(stamps_ns[-1])
-            days = self._days + np.cumsum(has_passed)
-            self._days = int(days[-1])
-            stamps_ns = stamps_ns + days * _DAY_NS
         return np.asarray(stamps_ns)
 
 
@@ -385,13 +384,13 @@ def _by_library(path: Path) -> Iterator[str]:
 
     library = _LIBRARIES[path.suffix.lower()]
     try:
-        if is_book := library == 'openpyxl':
+        if library == 'openpyxl':
             sheets = pandas.read_excel(path, None, header=None, dtype=object, engine=library)
             frame = max(sheets.values(), key=len)
         else:
             frame = pandas.read_parquet(path, library)
         for k in range(0, len(frame), _BATCH_ROWS):
-            header = not k and not is_book
+            header = k == 0 and library != 'openpyxl'
             yield frame[k : k + _BATCH_ROWS].to_csv(header=header, index=False)
     except Exception as error:
         what = ' '.join(str(error).split())[:200].rstrip('.')

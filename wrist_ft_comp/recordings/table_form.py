@@ -1,7 +1,7 @@
 """How a table is written: delimiter, header, units, numbers, and the forms of its times."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass, field
@@ -20,13 +20,15 @@ from wrist_ft_comp.wire.units import plain_unit, TIME_UNITS_NS
 #: Lines in which the header is looked for, and the last of them that show what rows are like.
 FIRST_LINES, _LIKE_ROWS = 300, 30
 COMMENTS = '#', '%', '//'
+#: What may stand between cells.
+_SIGNS = ',;\t| '
 #: What stands in a cell that has no value, in small letters.
 MISSING = frozenset({
     '', '-', '--', '---', 'nan', '-nan', 'na', 'n/a', '#n/a', 'null', 'none', '?', '<na>', 'nat',
 })  # fmt: skip
 NUMBER = re.compile(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?', re.IGNORECASE)
 #: A number with one sign in it, or with two, of which the last one is that of decimals.
-_SIGNS = re.compile(
+_DECIMALS = re.compile(
     r'[-+]?\d*(?:(?P<other>[.,])\d+)?(?P<last>[.,])(?P<digits>\d*)(?:[eE][-+]?\d+)?'
 )
 #: 3.1 N: a number, and what stands behind it.
@@ -58,8 +60,9 @@ _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
 #: nanoseconds of 64 bits end; in a smaller unit they are as much larger.
 _EPOCH_S, _EPOCH_RANGE, _SMALLER = 1e9, 9.2, ('s', 'ms', 'us', 'ns')
-#: When a log was probably written: from 2010 to 2040, ns since 1970.
-_LIKELY_NS = 1_262_304_000 * NANOSECONDS, 2_208_988_800 * NANOSECONDS
+#: When a log was probably written: from 2010 to 2040, days since 1970.
+LIKELY_DAYS = 14_610, 25_567
+DAY_NS = 86_400 * NANOSECONDS
 #: A double holds every nanosecond of times up to 13 days.
 _EXACT_NS = 2**50
 
@@ -75,8 +78,8 @@ class Header:
     lines_above: int = 0
     #: What the columns are called: by their numbers, from 1 on, where no line names them.
     names: tuple[str, ...] = ()
-    #: Units in a row of their own or behind the numbers of the first row, or empty.
-    units: tuple[str, ...] = ()
+    #: By place: units in a row of their own, or behind the numbers of the first row.
+    units: Mapping[int, str] = field(default_factory=dict)
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]] = frozenset()
     #: What lines above say of 'force' and 'torque': their unit, and counts per unit.
@@ -116,20 +119,18 @@ def find_header(lines: Sequence[str]) -> Header:
     lines = [Header(has_arrows=has_arrows).plain_text(line) for line in lines]
     at = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)]
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
+    alike = {sign: _of_one_width([cut_line(line, sign) for line in last_lines]) for sign in _SIGNS}
 
     def fit(delimiter: str) -> float:
         """Tell how well lines are rows of values, or of anything."""
-        rows = [cut_line(line, delimiter) for line in last_lines]
-        width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
-        values = sum(sum(map(_is_value, row)) for row in rows if len(row) == width > 1)
-        return values / max(len(rows) * width, 1) or 1e-6 * width
+        cells = [cell for row in alike[delimiter] for cell in row if len(row) > 1]
+        width = max(map(len, alike[delimiter]), default=0)
+        return sum(map(_is_value, cells)) / max(len(last_lines) * width, 1) or 1e-6 * width
 
-    delimiter = max(',;\t| ', key=fit)
-    rows = [cut_line(line, delimiter) for line in lines]
-    last = [rows[k] for k in at[-_LIKE_ROWS:]]
-    width = Counter(map(len, last)).most_common(1)[0][0] if last else 0
-    last = [row for row in last if len(row) == width]
+    delimiter = max(_SIGNS, key=fit)
+    rows, last = [cut_line(line, delimiter) for line in lines], alike[delimiter]
     columns = list(zip(*last, strict=True))
+    width = len(columns)
     filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
@@ -138,13 +139,12 @@ def find_header(lines: Sequence[str]) -> Header:
         for place, cells in enumerate(columns)
         if 2 * sum(_is_value(cell) for cell in cells if cell) >= len(cells)
     ]
-    for first in at:
-        row = rows[first]
-        has_number = any(unit_behind(cell) is not None for cell in row)
-        if len(row) == width and has_number and all(_is_value(row[place]) for place in must):
-            break
-    else:
-        first = len(lines)
+
+    def is_row(cells: list[str]) -> bool:
+        has_number = any(unit_behind(cell) is not None for cell in cells)
+        return len(cells) == width and has_number and all(_is_value(cells[k]) for k in must)
+
+    first = next((k for k in at if is_row(rows[k])), len(lines))
 
     # Above it are rows as wide: of units, of what was done to the samples, and one of names.
     above: list[list[str]] = []
@@ -159,32 +159,42 @@ def find_header(lines: Sequence[str]) -> Header:
             above.append(cells)
         elif cells and (above or not is_comment):
             break
-    names = above[-1] if above else []
-    for row in above:
-        told = [_units_in([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
-        if 2 * sum(told) < len(told):
-            names = row
-            break
-    said = max((row for row in above if row is not names), key=_units_in, default=[])
-    said = said if _units_in(said) else []
-    for row in rows[:first]:
-        if not said and len(row) > 1 and _UNIT_ROW.fullmatch(row[0]) and _units_in(row[1:]):
-            said = ['', *(cell.strip('()') for cell in row[1:])]
+    names = next(filter(_is_of_names, above), above[-1] if above else [])
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
+    said = [
+        max((row for row in above if row is not names), key=_units_in, default=[]),
+        *(['', *row[1:]] for row in rows[:first] if row and _UNIT_ROW.fullmatch(row[0])),
+        in_cells,
+    ]
+    said_units = next(filter(_units_in, said), [])
     names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
+    decimal, thousands = _find_decimals([cell for row in last for cell in row])
     text = '\n'.join(lines[:first])
     return Header(
-        delimiter, width, first, tuple(names), tuple(said or (in_cells if any(in_cells) else [])),
-        frozenset(map(tuple, above)),
-        {word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
-        {word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)},
-        has_arrows, *_find_signs([cell for row in last for cell in row]),
-        tuple({*in_cells} - {''}))  # fmt: skip
+        delimiter=delimiter, width=width, lines_above=first, names=tuple(names),
+        units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
+        rows_above=frozenset(map(tuple, above)),
+        said_units={word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
+        said_counts={word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)},
+        has_arrows=has_arrows, decimal=decimal, thousands=thousands,
+        units_in_cells=tuple({*in_cells} - {''}))  # fmt: skip
 
 
-def _find_signs(cells: Sequence[str]) -> tuple[str, str]:
+def _of_one_width(rows: list[list[str]]) -> list[list[str]]:
+    """Keep the rows that have as many cells as most."""
+    ((width, _),) = Counter(map(len, rows)).most_common(1) or [(0, 0)]
+    return [row for row in rows if len(row) == width]
+
+
+def _is_of_names(row: list[str]) -> bool:
+    """Whether most cells are no units, no values, and no words of statistics."""
+    told = [_units_in([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
+    return 2 * sum(told) < len(told)
+
+
+def _find_decimals(cells: Sequence[str]) -> tuple[str, str]:
     """Find the sign of decimals, and that of thousands, or '' where none is there for sure."""
-    signs = [match for match in map(_SIGNS.fullmatch, cells) if match and match[1] != match[2]]
+    signs = [match for match in map(_DECIMALS.fullmatch, cells) if match and match[1] != match[2]]
     decimals = {match['last'] for match in signs if match['other'] or len(match['digits']) != 3}
     if len(decimals) != 1:
         has_points = not signs or any(match['last'] == '.' for match in signs)
@@ -302,17 +312,15 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
         with suppress(ValueError, ArithmeticError):
             stamps_ns = exact_ns(filled, form)
             runs_back = int(np.count_nonzero(np.diff(stamps_ns) < 0))
-            is_odd = bool(day) and not _LIKELY_NS[0] < stamps_ns[0] < _LIKELY_NS[1]
+            is_odd = bool(day) and not LIKELY_DAYS[0] < stamps_ns[0] // DAY_NS < LIKELY_DAYS[1]
             disorder[form] = (10 * runs_back + is_odd) * 10**19 + int(np.ptp(stamps_ns))
     return min(disorder, key=disorder.__getitem__) if disorder else ''
 
 
 def _is_in_form(text: str, form: str) -> bool:
-    try:
-        datetime.strptime(text, form)
-    except ValueError:
-        return False
-    return True
+    with suppress(ValueError):
+        return bool(datetime.strptime(text, form))
+    return False
 
 
 def unit_of_times(numbers: FloatArray) -> str:
