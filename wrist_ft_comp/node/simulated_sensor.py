@@ -175,7 +175,8 @@ class SimulatedSensor(Node):
         )
         # Advance the heat to the latest of these times; node temperatures at each of them.
         first = self._step
-        steps = [due_ns // round(ft_sensor.STEP_S * NANOSECONDS) for due_ns in (wrench_ns, temperature_ns)]
+        step_ns = round(ft_sensor.STEP_S * NANOSECONDS)
+        steps = [due_ns // step_ns for due_ns in (wrench_ns, temperature_ns)]
         self._step = max(first, *(int(step[-1]) for step in steps if len(step)), first)
         begins_s: FloatArray = np.arange(first, self._step, dtype=np.float64) * ft_sensor.STEP_S
         drive = ft_sensor.drive(self._run, begins_s)
