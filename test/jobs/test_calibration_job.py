@@ -12,11 +12,12 @@ import sys
 import pytest
 
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
+from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, encode_job, Learning, Minute
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.read import hash_recording
+from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry
 
@@ -74,7 +75,6 @@ def two(make, tmp_path):
 def test_the_model_is_saved_with_where_it_came_from(good, tmp_path):
     seen = []
     outcome = run_job(job(tmp_path, good), seen.append)
-    assert outcome.left_out == ()
     loaded = load_model(tmp_path / 'out/model.yaml')
     assert loaded.sha256 == outcome.stored.sha256
     assert 'force_z' in loaded.model.axes
@@ -93,9 +93,10 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
     empty.write_text('stamp_ns,force_x,temperature_c\n')
     copy.write_bytes(good.read_bytes())
     outcome = run_job(job(tmp_path, empty, missing, good, two, copy, skip_unusable=True))
-    names = [sentence.split()[0] for sentence in outcome.left_out]
+    left_out = [said for said in outcome.calibration.warnings if 'was left out' in said]
+    names = [sentence.split()[0] for sentence in left_out]
     assert names == ['empty.csv', 'gone.csv', 'two.csv', 'copy.csv']
-    assert '2 thermometers; 1 are expected' in outcome.left_out[2]
+    assert '2 thermometers; 1 are expected' in left_out[2]
     (source,) = outcome.stored.document['provenance']['recordings']
     assert source['path'] == str(good)
     with pytest.raises(RecordingError, match=r'gone\.csv does not exist'):
@@ -106,11 +107,24 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
         run_job(job(tmp_path, good, two))
 
 
+def test_a_false_start_beside_a_day_is_left_out(make, tmp_path):
+    day, start = (
+        make.csv(tmp_path / f'{seconds}.csv', make.drifting(seconds, both=True))
+        for seconds in (4000, 15)
+    )
+    outcome = run_job(job(tmp_path, day, start))
+    assert '15.csv was left out: it lasts 15 s' in outcome.calibration.warnings[0]
+    (source,) = outcome.stored.document['provenance']['recordings']
+    assert source['path'] == str(day)
+    assert outcome.calibration.model.prediction is not None
+    assert calibrate([read_recording(path) for path in (day, start)]).model.prediction is None
+
+
 def test_recordings_without_the_reference_are_left_out(good, make, tmp_path):
     loaded = make.csv(tmp_path / 'loaded.csv', make.loaded())
     settings = CalibrationSettings(reference='recorded')
     outcome = run_job(job(tmp_path, good, loaded, settings=settings, skip_unusable=True))
-    (sentence,) = outcome.left_out
+    (sentence,) = (one for one in outcome.calibration.warnings if 'was left out' in one)
     assert 'good.csv holds no reference' in sentence
     settings = CalibrationSettings(reference='payload')
     with pytest.raises(RecordingError, match=r'good\.csv holds no specific force'):

@@ -34,7 +34,7 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 _STEP_SHARE = 0.05
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.
-_SHORTEST_SEGMENT_S = 600.0
+SHORTEST_SEGMENT_S = 600.0
 
 
 def segment(
@@ -151,12 +151,12 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
         return recording, []
     ends = [0, *(step.cell for step in steps), len(recording)]
     lengths_s = np.diff(ends) * recording.period_s
-    usable_s = lengths_s[lengths_s >= _SHORTEST_SEGMENT_S].sum()
+    usable_s = lengths_s[lengths_s >= SHORTEST_SEGMENT_S].sum()
     if usable_s < recording.duration_s / 2 and len(steps) > 1:
         raise CalibrationRefusedError(
             f'{recording.name} steps {len(steps)} times, from {time_in(recording, ends[1])} to '
             f'{time_in(recording, ends[-2])}, and only {usable_s:.0f} s of '
-            f'{recording.duration_s:.0f} s are in segments of {_SHORTEST_SEGMENT_S:.0f} s or '
+            f'{recording.duration_s:.0f} s are in segments of {SHORTEST_SEGMENT_S:.0f} s or '
             'more: too little to learn from. Record again without contacts and tares, or record '
             'the specific force (--reference payload).'
         )

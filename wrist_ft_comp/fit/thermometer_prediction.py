@@ -54,6 +54,8 @@ def predict_each_other(
     means_c = [of_recording[:, 0] for of_recording in relaxed]  # the first has no memory
     relaxed_c, target_c = np.concatenate(relaxed), np.concatenate(means_c)
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
+    if len(np.unique(fold)) < 2:  # all but one recording are shorter than a mean
+        return None
     averaged = max(1, round(LONG_SILENCE_S / 2 / mean_s))
     apart = max(1, round(LONG_SILENCE_S / mean_s))
     gains = np.zeros((thermometers, len(filters), thermometers))

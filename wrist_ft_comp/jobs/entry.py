@@ -34,8 +34,7 @@ def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     """Calibrate; a model is not given up because its report could not be written."""
     outcome = run_job(job)
     content, stored = outcome.content, outcome.stored
-    warnings = [f'warning: {sentence}' for sentence in outcome.left_out]
-    lines = [*content.lines(), *warnings, f'saved as {stored.path}']
+    lines = [*content.lines(), f'saved as {stored.path}']
     if job.report is not None:
         try:
             REPORT.write(job.report, page(content))
