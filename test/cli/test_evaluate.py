@@ -50,7 +50,7 @@ def test_the_table_fits_the_screen_and_names_units(done, drift_csv, model):
     lines = done('evaluate', model, drift_csv).splitlines()
     assert [line.split()[0] for line in lines[:3]] == ['axis', 'force_z', 'torque_x']
     assert re.match('torque_x  N m   good ', lines[2])
-    assert max(len(line) for line in lines if 'ros2 run' not in line) <= 80
+    assert max(len(line) for line in lines if '--ros-args' not in line) <= 80
 
 
 def test_recordings_at_one_temperature_are_not_judged(done, make, model, tmp_path):

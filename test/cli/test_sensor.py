@@ -100,10 +100,10 @@ def test_another_day_is_run_as_show_says_and_the_day_of_the_model_is_not(learnt,
     another = bag('another', 1)
     said = done('evaluate', learnt, another)
     (shown,) = (
-        line for line in done('show', another, *named()).splitlines() if 'ros2 run' in line
+        line for line in done('show', another, *named()).splitlines() if '--ros-args' in line
     )
     assert shown.replace('model_file:=another.yaml', f'model_file:={learnt}') in said
-    assert 'ros2 run' not in done('evaluate', learnt, day)
+    assert '--ros-args' not in done('evaluate', learnt, day)
 
 
 def test_another_frame_is_a_warning(apply_model, bag):

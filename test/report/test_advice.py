@@ -139,10 +139,13 @@ def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
         (Topics(gravity_frame='map'), ['-p', 'gravity.source:=tf', '-p', 'gravity.frame:=map']),
     ],
 )
-def test_the_command_that_runs_a_model_names_what_is_not_usual(topics, words):
-    head = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args', '-p']
-    command = shlex.split(run_command(topics, Path('my model.yaml')))
-    assert command == [*head, 'model_file:=my model.yaml', *words]
+def test_the_command_that_runs_a_model_names_what_is_not_usual(topics, words, monkeypatch):
+    start = ['compensator']
+    for found in ('', '/opt/ros/jazzy/bin/ros2'):
+        monkeypatch.setattr('wrist_ft_comp.report.advice.which', {'ros2': found}.get)
+        command = shlex.split(run_command(topics, Path('my model.yaml')))
+        assert command == [*start, '--ros-args', '-p', 'model_file:=my model.yaml', *words]
+        start = ['ros2', 'run', 'wrist_ft_comp', 'compensator']
 
 
 def test_the_worst_comes_first_and_a_thermometer_that_nobody_used_is_named(seen, monkeypatch):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import json
 from pathlib import Path
 import shlex
+from shutil import which
 
 import numpy as np
 
@@ -105,10 +106,14 @@ class Case:
     loose: Sequence[str] = ()
 
 
+def start_command() -> list[str]:
+    """Give the words that start the node here; where only this package is installed, it is one."""
+    return ['ros2', 'run', 'wrist_ft_comp', 'compensator'] if which('ros2') else ['compensator']
+
+
 def run_command(topics: Topics, model: object) -> str:
     """Write the command that runs a model on the topics of a bag."""
-    words = ['ros2', 'run', 'wrist_ft_comp', 'compensator', '--ros-args']
-    words += ['-p', f'model_file:={model}']
+    words = [*start_command(), '--ros-args', '-p', f'model_file:={model}']
     if topics.wrench.strip('/') != Topics.wrench.strip('/'):
         words += ['-r', f'wrench_raw:={topics.wrench}']
     if topics.temperatures != Topics.temperatures:
