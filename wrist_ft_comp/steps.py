@@ -75,10 +75,8 @@ def find_steps(
     first = np.minimum(np.searchsorted(time_s, time_s[:-1] - BESIDE_S), places - _LEAST_BESIDE)
     last = np.maximum(np.searchsorted(time_s, time_s[1:] + BESIDE_S), places + _LEAST_BESIDE)
     first, last = np.maximum(first, 0), np.minimum(last, len(time_s))
-    before, after = (
-        _line_ends(time_s, values, begin, end, between_s)
-        for begin, end in ((first, places), (places, last))
-    )
+    before = _line_ends(time_s, values, first, places, between_s)
+    after = _line_ends(time_s, values, places, last, between_s)
     sizes = np.nan_to_num(np.linalg.norm(after - before, axis=1))
     steps: list[Step] = []
     while sizes.max() > SMALLEST_SIGMA:
@@ -144,9 +142,8 @@ def _explain(
     first = _best(steps, left)
     step, heat = steps[:, [first]], near_heats[:, [_best(near_heats, left)]]
     with_step, with_heat = (_explained_beside(kernel, far_heats, left) for kernel in (step, heat))
-    squares, least = (
-        float(np.sum((left - explained) ** 2)) for explained, _ in (with_heat, with_step)
-    )
+    squares = float(np.sum((left - with_heat[0]) ** 2))
+    least = float(np.sum((left - with_step[0]) ** 2))
     evidence = len(t) * np.log(max(squares, 1e-9) / max(least, 1e-9))
     jump, certain = with_step[1], evidence > _LEAST_EVIDENCE
     hidden = gap_s >= _HIDING_S and evidence > _HIDDEN_EVIDENCE

@@ -23,33 +23,25 @@ LATENTS = (static_gain(), relaxation(100.0, 10.0), Arx(np.array([-0.7]), np.arra
 LOWER_C, UPPER_C = np.array([15.0, 18.0]), np.array([45.0, 38.0])
 
 
-@pytest.fixture(scope='module')
-def make_axis():
+def make_axis(filters=FILTERS, latents=LATENTS, outputs=2):
     """Two thermometers, two powers of each filtered temperature, random gains."""
-
-    def make(filters=FILTERS, latents=LATENTS, outputs=2, degree=2):
-        rng = np.random.default_rng([len(filters), len(latents), outputs, degree])
-        count = max(len(filters), 1)
-        features = Features(
-            'powers',
-            np.tile([30.0, 25.0], count),
-            np.tile(LOWER_C, count),
-            np.tile(UPPER_C, count),
-            degree=degree,
-        )
-        inputs = 2 * count * degree
-        dynamics = ArxPls(
-            input_mean=rng.standard_normal(inputs),
-            input_weight=rng.uniform(0.1, 1.0, inputs),
-            rotations=rng.standard_normal((inputs, len(latents))),
-            latents=latents,
-            output_loadings=rng.standard_normal((outputs, len(latents))),
-            output_weight=rng.uniform(0.5, 2.0, outputs),
-            output_mean=rng.standard_normal(outputs),
-        )
-        return AxisModel(features, dynamics, filters)
-
-    return make
+    rng = np.random.default_rng([len(filters), len(latents), outputs])
+    count = max(len(filters), 1)
+    reference_c, lower_c, upper_c = (
+        np.tile(celsius, count) for celsius in ([30.0, 25.0], LOWER_C, UPPER_C)
+    )
+    inputs = 4 * count
+    dynamics = ArxPls(
+        input_mean=rng.standard_normal(inputs),
+        input_weight=rng.uniform(0.1, 1.0, inputs),
+        rotations=rng.standard_normal((inputs, len(latents))),
+        latents=latents,
+        output_loadings=rng.standard_normal((outputs, len(latents))),
+        output_weight=rng.uniform(0.5, 2.0, outputs),
+        output_mean=rng.standard_normal(outputs),
+    )
+    features = Features('powers', reference_c, lower_c, upper_c, degree=2)
+    return AxisModel(features, dynamics, filters)
 
 
 @pytest.fixture(scope='module')
@@ -87,7 +79,7 @@ every_form = pytest.mark.parametrize(
 
 @every_form
 @pytest.mark.parametrize('outputs', [1, 2])
-def test_a_run_is_the_textbook_loop(make_axis, temperature_c, filters, latents, outputs):
+def test_a_run_is_the_textbook_loop(temperature_c, filters, latents, outputs):
     axis = make_axis(filters, latents, outputs)
     assert (axis.thermometers, axis.outputs) == (2, outputs)
     _, track = axis.run(axis.start(temperature_c[0]), temperature_c)
@@ -99,9 +91,7 @@ def test_a_run_is_the_textbook_loop(make_axis, temperature_c, filters, latents, 
 @every_form
 @settings(deadline=None, max_examples=15, derandomize=True)
 @given(cuts=st.sets(st.integers(1, 119), max_size=4))
-def test_a_run_split_anywhere_is_the_fold_of_cells(
-    make_axis, temperature_c, filters, latents, cuts
-):
+def test_a_run_split_anywhere_is_the_fold_of_cells(temperature_c, filters, latents, cuts):
     axis = make_axis(filters, latents)
     state = first = axis.start(temperature_c[0])
     rows = []
@@ -121,7 +111,7 @@ def test_a_run_split_anywhere_is_the_fold_of_cells(
         np.testing.assert_allclose(skipped, end, rtol=1e-9, atol=1e-11 * scale)
 
 
-def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin(make_axis):
+def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin():
     span, axis = UPPER_C - LOWER_C, make_axis()
     at = np.array([LOWER_C, LOWER_C - [0.1 * span[0], 0], UPPER_C + [0.2, 2.0] * span])
     np.testing.assert_allclose(axis.beyond_range(at), [[0, 0], [0.1, 0], [0.2, 2]], atol=1e-12)
@@ -130,6 +120,6 @@ def test_the_excess_is_counted_in_calibrated_ranges_of_at_least_a_kelvin(make_ax
     assert still.beyond_range(LOWER_C + 5.0).tolist() == [5.0, 5.0]
 
 
-def test_a_third_output_is_refused(make_axis):
+def test_a_third_output_is_refused():
     with pytest.raises(ModelFileError, match=r'^An axis has one output .* or two .* got 3\.$'):
         make_axis(outputs=3)

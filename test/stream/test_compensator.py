@@ -16,7 +16,6 @@ from wrist_ft_comp.stream.offline import correct_many, track_drift
 
 SECOND = 1_000_000_000
 LOAD = np.array([50.0, -20.0, 100.0, 3.0, -1.0, 2.0])
-ZEROS = np.zeros(6)
 #: Zero drift of force z of 0.4 N/K and of torque x; sensitivity drift of force z of 0.1 %/K.
 TRUTH = {'force_z': (0.4, 1e-3, 30.0), 'torque_x': (0.01, 0.0, 5.0)}
 OTHER = {'force_z': (-1.0, -2e-3, 60.0), 'force_x': (0.2, 5e-4, 10.0)}
@@ -25,11 +24,6 @@ OTHER = {'force_z': (-1.0, -2e-3, 60.0), 'force_x': (0.2, 5e-4, 10.0)}
 @pytest.fixture(scope='module')
 def model(make_model):
     return make_model(TRUTH)
-
-
-@pytest.fixture(scope='module')
-def other(make_model):
-    return make_model(OTHER)
 
 
 def warming(stamp_ns):

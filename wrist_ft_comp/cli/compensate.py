@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
             # Weight moves faster than drift; the cells of a long recording are longer.
             fine_s = max(0.02, recording.duration_s / 2_000_000)
             fine = read_recording(arguments.recording, period_s=fine_s, topics=topics)
-            external = external_correction(work.separation, model, fine)
+            external = external_correction(work, model, fine)
             external_warnings = work.warnings
         rewriting_warnings = rewrite_recording(
             arguments.recording, arguments.output,

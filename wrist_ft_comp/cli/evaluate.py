@@ -105,7 +105,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         compared, true = recording, reference
         if reference == 'payload':
             work = learn_at_work([recording])
-            compared, true = work.separation.drift[0], 'recorded'
+            compared, true = work.drift[0], 'recorded'
             others = [payload for payload, _ in learnt.values()]
             warnings += work.warnings
             warnings += tuple(

@@ -49,11 +49,8 @@ class DriftModel:
     prediction: ThermometerPrediction | None = None
 
     def __post_init__(self) -> None:
-        if self.period_ns <= 0 or self.thermometers < 1:
-            raise ModelFileError(
-                'A model needs a positive thermal period and at least one thermometer; got '
-                f'{self.period_ns} ns and {self.thermometers}.'
-            )
+        if self.thermometers < 1:
+            raise ModelFileError('A model needs at least one thermometer; got none.')
         if self.prediction and len(self.prediction.constant_c) != self.thermometers:
             raise ModelFileError('The prediction must be of as many thermometers.')
         for name in (*self.axes, *self.deviation):

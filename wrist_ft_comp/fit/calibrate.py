@@ -64,7 +64,7 @@ def calibrate(
     if reference == 'payload':
         learn = partial(_learn, axes=axes, folds=folds, settings=settings, progress=lambda _: None)
         work = learn_at_work(recordings, lambda drift: learn(drift)[1])
-    learnt_from = work.separation.drift if work else recordings
+    learnt_from = work.drift if work else recordings
     fits, model, said = _learn(learnt_from, axes, folds, settings, progress)
     # Say what to doubt.
     sensors = {
@@ -92,8 +92,7 @@ def calibrate(
     return Calibration(
         model=model, fits=fits, temperature_range_c=ranges_c, duration_s=duration_s,
         warnings=tuple(warnings), sources=tuple(recording.name for recording in recordings),
-        settings=settings, payloads=work.payloads if work else None,
-        separation=work.separation if work else None,
+        settings=settings, payloads=work.payloads if work else None, separation=work,
         sensor=ChainMap(*map(dict, sensors.values())), recordings=given)  # fmt: skip
 
 

@@ -52,6 +52,10 @@ class Separation:
     cells: Cells
     fit: Fit
     steps: list[list[Step]]
+    #: Named by numbers; None where none can be identified.
+    payloads: LearntPayloads | None = None
+    #: Doubts, in sentences.
+    warnings: tuple[str, ...] = ()
 
     @property
     def states(self) -> list[IntArray]:
@@ -63,21 +67,10 @@ class Separation:
         return payload_states.bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
 
-@dataclass(frozen=True, eq=False)
-class AtWork:
-    """What was learnt from recordings at work."""
-
-    separation: Separation
-    #: Named by numbers; None where none can be identified.
-    payloads: LearntPayloads | None
-    #: Doubts, in sentences.
-    warnings: tuple[str, ...]
-
-
 def learn_at_work(
     recordings: Sequence[Recording],
     learn_drift: Callable[[list[Recording]], DriftModel] | None = None,
-) -> AtWork:
+) -> Separation:
     """
     Separate payloads and drift; CalibrationRefusedError where neither can be learnt.
 
@@ -111,7 +104,7 @@ def learn_at_work(
             'Let the robot rest for some seconds in several poses.'
         )
     payloads = None if objections else payloads_of(separation, bodies)
-    return AtWork(separation, payloads, (*warnings, *objections))
+    return replace(separation, payloads=payloads, warnings=(*warnings, *objections))
 
 
 def payloads_of(separation: Separation, bodies: RigidBodies) -> LearntPayloads:
@@ -202,7 +195,6 @@ def separate_again(
 
 
 def _without_steps(wrench: FloatArray, steps: Sequence[Step]) -> FloatArray:
-    """Take steps out of a wrench, (N, 6)."""
     stepless = wrench.copy()
     for step in steps:
         stepless[step.cell :] -= step.jump

@@ -33,9 +33,7 @@ class LivePayload:
         still = payload.weight(frame.turn(np.zeros(3)))
         gains = payload.weight(frame.turn(np.eye(3))) - still
         #: Per axis: gains of the three directions of the specific force, and a constant.
-        self._rows: list[tuple[float, float, float, float]] = list(
-            zip(*gains.tolist(), still.tolist(), strict=True)
-        )
+        self._rows: list[list[float]] = np.vstack((gains, still)).T.tolist()
 
     def __str__(self) -> str:
         center = ', '.join(f'{coordinate:.4f}' for coordinate in self.payload.center_m)

@@ -144,10 +144,8 @@ def rigid_bodies(
         error[:, 0] = np.hypot(error[:, 0], bodies[:, 0] * np.sqrt(shares @ scale @ shares))
     traces = np.trace(seen_by_body, axis1=1, axis2=2)
     seen_by_body = seen_by_body / np.maximum(traces, 1e-30)[:, None, None]
-    rest, whole = (
-        np.einsum('kia,kij,kja,a->k', part, seen_by_body, part, 1 / spread)
-        for part in (unexplained, gains)
-    )
+    rest = np.einsum('kia,kij,kja,a->k', unexplained, seen_by_body, unexplained, 1 / spread)
+    whole = np.einsum('kia,kij,kja,a->k', gains, seen_by_body, gains, 1 / spread)
     return RigidBodies(
         mass_kg=bodies[:, 0], mass_error_kg=error[:, 0],
         center_m=bodies[:, 1:], center_error_m=error[:, 1:],

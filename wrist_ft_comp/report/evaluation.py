@@ -80,7 +80,7 @@ def tared_errors(
     """
     check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
-        recording, reference = learn_at_work([recording]).separation.drift[0], 'recorded'
+        recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     recording, _ = without_steps(recording, reference)
     streamed = streamed_drift(model, recording)
     true = recording.reference if reference == 'recorded' else np.zeros_like(recording.wrench)

@@ -117,8 +117,7 @@ class _Group:
         if len(numbers) and math.isnan(self.first_strange):
             self.first_strange = float(numbers[0][np.argmax(np.abs(numbers[0]))])
         usable = ordered & plausible
-        if not usable.all():
-            stamps_ns, values = stamps_ns[usable], values[usable]
+        stamps_ns, values = stamps_ns[usable], values[usable]
         if self.of_temperature and len(values):
             wrong_starts = self.spikes.wrong_starts
             stamps_ns, column = self.spikes.admit_all(stamps_ns, values[:, 0])

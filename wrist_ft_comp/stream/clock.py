@@ -58,8 +58,6 @@ class Leap(NamedTuple):
 
 @dataclass
 class _Clock:
-    """What is known of the clock of one source."""
-
     last: Sample | None = None
     #: Step between the last two samples; None before the second.
     step_ns: int | None = None

@@ -132,7 +132,6 @@ class DriftTracker:
         self.grid.move_to(cell)
 
     def _take(self, cell: ThermalCell) -> None:
-        """Take a cell, and those of the gap before it."""
         period_s = self.grid.period_ns / NANOSECONDS
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
@@ -206,7 +205,6 @@ class DriftTracker:
         return not problem
 
     def _run(self, model: DriftModel, cells_c: FloatArray) -> None:
-        """Run the model through cells, °C, (n, J)."""
         if self.origin == _NOT_YET:
             self.origin = 'the drift started at the steady state of the first temperatures'
         if self.state is None or len(self._start_c) < model.start_cells:

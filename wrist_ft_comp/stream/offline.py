@@ -171,8 +171,7 @@ def initial_tare(model: DriftModel, recording: Recording, tare_s: float) -> Floa
     """Tare on the first, unloaded seconds of each axis, N and N m, (6,); 0 s gives no tare."""
     if tare_s == 0:
         return np.zeros(len(AXES))
-    unloaded = np.zeros_like(recording.wrench)
-    return tare_at_start(recording, unloaded, streamed_drift(model, recording), tare_s)
+    return tare_at_start(recording, 0.0, streamed_drift(model, recording), tare_s)
 
 
 def tare_at_start(
