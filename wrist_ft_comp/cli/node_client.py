@@ -192,5 +192,5 @@ def set_parameters(operator: Operator, name: str, settings: Sequence[str]) -> st
         )
     result = future.result().result
     if not result.successful:
-        raise NodeError(str(result.reason))
+        raise NodeError(f'{", ".join(settings)} was refused: {result.reason}')
     return f'set {", ".join(settings)}'

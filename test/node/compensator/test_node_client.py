@@ -52,7 +52,7 @@ def test_a_recording_is_begun_and_ended_and_refusals_are_sentences(wired, operat
 
 def test_parameters_are_set_all_or_none(wired, operate):
     node = wired()
-    code, _, refusal = operate('set', node.namespace, 'tare.duration=2', 'tare.max_deviation=-1')
+    code, _, refusal = operate('set', node.namespace, 'tare.duration=2', 'tare.max_deviation=-1.0')
     assert (code, 'tare.max_deviation' in refusal) == (1, True), refusal
     assert node.node.chosen()['tare.duration'] == 1.0
     code, out, _ = operate('set', node.namespace, 'tare.duration=2', 'payload.active=')
