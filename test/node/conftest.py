@@ -11,10 +11,12 @@ import socket
 import subprocess
 import sys
 import threading
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 import warnings
 
+from geometry_msgs.msg import PoseArray
+from moments import TIMEOUT_S
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -28,8 +30,6 @@ from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.ros.topics import NEWEST
 
-#: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
-TIMEOUT_S = 60.0
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
@@ -198,6 +198,15 @@ class KeptMessages:
 
     def take_message(self, *_):
         return (self.messages.pop(0), None) if self.messages else None
+
+
+@pytest.fixture
+def tf_messages(monkeypatch):
+    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
+    package = ModuleType('tf2_msgs.msg')
+    package.TFMessage = PoseArray
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
 
 
 @pytest.fixture
