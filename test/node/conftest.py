@@ -366,18 +366,19 @@ def executable(ros_domain):  # noqa: ARG001
 
 
 @pytest.fixture
-def run_bench(ros_domain):  # noqa: ARG001
-    """Run a bench; its exit code and what it printed."""
+def run_python(ros_domain):  # noqa: ARG001
+    """Run Python to its end; its exit code, what it printed, and what it said."""
 
-    def run(name, *words):
+    def run(*words):
         done = subprocess.run(
-            [sys.executable, str(ROOT / 'bench' / name), *words],
+            [sys.executable, *words],
+            cwd=ROOT,
             env={**os.environ, 'PYTHONPATH': str(ROOT)},
             capture_output=True,
             text=True,
             timeout=3 * TIMEOUT_S,
             check=False,
         )
-        return done.returncode, done.stdout + done.stderr
+        return done.returncode, done.stdout, done.stderr
 
     return run
