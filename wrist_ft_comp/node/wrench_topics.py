@@ -73,10 +73,8 @@ class WrenchInput(Part):
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
-        #: Stamp of the wrench that was looked at last, ns, and the first frame_id.
-        self._stamp_ns, self._frame = 0, ''
-        #: Number of the wrench that was looked at last.
-        self._looked_at = 0
+        #: Number and stamp of the wrench that was looked at last, ns, and the first frame_id.
+        self._looked_at, self._stamp_ns, self._frame = 0, 0, ''
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
