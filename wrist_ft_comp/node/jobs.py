@@ -53,11 +53,7 @@ def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
 
 @dataclass(eq=False)
 class Jobs(Part):
-    """
-    Runs calibrations and identifications of payloads, and makes the jobs of learning, too.
-
-    ``full_topics`` gives the full names of topics.
-    """
+    """Runs calibrations and identifications of payloads, and makes the jobs of learning, too."""
 
     live: LiveModel
     recorder: Recorder

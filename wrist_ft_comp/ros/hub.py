@@ -203,13 +203,13 @@ class Hub(Node):
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
         with opening(topic):
-            options = self._negotiable('publisher', topic) if negotiable else {}
+            options = self._negotiable(PublisherEventCallbacks, topic) if negotiable else {}
             return self.create_publisher(kind, topic, copy(OUTPUT), **options)
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
         with opening(topic):
-            options = self._negotiable('subscription', topic)
+            options = self._negotiable(SubscriptionEventCallbacks, topic)
             return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
     def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
@@ -219,8 +219,9 @@ class Hub(Node):
         self._unserved.append(result)
         return result
 
-    def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
+    def _negotiable(self, callbacks: Any, topic: str) -> dict[str, Any]:
         """Make options: policies are overridable; one that two don't agree on is noted, logged."""
+        ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
 
         def note(event: Any) -> None:
             policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
@@ -235,9 +236,6 @@ class Hub(Node):
             self.incompatible[topic] = trouble
             self.log.error(trouble)
 
-        callbacks: Any = PublisherEventCallbacks
-        if ours == 'subscription':
-            callbacks = SubscriptionEventCallbacks
         return {
             'event_callbacks': callbacks(incompatible_qos=note),
             'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
