@@ -11,10 +11,12 @@ import socket
 import subprocess
 import sys
 import threading
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 import warnings
 
+from geometry_msgs.msg import PoseArray
+from moments import TIMEOUT_S
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -28,8 +30,6 @@ from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.running import spin
 from wrist_ft_comp.ros.topics import NEWEST
 
-#: Longest time to wait for anything, seconds: far above what is normal, so that only a fault hits.
-TIMEOUT_S = 60.0
 ROOT = Path(wrist_ft_comp.__file__).parents[1]
 #: Environment of a process that talks over the loopback interface, and not by shared memory.
 LOOPBACK_UDP = {
@@ -201,6 +201,15 @@ class KeptMessages:
 
 
 @pytest.fixture
+def tf_messages(monkeypatch):
+    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
+    package = ModuleType('tf2_msgs.msg')
+    package.TFMessage = PoseArray
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
+
+
+@pytest.fixture
 def fake_hub():
     return FakeHub
 
@@ -357,18 +366,19 @@ def executable(ros_domain):  # noqa: ARG001
 
 
 @pytest.fixture
-def run_bench(ros_domain):  # noqa: ARG001
-    """Run a bench; its exit code and what it printed."""
+def run_python(ros_domain):  # noqa: ARG001
+    """Run Python to its end; its exit code, what it printed, and what it said."""
 
-    def run(name, *words):
+    def run(*words):
         done = subprocess.run(
-            [sys.executable, str(ROOT / 'bench' / name), *words],
+            [sys.executable, *words],
+            cwd=ROOT,
             env={**os.environ, 'PYTHONPATH': str(ROOT)},
             capture_output=True,
             text=True,
             timeout=3 * TIMEOUT_S,
             check=False,
         )
-        return done.returncode, done.stdout + done.stderr
+        return done.returncode, done.stdout, done.stderr
 
     return run

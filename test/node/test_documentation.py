@@ -1,20 +1,11 @@
 """docs/interface.md is what the code says."""
 
 from pathlib import Path
-import subprocess
-import sys
 
-import pytest
-
-ROOT = Path(__file__).parents[2]
+INTERFACE = Path(__file__).parents[2] / 'docs/interface.md'
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_the_reference_of_the_interface_is_what_the_code_says():
-    done = subprocess.run(
-        [sys.executable, 'docs/generator/interface.py'],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    written = (ROOT / 'docs/interface.md').read_text('utf-8')
-    assert done.stdout == written, 'write it anew: make docs'
+def test_the_reference_of_the_interface_is_what_the_code_says(run_python):
+    code, generated, errors = run_python('docs/generator/interface.py')
+    assert code == 0, errors
+    assert generated == INTERFACE.read_text('utf-8'), 'write it anew: make docs'

@@ -1,5 +1,6 @@
 import queue
 
+from moments import TIMEOUT_S
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -7,8 +8,6 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from wrist_ft_comp.ros.services import DeferredService, Service
-
-TIMEOUT_S = 60.0
 
 
 class Example(Node):

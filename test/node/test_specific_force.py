@@ -38,12 +38,6 @@ def samples(hub):
 
 
 @pytest.fixture
-def with_tf2(monkeypatch):
-    """Let the package tf2_msgs be there; bytes are bytes."""
-    monkeypatch.setattr('wrist_ft_comp.node.specific_force.load_type', lambda *_: object)
-
-
-@pytest.fixture
 def without_tf2(monkeypatch):
     """Let it be missing, as it is where there are only wheels."""
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
@@ -80,7 +74,7 @@ def test_imu_samples_are_passed_on_and_unusable_ones_are_counted(start, messages
     assert part.unreadable == 2
 
 
-@pytest.mark.usefixtures('with_tf2')
+@pytest.mark.usefixtures('ros_domain', 'tf_messages')
 def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving):
     """Two publishers: a sample waits for the slower one, and is interpolated."""
     part, hub = start()
@@ -99,7 +93,7 @@ def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving
     np.testing.assert_allclose(np.diff(seconds), 0.1)
 
 
-@pytest.mark.usefixtures('with_tf2')
+@pytest.mark.usefixtures('ros_domain', 'tf_messages')
 def test_frames_of_made_up_names_and_transforms_sent_again_fill_no_memory(start, messages, moving):
     part, hub = start()
     for k in range(1200):

@@ -3,9 +3,10 @@
 import re
 
 
-def test_half_an_hour_full_of_events_brings_no_finding(run_bench):
-    code, printed = run_bench('faults/truth.py', '--hours', '0.5', '--every', '100', '--seed', '3')
-    assert code == 0, printed
+def test_half_an_hour_full_of_events_brings_no_finding(run_python):
+    words = '--hours', '0.5', '--every', '100', '--seed', '3'
+    code, printed, errors = run_python('bench/faults/truth.py', *words)
+    assert code == 0, printed + errors
     found = re.search(r'^(\d+) events .* 0 findings; 0\.0 false warnings', printed, re.MULTILINE)
     assert found, printed
     assert int(found[1]) >= 8, printed

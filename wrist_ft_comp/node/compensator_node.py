@@ -34,7 +34,6 @@ from wrist_ft_comp.wire.temperature_source import parse_sources
 
 #: Every feature of the node, in the order of their start and of the diagnostics: the folder is
 #: taken and the first model goes live (LiveModel) before its thermal state goes on (StateKeeper).
-#: Their constructors are called in ``CompensatorNode._make_parts``.
 PARTS: tuple[type[Part], ...] = (
     WrenchInput, TemperatureInput, LiveModel, StateKeeper, Recorder,
     Jobs, DriftTopic, TareService, SpecificForceInput,
@@ -87,11 +86,7 @@ SERVICES = {service.name: service.purpose for part in PARTS for service in part.
 
 
 class CompensatorNode(Hub):
-    """
-    Compensates one sensor; WristFtCompError when a parameter or its model file is unusable.
-
-    Options are those of rclpy's Node, such as ``context``.
-    """
+    """Compensates one sensor; WristFtCompError when a parameter or its model file is unusable."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NODE_NAME, PARAMETERS, **options)

@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -108,14 +107,11 @@ class ExternalWrench(Part):
 
     def start(self) -> None:
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
+        #: The file of the payloads that this node has learnt; others lie beside the live model.
+        self.own_path = self.live.store.directory / 'models' / PAYLOADS
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
         self._hold(self._choose(self.hub.chosen()))
-
-    @property
-    def own_path(self) -> Path:
-        """The file of the payloads that this node has learnt; others lie beside the live model."""
-        return self.live.store.directory / 'models' / PAYLOADS
 
     def payloads(self) -> Learnt:
         """Read all payloads, oldest first; of two with the same name, the node's own one."""

@@ -27,7 +27,6 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.payload_file import IDENTIFIED
 
-#: The process that runs a job.
 COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.entry')
 #: An identification is refused when no wrench with specific force has come for this time, s.
 _PATIENCE_S = 10.0
@@ -54,11 +53,7 @@ def run_job(job: CalibrationJob) -> Generator[None, None, dict[str, Any]]:
 
 @dataclass(eq=False)
 class Jobs(Part):
-    """
-    Runs calibrations and identifications of payloads, and makes the jobs of learning, too.
-
-    ``full_topics`` gives the full names of topics.
-    """
+    """Runs calibrations and identifications of payloads, and makes the jobs of learning, too."""
 
     live: LiveModel
     recorder: Recorder

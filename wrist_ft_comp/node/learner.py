@@ -186,14 +186,13 @@ class Learner(Part):
         )  # fmt: skip
 
     @service(
-        '~/adopt',
-        'makes the better model live that learning offers; refused when there is none',
+        '~/adopt', 'makes the better model live that learning offers; refused when there is none'
     )
     def adopt(self, _: Any) -> Work:
         """Make the offered model live because a person asked for it; say which."""
-        now, why = f'compensating with {self.offered}: {self.memory.why}', self.memory.why
+        offered, why = self.offered, self.memory.why
         self._adopt(f'a person called ~/adopt: {why}')
-        return (yield from self.live.kept(now))
+        return (yield from self.live.kept(f'compensating with {offered}: {why}'))
 
     def _adopt(self, why: str, judged: str = '') -> None:
         """Make the offered model live, as LiveModel.take does; SettingsError refuses."""

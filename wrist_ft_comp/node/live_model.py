@@ -25,8 +25,6 @@ class LiveModel(Part):
     """
     Owns the live model and those before it.
 
-    ``sensor`` gives the names of the sensor. ``writer`` keeps the history over a restart.
-
     It starts with the newest decision. A model_file with other content than at the last start is a
     new decision of the operator, and has to be usable. Otherwise the model goes on that a
     calibration or a rollback has made live since that start.

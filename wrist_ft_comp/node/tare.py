@@ -29,11 +29,7 @@ _DISK_S = 5.0
 
 @dataclass(eq=False)
 class TareService(Part):
-    """
-    Takes a tare from wrenches; where a payload is active, the external wrench is tared, too.
-
-    A service of its name; ``state_keeper`` keeps the tare over a restart.
-    """
+    """Takes a tare from wrenches; where a payload is active, the external wrench is tared, too."""
 
     compensator: Compensator
     external: ExternalWrench

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import time
-from typing import Any, TypeAlias
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
@@ -13,15 +13,13 @@ from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import why_silent, wrench_message
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.stream_grid import ThermalCell
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 
-#: The newest raw wrench: stamp, ns, six numbers, N and N m, and the message's bytes.
-Newest: TypeAlias = tuple[int, Sequence[float], bytes]
 #: A sensor that is silent for longer, s, may have been switched off, and have another zero then.
 _AWAY_S = 5.0
 #: A node that did not look for longer, s, was held up itself: nobody knows whether wrenches came.
@@ -35,7 +33,8 @@ _TWINS_S = 30.0
 class Counts:
     """What has come of raw wrenches since the start, in numbers, and the newest one."""
 
-    newest: Newest | None = None
+    #: Stamp of the newest one, ns, its six numbers, N and N m, and the message's bytes.
+    newest: tuple[int, Sequence[float], bytes] | None = None
     #: The publishers, by their identity in the graph; at first, those before a restart.
     drivers: set[str] = field(default_factory=set)
     #: Usable wrenches that arrived, and corrected ones that were published.
@@ -73,10 +72,8 @@ class WrenchInput(Part):
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
-        #: Stamp of the wrench that was looked at last, ns, and the first frame_id.
-        self._stamp_ns, self._frame = 0, ''
-        #: Number of the wrench that was looked at last.
-        self._looked_at = 0
+        #: Number and stamp of the wrench that was looked at last, ns, and the first frame_id.
+        self._looked_at, self._stamp_ns, self._frame = 0, 0, ''
         self._growth = Growth()
 
     def admits(self, raw: Sequence[float]) -> bool:
@@ -269,10 +266,7 @@ class DriftTopic(Part):
             kept = np.linalg.norm(stream.tare[:3])
             tare = f'none; {kept:.2g} N are kept, so that the change of model made no step'
         numbers = {'published': str(counts.published), 'tare': tare}
-        columns: dict[str, Sequence[float] | FloatArray] = {
-            'drift': stream.compensation.zero,
-            'tare': stream.tare,
-        }
+        columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
         if stream.model is not None and stream.tracker.temperature_c is not None:
             columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
         if (newest := counts.newest) is not None:

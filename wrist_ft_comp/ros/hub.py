@@ -105,7 +105,6 @@ class _Request:
 
     part: Part
     work: Work
-    reply: Reply
     begun_s: float = field(default_factory=time.monotonic)
 
 
@@ -204,13 +203,13 @@ class Hub(Node):
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
         with opening(topic):
-            options = self._negotiable('publisher', topic) if negotiable else {}
+            options = self._negotiable(PublisherEventCallbacks, topic) if negotiable else {}
             return self.create_publisher(kind, topic, copy(OUTPUT), **options)
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
         with opening(topic):
-            options = self._negotiable('subscription', topic)
+            options = self._negotiable(SubscriptionEventCallbacks, topic)
             return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
     def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
@@ -220,8 +219,9 @@ class Hub(Node):
         self._unserved.append(result)
         return result
 
-    def _negotiable(self, ours: str, topic: str) -> dict[str, Any]:
+    def _negotiable(self, callbacks: Any, topic: str) -> dict[str, Any]:
         """Make options: policies are overridable; one that two don't agree on is noted, logged."""
+        ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
 
         def note(event: Any) -> None:
             policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
@@ -236,9 +236,6 @@ class Hub(Node):
             self.incompatible[topic] = trouble
             self.log.error(trouble)
 
-        callbacks: Any = PublisherEventCallbacks
-        if ours == 'subscription':
-            callbacks = SubscriptionEventCallbacks
         return {
             'event_callbacks': callbacks(incompatible_qos=note),
             'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
@@ -270,8 +267,8 @@ class Hub(Node):
     def housekeep(self) -> None:
         """Poll parts, and go on with the work of requests."""
         self.broadcast('poll')
-        for name in tuple(self._requests):
-            self._go_on(name)
+        for request in tuple(self._requests.values()):
+            self._go_on(request)
 
     def running_s(self, name: str) -> float | None:
         """How long a request of a service has been served, s; None where none is."""
@@ -280,45 +277,45 @@ class Hub(Node):
 
     def _serve(self, part: Part, offer: Service, asked: Any, reply: Reply) -> None:
         """Begin the work of a request; one is served at a time."""
-
-        def work() -> Work:
-            answer = offer.handler(part, asked)
-            return answer if isinstance(answer, str) else (yield from answer)
-
+        why = part.stopped
         if (running_s := self.running_s(offer.name)) is not None:
-            why = f'{offer.name} has been running for {running_s:.0f} s'
-            reply(success=False, message=f'{why}; wait for its answer, then call again.')
+            for_s = f'has been running for {running_s:.0f} s'
+            why = f'{offer.name} {for_s}; wait for its answer, then call again.'
+        if why:
+            reply(success=False, message=why)
             return
-        self._requests[offer.name] = _Request(part, work(), reply)
-        self._go_on(offer.name)
+        request = _Request(part, self._work_on(part, offer, asked, reply))
+        self._requests[offer.name] = request
+        self._go_on(request)
 
-    def _go_on(self, name: str) -> None:
-        """Continue the work of a request, and answer it at its end."""
-        request = self._requests[name]
+    def _work_on(self, part: Part, offer: Service, asked: Any, reply: Reply) -> Work:
+        """Do the work of a request from yield to yield; answer at its end, or when closed."""
+        message, success = 'The node is shutting down.', False
         try:
-            if not request.part.stopped:
-                next(request.work)
-                return
-            message, success = request.part.stopped, False
-        except StopIteration as end:
-            message, success = end.value, True
+            answer = offer.handler(part, asked)
+            message = answer if isinstance(answer, str) else (yield from answer)
+            success = True
         except WristFtCompError as error:
-            message, success = str(error), False
+            message = str(error)
         except Exception as error:  # whatever it is, the wrench goes on
-            self._stop(request.part, error)
-            message, success = request.part.stopped, False
-        self._answer(name, message, success=success)
+            self._stop(part, error)
+        finally:
+            del self._requests[offer.name]
+            if success:
+                self.log.info(f'{offer.name}: {message}')
+            elif part.stopped:  # which has been logged
+                message = part.stopped
+            else:
+                self.log.warning(f'{offer.name} was refused: {message}')
+            self.answers[offer.name] = message, not success
+            reply(success=success, message=message)
+        return message
 
-    def _answer(self, name: str, message: str, *, success: bool) -> None:
-        """Answer a request, and note that in the log; its work ends."""
-        request = self._requests.pop(name)
-        request.work.close()
-        self.answers[name] = message, not success
-        if success:
-            self.log.info(f'{name}: {message}')
-        elif not request.part.stopped:  # which has been logged
-            self.log.warning(f'{name} was refused: {message}')
-        request.reply(success=success, message=message)
+    def _go_on(self, request: _Request) -> None:
+        if request.part.stopped:
+            request.work.close()
+        else:
+            next(request.work, None)
 
     def _validate_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
         try:
@@ -356,12 +353,11 @@ class Hub(Node):
 
     def destroy_node(self) -> None:
         """End all parts and the node; callers that wait for an answer get one."""
-        callers = tuple(self._requests)
+        callers = tuple(self._requests.values())
         self._end_parts()
-        for name in callers:
-            self._go_on(name)  # what waited for the disk has ended
-            if name in self._requests:
-                self._answer(name, 'The node is shutting down.', success=False)
+        for request in callers:
+            self._go_on(request)  # what waited for the disk has ended
+            request.work.close()
         if callers:
             time.sleep(FAREWELL_S)
         while self._unserved:

@@ -48,7 +48,6 @@ class Parameter:
     maximum: float = math.inf
     #: The allowed strings; empty when any is.
     choices: tuple[str, ...] = ()
-    #: Whether it is read at start-up only.
     read_only: bool = False
     #: float or str, where the default is an empty tuple.
     element: type | None = None
@@ -218,5 +217,5 @@ def warn_of_unknown(node: Node, log: Any) -> None:
             )
 
 
-#: A row that is read at start-up only.
+#: A row whose value is read at start-up only.
 at_start = partial(Parameter, read_only=True)

@@ -233,9 +233,7 @@ class Layouts(Generic[_Made]):
         self._same_texts = same_texts
         #: By size of the message: what picks the bytes that all messages of a layout share out of
         #: one, these bytes, where they are, and what was made.
-        self._of_size: dict[
-            int, list[tuple[Callable[[bytes], object], object, IntArray, _Made]]
-        ] = {}
+        self._of_size: dict[int, list[tuple[Any, object, IntArray, _Made]]] = {}
 
     def find(self, data: bytes) -> _Made:
         """Find what was made of the layout of a message."""

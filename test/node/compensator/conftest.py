@@ -4,15 +4,13 @@ from contextlib import ExitStack
 from functools import partial
 import itertools
 import queue
-import sys
 import threading
-from types import ModuleType
 from typing import Any
 from unittest import mock
 from weakref import WeakValueDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseArray, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from moments import SECOND, six_of, stamp_of, START, TIMEOUT_S
 import numpy as np
 import pytest
@@ -264,15 +262,6 @@ def _request(data):
 def rig(bench, tmp_path):
     """Make compensators with the same data_directory; ``model`` is a stored one to start with."""
     return partial(_make_rig, Rig, bench, tmp_path)
-
-
-@pytest.fixture
-def tf_messages(monkeypatch):
-    """Of the package that is missing here, the node needs a type only: bytes are bytes."""
-    package = ModuleType('tf2_msgs.msg')
-    package.TFMessage = PoseArray
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', package)
 
 
 @pytest.fixture

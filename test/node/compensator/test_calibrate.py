@@ -1,4 +1,4 @@
-"""A warm-up is recorded, learnt and removed while wrenches go on, also where that fails."""
+"""A recording is learnt while wrenches go on, also where that fails."""
 
 import os
 import signal
@@ -8,7 +8,6 @@ from moments import SECOND, START
 import numpy as np
 import pytest
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.stored.model_file import load_model
 
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
@@ -19,67 +18,6 @@ def stream_goes_on(node, second=0):
     """Tell whether the stream goes on, as it was; each wrench is answered."""
     stamps = START + second * SECOND + np.arange(5)
     return np.allclose(node.stream(stamps, [LOAD] * 5), LOAD, atol=1e-9)
-
-
-class Robot:
-    """Each axis follows its gains times lagged temperatures; two thermometers, two speeds."""
-
-    GAINS = np.array([0.3, -0.5, 1.0, 0.02, 0.03, -0.05])
-    NOISE = 0.01 * np.array([1, 1, 1, 0.1, 0.1, 0.1])
-    WORK = (1.0, 0.2, 0.8, 0.0, 1.0, 0.5, 0.9, 0.1, 0.0, 0.6, 0.2, 0.9, 0.0)
-
-    def __init__(self, lagged):
-        work = np.repeat(self.WORK, 40)
-        far, near = lagged(15.0 * work, 600.0), lagged(25.0 * work, 200.0)
-        self.temperature_c = 20.0 + np.stack((far, near), axis=1)
-        self.zero = np.outer(lagged(far, 300.0) + 0.7 * lagged(near, 100.0), self.GAINS)
-        self._rng = np.random.default_rng(5)
-
-    def run(self, rig, cells):
-        """Send thermal cells of 10 s, two wrenches each; return outputs, shape (2 N, 6)."""
-        outputs = []
-        for cell in cells:
-            stamps = START + (10 * cell + np.array([2, 7])) * SECOND
-            rig.put_temperature(int(stamps[0]), *self.temperature_c[cell])
-            raws = self.zero[cell] + self._rng.normal(0, 1, (2, 6)) * self.NOISE
-            outputs.append(rig.stream(stamps, raws))
-        return np.concatenate(outputs)
-
-
-def test_a_warm_up_is_recorded_learnt_and_removed(rig, lagged):
-    robot, node = Robot(lagged), rig(thermometers=2, period_s=10.0)
-    assert node.call('record', True).success
-    robot.run(node, range(300))
-    assert '(2990 s)' in node.call('record', False).message
-
-    answers = node.ask('calibrate')
-
-    def answered():
-        assert stream_goes_on(node, 3000), 'a new model makes no step'
-        return not answers.empty()
-
-    node.wait_until(answered, 'the answer')
-    answer = answers.get()
-    assert answer.success, answer.message
-    lines = answer.message.splitlines()
-    for axis, line in zip(AXES, lines, strict=False):
-        assert line.startswith(f'{axis}: ')
-        assert ' RMS' in line
-    assert stream_goes_on(node, 3000)
-
-    stored = load_model(next((node.directory / 'models').glob('*.yaml')))
-    report = stored.path.with_suffix('.html')
-    assert lines[-2:] == [f'saved as {stored.path}', f'report: {report}']
-    assert 'Is it good?' in report.read_text(encoding='utf-8')
-    assert set(stored.model.axes) == set(AXES)
-    assert stored.model.thermometers == 2
-    assert node.node.live.stored.sha256 == stored.sha256
-
-    after = robot.run(node, range(300, 520))
-    drift = np.ptp(robot.zero[300:], axis=0)
-    remaining = np.ptp(after.reshape(-1, 4, 6).mean(axis=1), axis=0)
-    assert (drift > 20 * robot.NOISE).all(), 'worth removing'
-    assert (remaining < 0.15 * drift).all(), 'drift of one or two thermal cells at most'
 
 
 @pytest.fixture
@@ -94,6 +32,31 @@ def ready(rig, make, haste):  # noqa: ARG001
         return node
 
     return start
+
+
+def test_a_calibration_answers_and_goes_live_without_a_step_while_wrenches_go_on(ready):
+    """What it removes: documents/test_tutorial.py."""
+    node = ready()
+    node.warm_up(30.0)
+    answers = node.ask('calibrate')
+
+    def answered():
+        assert stream_goes_on(node, 3)
+        return not answers.empty()
+
+    node.wait_until(answered, 'the answer')
+    answer = answers.get()
+    assert answer.success, answer.message
+    assert stream_goes_on(node, 3), 'a new model makes no step'
+    lines, stored = answer.message.splitlines(), node.node.live.stored
+    report = stored.path.with_suffix('.html')
+    assert lines[-2:] == [f'saved as {stored.path}', f'report: {report}']
+    assert 'Is it good?' in report.read_text(encoding='utf-8')
+    assert load_model(stored.path).sha256 == stored.sha256
+    assert stored.model.axes
+    for axis in stored.model.axes:
+        assert any(line.startswith(f'{axis}: ') and ' RMS' in line for line in lines), lines
+    assert node.node.compensator.compensating
 
 
 def check_refused(node, said, *words):

@@ -1,10 +1,5 @@
 """The running node imports only what it needs: it fits in another process."""
 
-import subprocess
-import sys
-
-import pytest
-
 HEAVY = (
     'matplotlib', 'rosbags', 'pandas', 'scipy', 'jinja2', 'rich', 'wrist_ft_comp.cli',
     'wrist_ft_comp.fit.averaging', 'wrist_ft_comp.fit.calibrate', 'wrist_ft_comp.report',
@@ -41,18 +36,11 @@ context.try_shutdown()
 """
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_a_running_node_has_imported_nothing_heavy(make_model, tmp_path):
+def test_a_running_node_has_imported_nothing_heavy(run_python, make_model, tmp_path):
     model = make_model('m.yaml', {'force_z': (2.0, 0.0, 30.0)})
     given = {'model_file': str(model.path), 'data_directory': str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, '-c', f'GIVEN = {given}\n{SOURCE}'],
-        capture_output=True,
-        text=True,
-        timeout=60.0,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    modules = done.stdout.split()
+    code, printed, errors = run_python('-c', f'GIVEN = {given}\n{SOURCE}')
+    assert code == 0, errors
+    modules = printed.split()
     assert 'wrist_ft_comp.node.live_model' in modules
     assert not [m for m in modules for name in HEAVY if m == name or m.startswith(f'{name}.')]

@@ -1,6 +1,7 @@
 """Temperatures that are numbers in messages of any type: taken, or said why they are not."""
 
 from geometry_msgs.msg import WrenchStamped
+from moments import SECOND, START
 import pytest
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -11,15 +12,12 @@ from wrist_ft_comp.node.temperature_topics import TemperatureTopic
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.wire.temperature_source import parse_sources
 
-SECOND = 1_000_000_000
-START_S = 1_700_000_000
-START = START_S * SECOND
 BEST_EFFORT = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 
 
 def stamped(message, second=0):
     message.header = Header()
-    message.header.stamp.sec = START_S + second
+    message.header.stamp.sec = START // SECOND + second
     return message
 
 
