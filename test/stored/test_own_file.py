@@ -7,6 +7,7 @@ import errno
 from functools import partial
 import os
 from pathlib import Path
+import re
 import threading
 from typing import Literal, NamedTuple
 
@@ -85,8 +86,6 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
     assert target.read_bytes() in {b'text', b'PNG'}
     with pytest.raises(OutputError, match=r'file\.txt is no folder'):
         kind.write(target / 'a.out', content)
-    with pytest.raises(OutputError, match='it is a folder'):
-        kind.write(target.parent, content)
     monkeypatch.setattr(os, 'fsync', refuse)
     target.write_text('old')
     with pytest.raises(OutputError, match=r'file\.txt cannot be written: No space left'):
@@ -103,12 +102,14 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
         ('active.json', lambda folder: ModelStore(folder).activate([HistoryEntry(None)])),
     ],
 )
-@pytest.mark.parametrize('foreign', [b'{"format": "other", "of": []}', b'{', bytes(9)])
+@pytest.mark.parametrize('foreign', [b'{"format": "other", "of": []}', b'{', bytes(9), 'older'])
 def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     path = tmp_path / name
     for _ in range(2):
         write(tmp_path)
     written = path.read_bytes()
+    if foreign == 'older':
+        foreign = re.sub(rb'"version": \d+', b'"version": 0', written)
     path.write_bytes(foreign)
     write(tmp_path)
     kept = path.with_name(f'{path.name}.kept')
