@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
+from wrist_ft_comp.errors import OutputError, WristFtCompError
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.learning.working_day import DayFiles
@@ -64,16 +64,6 @@ def test_only_a_file_has_to_reach_the_disk_or_the_old_one_stays(
         replace_file(target, 'new')
     assert target.read_text() == content
     assert list(target.parent.iterdir()) == [target]
-
-
-def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
-    """As root, a model written to /dev/null would take the device's place."""
-    pipe = tmp_path / 'state.json'
-    os.mkfifo(pipe)
-    with pytest.raises(StateFileError, match=r'state\.json cannot .* no regular file'):
-        save_state(pipe, STATE)
-    assert pipe.is_fifo()
-    assert list(tmp_path.iterdir()) == [pipe]
 
 
 @pytest.mark.parametrize('content', ['text', b'PNG'])
