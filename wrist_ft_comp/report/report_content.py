@@ -183,8 +183,7 @@ def calibration_content(
         axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
-        is_weak = verdict.level == 'uncalibrated' and drifts
-        levels[axis] = 'weak' if is_weak else verdict.level
+        levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
         if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
             loose.append(axis)
     case = advices.Case(
