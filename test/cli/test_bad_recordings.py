@@ -72,10 +72,6 @@ def plus(offset):
     return lambda values: values + offset
 
 
-def kelvin(values):
-    return values + 273.15
-
-
 def frozen(first, last):
     """Let force z keep its value for some rows."""
     return lambda table: table['force_z'].__setitem__(
@@ -87,7 +83,7 @@ EVERY_TENTH = range(0, ROWS, 10)
 #: Name: change, pattern of the sentence, doors. These are refused …
 REFUSED = {
     'kelvin in °C': (
-        put('temperature_c', kelvin),
+        put('temperature_c', plus(273.15)),
         r'600 of 600 .* In kelvins it would be 21.0 °C: then name it (\S+_k|\S+temperature:K)\.$',
         ALL,
     ),

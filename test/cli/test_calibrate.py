@@ -113,26 +113,18 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     assert fit['day_limit'] < 0.1 * fit['largest_drift']
 
 
-def slow_day(rng, rise_k, other=0.0):
-    """Force z that drifts by 0.4 N/K with a rise of temperature, and by something else."""
-    seconds = len(rise_k)
-    force = 3 + 0.4 * rise_k + other + rng.normal(0, 0.05, seconds)
-    celsius = 21 + rise_k + rng.normal(0, 0.02, seconds)
-    return {
-        'stamp_s': list(range(seconds)),
-        'force_z': force.tolist(),
-        'temperature_c': celsius.tolist(),
-    }
-
-
 def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(done, make, tmp_path):
     """What README asks to record, and a day whose room went its own way."""
     rng, time_s = np.random.default_rng(0), np.arange(7200)
     warming = 20 * (1 - np.exp(-time_s / 1500))
     cooling = np.where(time_s < 4800, warming, warming[4800] * np.exp(-(time_s - 4800) / 1500))
 
-    def day(*drifts):
-        return make.csv(tmp_path / 'day.csv', slow_day(rng, *drifts))
+    def day(rise_k, other=0.0):
+        force = 3 + 0.4 * rise_k + other + rng.normal(0, 0.05, 7200)
+        celsius = 21 + rise_k + rng.normal(0, 0.02, 7200)
+        columns = {'stamp_s': time_s, 'force_z': force, 'temperature_c': celsius}
+        rows = {channel: values.tolist() for channel, values in columns.items()}
+        return make.csv(tmp_path / 'day.csv', rows)
 
     model = tmp_path / 'm.yaml'
     fit = json.loads(done('calibrate', day(warming), '-o', model, '--json'))

@@ -75,17 +75,25 @@ def test_values_below_zero_and_beginnings_of_options_are_understood():
     assert arguments.recordings == [Path('a'), Path('-.5')]
 
 
-def fail_with(error):
+@pytest.mark.parametrize(
+    ('error', 'code', 'kind', 'sentence'),
+    [
+        (RecordingError('A\nb\n  c.. See ../x..'), 1, 'recording', 'A b c. See ../x.'),
+        (OSError(28, 'It is full'), 1, 'operating_system', 'Reading or writing: It is full.'),
+        (KeyboardInterrupt(), 130, 'interrupted', 'interrupted; nothing was left half-written.'),
+    ],
+)
+def test_an_error_is_one_line_and_in_json(  # noqa: PLR0913, PLR0917
+    error, code, kind, sentence, run, drift_csv, monkeypatch
+):
     def fail(*_):
         raise error
 
-    return fail
-
-
-def test_a_long_sentence_is_one_line(run, monkeypatch, drift_csv):
-    error = RecordingError('First\nsecond\n  third.. See ../x..')
-    monkeypatch.setattr('wrist_ft_comp.cli.recording_summary.describe_recording', fail_with(error))
-    assert run('show', drift_csv).sentence == 'wrist_ft_comp: First second third. See ../x.'
+    monkeypatch.setattr('wrist_ft_comp.cli.recording_summary.describe_recording', fail)
+    outcome = run('show', drift_csv, '--json')
+    assert (outcome.code, json.loads(outcome.out)['error']['kind']) == (code, kind)
+    assert outcome.err.startswith(f'wrist_ft_comp: {sentence}')
+    assert outcome.err.count('\n') == 1
 
 
 @pytest.mark.parametrize(
@@ -106,18 +114,6 @@ def test_json_holds_an_error_too(case, run, drift_csv, model):
     assert (outcome.code, error['kind']) == (code, kind)
     assert error['message'] in outcome.err
     assert '--json' not in argv or not run(*argv[: argv.index('--json')]).out
-
-
-def test_json_holds_an_error_of_the_system(run, drift_csv, monkeypatch):
-    full = OSError(28, 'No space left')
-    for error, expected in (
-        (full, (1, 'operating_system')), (KeyboardInterrupt(), (130, 'interrupted')),
-    ):  # fmt: skip
-        monkeypatch.setattr(
-            'wrist_ft_comp.cli.recording_summary.describe_recording', fail_with(error)
-        )
-        outcome = run('show', drift_csv, '--json')
-        assert (outcome.code, json.loads(outcome.out)['error']['kind']) == expected
 
 
 def test_a_reader_that_leaves_is_no_error(process, drift_csv):

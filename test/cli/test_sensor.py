@@ -6,6 +6,8 @@ import shutil
 import pytest
 import yaml
 
+from wrist_ft_comp.cli.main import main
+
 START = 1_700_000_000 * 10**9
 TOPICS = ('/ft/temperature', '/arm/state:motors[1].celsius')
 STATE = 'arm_msgs/msg/State'
@@ -52,8 +54,6 @@ def day(bag):
 @pytest.fixture(scope='module')
 def learnt(day, tmp_path_factory):
     """A model of that day."""
-    from wrist_ft_comp.cli.main import main  # noqa: PLC0415 -- the fixture done is a test's
-
     path = tmp_path_factory.mktemp('model') / 'model.yaml'
     assert main(['calibrate', str(day), '-o', str(path), '--method', 'pls', *named()]) == 0
     return path

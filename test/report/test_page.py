@@ -165,8 +165,8 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
         assert axis.entry['reason'].startswith('pls')
         spreads = axis.entry['time_constant_errors_s']
         assert len(spreads) == len(axis.entry['time_constants_s'])
-        assert [name for name, _ in axis.parts] == names
-        squares = np.square([errors.rms_after for _, errors in axis.parts])
+        assert [name for name, *_ in axis.parts] == names
+        squares = np.square([left for *_, left in axis.parts])
         assert np.sqrt(squares.mean()) == pytest.approx(axis.errors.rms_after)
     whole = Outline(text('evaluation')).whole
     assert whole.count('Recording by recording') == len(view('evaluation').axes)

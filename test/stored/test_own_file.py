@@ -7,13 +7,14 @@ import errno
 from functools import partial
 import os
 from pathlib import Path
+import re
 import threading
 from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.errors import OutputError, StateFileError, WristFtCompError
+from wrist_ft_comp.errors import OutputError, WristFtCompError
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.learning.working_day import DayFiles
@@ -65,16 +66,6 @@ def test_only_a_file_has_to_reach_the_disk_or_the_old_one_stays(
     assert list(target.parent.iterdir()) == [target]
 
 
-def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
-    """As root, a model written to /dev/null would take the device's place."""
-    pipe = tmp_path / 'state.json'
-    os.mkfifo(pipe)
-    with pytest.raises(StateFileError, match=r'state\.json cannot .* no regular file'):
-        save_state(pipe, STATE)
-    assert pipe.is_fifo()
-    assert list(tmp_path.iterdir()) == [pipe]
-
-
 @pytest.mark.parametrize('content', ['text', b'PNG'])
 def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypatch):
     def refuse(_):
@@ -85,8 +76,6 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
     assert target.read_bytes() in {b'text', b'PNG'}
     with pytest.raises(OutputError, match=r'file\.txt is no folder'):
         kind.write(target / 'a.out', content)
-    with pytest.raises(OutputError, match='it is a folder'):
-        kind.write(target.parent, content)
     monkeypatch.setattr(os, 'fsync', refuse)
     target.write_text('old')
     with pytest.raises(OutputError, match=r'file\.txt cannot be written: No space left'):
@@ -103,12 +92,14 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
         ('active.json', lambda folder: ModelStore(folder).activate([HistoryEntry(None)])),
     ],
 )
-@pytest.mark.parametrize('foreign', [b'{"format": "other", "of": []}', b'{', bytes(9)])
+@pytest.mark.parametrize('foreign', [b'{"format": "other", "of": []}', b'{', bytes(9), 'older'])
 def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     path = tmp_path / name
     for _ in range(2):
         write(tmp_path)
     written = path.read_bytes()
+    if foreign == 'older':
+        foreign = re.sub(rb'"version": \d+', b'"version": 0', written)
     path.write_bytes(foreign)
     write(tmp_path)
     kept = path.with_name(f'{path.name}.kept')

@@ -70,14 +70,18 @@ class RecordingSummary:
         return OPEN in self.topics.columns
 
 
+#: What was found, and the recording where it can be read.
+Description = tuple[RecordingSummary, Recording | None]
+
+
 def describe_recording(
-    path: Path | str, topics: Topics | None = None, progress: Progress | None = None
-) -> tuple[RecordingSummary, Recording | None]:
+    path: Path | str, topics: Topics | None = None, progress: Progress = lambda _: None
+) -> Description:
     """
     Describe a recording of any kind; it need not hold all that a calibration wants.
 
-    Of a bag, the topics say which role which one has; what they don't name is chosen. It is read
-    on the way: the recording, or None. RecordingError when it is none at all.
+    Of a bag, the topics say which role which one has; what they don't name is chosen.
+    RecordingError when it is none at all.
     """
     topics = topics or Topics()
     with read.open_recording(Path(path), topics) as opened:
@@ -90,12 +94,9 @@ def describe_recording(
     return replace(summary, specific_force=describe_force(recording.specific_force)), recording
 
 
-def _describe_bag(
-    bag: Bag, topics: Topics, progress: Progress | None
-) -> tuple[RecordingSummary, Recording | None]:
+def _describe_bag(bag: Bag, topics: Topics, progress: Progress) -> Description:
     """Take topics, counts and times from the bag's own index, survey what may be used, read it."""
-    parts = [part_of(progress, k, 2) if progress else None for k in range(2)]
-    candidates, warnings = bag_topics.survey_bag(bag, parts[0])
+    candidates, warnings = bag_topics.survey_bag(bag, part_of(progress, 0, 2))
     asked, topics = topics.gravity_frame, bag_topics.suggested_topics(candidates, topics)
     if topics.wrench and not topics.force_source and any(c.role == TF for c in candidates):
         with suppress(RecordingError):
@@ -106,7 +107,8 @@ def _describe_bag(
         topics = replace(topics, gravity_frame=frame)
         try:
             opened = read.OpenBag(bag, parse_options(topics))
-            recording, refusal = read.read_opened(opened, 1.0, progress=parts[1]), ''
+            recording = read.read_opened(opened, 1.0, progress=part_of(progress, 1, 2))
+            refusal = ''
             break
         except RecordingError as error:
             refusal = str(error)
@@ -136,9 +138,7 @@ def _describe_bag(
     return summary, recording
 
 
-def _describe_table(
-    opened: read.OpenTable, progress: Progress | None
-) -> tuple[RecordingSummary, Recording | None]:
+def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
     """Describe a table, and read it; what cannot be read as it is, by a map that is proposed."""
     topics, lacking = opened.options.topics, opened.lacks()
     if lacking:

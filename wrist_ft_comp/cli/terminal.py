@@ -79,8 +79,7 @@ def content_words(
     sparks = [axis.series.sparkline() for axis in content.axes]
     rows = [[*row, spark] for row, spark in zip(content.rows, sparks, strict=True)]
     words: list[str | Table] = [table([*content.titles, 'left over time'], rows)]
-    over_time = 'over time: ▁ nothing is left, █ as much as before.'
-    words.append(filled(f'{content.footer} {over_time}'))
+    words.append(filled(f'{content.footer} over time: ▁ nothing is left, █ as much as before.'))
     words += map(filled, content.payloads.lines() if content.payloads else ())
     if verbose:
         words += ['', *(filled(a.verdict.sentence, f'{a.axis}: ') for a in content.axes)]

@@ -25,8 +25,7 @@ REPORT = Output(
 
 def page(view: report_content.ReportContent) -> str:
     """Write the page: HTML that loads nothing; its script only shows numbers of its pictures."""
-    template = _environment().get_template('report.html.j2')
-    return template.render(view=view, headline=headline(view))
+    return _environment().get_template('report.html.j2').render(view=view, headline=headline(view))
 
 
 def write_report(

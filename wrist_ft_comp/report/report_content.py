@@ -12,7 +12,7 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.folds import averaged_cells, averaged_s
-from wrist_ft_comp.fit.result import AxisFit, Calibration, FoldErrors, HeldOut, rms_by_fold
+from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.weight import LearntPayloads
@@ -79,8 +79,8 @@ class AxisView:
     entry: Mapping[str, Any]
     #: Largest error on 95 of 100 other days, as the calibration stated it; NaN if unknown.
     day_limit: float
-    #: Each recording and its errors; empty where errors are held out.
-    parts: Sequence[tuple[str, AxisEvaluation]] = ()
+    #: Each recording, its error before, and what is left, RMS; empty where errors are held out.
+    parts: Sequence[tuple[str, float, float]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +170,7 @@ def calibration_content(
         measured = float(rms_by_fold(held_out).after.mean())
         whole = not held_out.tared or held_out.recording.any()
         widening = 1.0 if whole or measured == 0 else fit.rms_after / measured
-        part = held_out.recording * (held_out.fold.max() + 1) + held_out.fold
-        series = _series(
-            recordings, held_out.recording, held_out.cell, held_out.before, held_out.after, part
-        )
+        series = _series(recordings, held_out)
         before, after = (float(np.abs(e).max()) for e in (series.before, series.after))
         errors = AxisEvaluation(fit.rms_before, fit.rms_after, before, widening * after)
         evidence = verdicts.Evidence(
@@ -186,8 +183,7 @@ def calibration_content(
         axes.append(AxisView(axis, fit.unit, verdict, errors, series, entry, fit.day_limit))
         # An axis that drifts and was not learnt is explained no better than a weak one.
         drifts = fit.refusal or fit.rms_before > verdicts.NOISE_MARGIN * series.noise
-        is_weak = verdict.level == 'uncalibrated' and drifts
-        levels[axis] = 'weak' if is_weak else verdict.level
+        levels[axis] = 'weak' if verdict.level == 'uncalibrated' and drifts else verdict.level
         if verdict.level == 'good' and fit.day_limit > advices.LOOSE_SHARE * fit.largest_drift:
             loose.append(axis)
     case = advices.Case(
@@ -229,7 +225,6 @@ def evaluation_content(
     """
     recordings = [judged.recording for judged in evaluated]
     coverage, period_s = advices.cover(recordings), averaged_s(stored.model)
-    by_name = [(e.recording.name, judge_errors([e.errors])) for e in evaluated]
     # Means of cells: their middles and errors, all recordings together.
     number = np.repeat(np.arange(len(evaluated)), [len(e.errors.after) for e in evaluated])
     over = averaged_cells(recordings[0].period_s)
@@ -244,16 +239,16 @@ def evaluation_content(
     beyond: dict[str, str] = {}
     loose: list[str] = []
     for axis, errors in judge_errors([judged.errors for judged in evaluated]).items():
-        column, limit = AXES.index(axis), stored.model.day_limits.get(axis, np.nan)
-        parts = [(name, figures[axis]) for name, figures in by_name if axis in figures]
-        rows = np.isfinite(before[:, column]) & np.isfinite(after[:, column])
-        series = _series(
-            recordings, number[rows], cell[rows],
-            before[rows, column], after[rows, column], number[rows])  # fmt: skip
-        each = np.array([(figures.rms_before, figures.rms_after) for _, figures in parts])
+        both = np.stack((before[:, AXES.index(axis)], after[:, AXES.index(axis)]), axis=1)
+        rows, limit = np.isfinite(both).all(axis=1), stored.model.day_limits.get(axis, np.nan)
+        # Recordings that the model has not seen are folds that were held out.
+        held_out = HeldOut(number[rows], number[rows], cell[rows], both[rows], period_s, True)
+        series, by_fold = _series(recordings, held_out), rms_by_fold(held_out)
+        names = [recordings[n].name for n in np.unique(held_out.fold)]
+        parts = list(zip(names, *by_fold, strict=True))
         evidence = verdicts.Evidence(
             axis_unit(axis), errors, series.noise, compensated=axis in stored.model.axes,
-            moved_k=moved_k, parts=FoldErrors(*each.T), limit=limit)  # fmt: skip
+            moved_k=moved_k, parts=by_fold, limit=limit)  # fmt: skip
         entry = stored.document['axes'].get(axis, _NO_ENTRY)
         verdict = verdicts.judge(evidence)
         axes.append(AxisView(axis, evidence.unit, verdict, errors, series, entry, limit, parts))
@@ -301,20 +296,14 @@ def starts_h(recordings: Sequence[Recording]) -> FloatArray:
     return np.concatenate(([0.0], ends_h[:-1]))
 
 
-def _series(  # noqa: PLR0913, PLR0917 -- columns of one table
-    recordings: Sequence[Recording],
-    number: IntArray,
-    cell: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    part: IntArray,
-) -> ErrorSeries:
-    """Lay errors out over time, by number of the recording and mean cell, (n,)."""
-    since_s = (cell + 0.5) * recordings[0].period_s
+def _series(recordings: Sequence[Recording], held_out: HeldOut) -> ErrorSeries:
+    """Lay errors out over time."""
+    number, since_s = held_out.recording, (held_out.cell + 0.5) * recordings[0].period_s
     origins_s = np.array([elapsed_s(recording, 0) for recording in recordings])
     return ErrorSeries(
         hours=starts_h(recordings)[number] + since_s / 3600, elapsed_s=origins_s[number] + since_s,
-        before=before, after=after, part=part)  # fmt: skip
+        before=held_out.before, after=held_out.after,
+        part=number * (held_out.fold.max() + 1) + held_out.fold)  # fmt: skip
 
 
 def model_sources(stored: StoredModel) -> list[tuple[str, str]]:

@@ -355,8 +355,7 @@ def from_plain(kind: Any, value: Any, where: str = '', *, whole: bool = False) -
             kinds = arguments[:1] * len(value)
         require(len(kinds) == len(value), f'{len(kinds)} values')
         pairs = enumerate(zip(kinds, value, strict=True))
-        members = [inner(each, item, f'{where}/{i}') for i, (each, item) in pairs]
-        return tuple(members)
+        return tuple(inner(each, item, f'{where}/{i}') for i, (each, item) in pairs)
     if origin is Literal:
         require(value in arguments, f'one of {", ".join(map(str, arguments))}')
     elif kind in _SCALARS:

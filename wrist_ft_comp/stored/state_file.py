@@ -62,10 +62,9 @@ def save_state(path: Path, state: SavedState) -> None:
 
 def load_state(path: Path) -> SavedState | None:
     """Read a state file, of this version and whole; None when there is none."""
-    if not path.exists():
+    state = KIND.load(SavedState, path)
+    if state is None:
         return None
-    document = KIND.document(path, KIND.read(path))
-    state = KIND.restore(SavedState, path, document)
     wrenches, memory, problem = [state.tare, state.external_tare], state.thermal, ''
     if memory is not None:
         wrenches += memory.compensation
@@ -83,7 +82,7 @@ def load_state(path: Path) -> SavedState | None:
             problem = 'age_s must be a number'
     if any(wrench.shape != (len(AXES),) for wrench in wrenches):
         problem = 'a wrench must have six numbers'
-    if not _readable(document):
+    if not _readable(to_plain(state)):
         problem = f'it holds a number beyond {_LARGEST:g}'
     if problem:
         raise KIND.damaged(path, problem)
