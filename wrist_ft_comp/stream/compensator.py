@@ -11,6 +11,7 @@ from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_dr
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
@@ -261,12 +262,29 @@ class Compensator:
 
     def frozen_doubts(self) -> list[str]:
         """Say which thermometers may be frozen, and how far the drift is off then."""
-        state, sentences = self.tracker.thermometers, list[str]()
-        if state is None or self.model is None or self.model.prediction is None:
+        tracker, sentences = self.tracker, list[str]()
+        state, prediction = tracker.thermometers, None
+        if self.model is not None:
+            prediction = self.model.prediction
+        if state is None or prediction is None:
+            period_ns = tracker.grid.period_ns
+            silent = tracker.grid.silent(tracker.end_ns // period_ns)
+            for j, readings_c in enumerate(tracker.history_c.T):
+                still_s = thermometer_faults.too_still_s(readings_c, period_ns / NANOSECONDS)
+                if still_s and not silent[j]:
+                    sentences.append(
+                        f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten '
+                        'times as long as in the hour before; is it frozen? The drift follows it'
+                    )
             return sentences
-        for j in np.flatnonzero(state.suspicious(self.model.prediction)).tolist():
+        for j in tracker.replaced:
+            # Held-out predictions were off by a third of this at most.
+            off_k = np.where(np.arange(self.thermometers) == j, prediction.agree_k / 3, 0.0)
+            if worst := self._doubt(tracker.effect(off_k), _CERTAIN):
+                sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
+        for j in np.flatnonzero(state.suspicious(prediction)).tolist():
             moved_k = np.where(np.arange(self.thermometers) == j, state.moved_k, 0.0)
-            if worst := self._doubt(self.tracker.effect(moved_k), _CERTAIN):
+            if worst := self._doubt(tracker.effect(moved_k), _CERTAIN):
                 sentences.append(
                     f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
                     f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '

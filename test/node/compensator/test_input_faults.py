@@ -26,7 +26,7 @@ AXES = {'force_z': (0.5, 0.0, 300.0)}
 #: Two thermometers that read the same.
 ALIKE = ThermometerPrediction(
     np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2),
-    *np.array([[3], [600], [1]]) * np.ones((3, 2)))  # fmt: skip
+    *np.array([[3], [600], [6]]) * np.ones((3, 2)))  # fmt: skip
 executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
@@ -232,6 +232,11 @@ TEMPERATURES = {
         'faster than metal can, from 30.0 to 85.0 °C; that',
         5.0,
     ),
+    'frozen alone': (
+        [(second, 30.0 + 0.01 * (min(second, 2000) % 7)) for second in range(20, 3000)],
+        'has read the same for 17 min, ten times as long as in the hour before; is it frozen?',
+        5.025,
+    ),
     'stamp again': ([(0, 44.0)], 'dropped, because their stamps do not increase', 5.0),
     'fahrenheit': (
         [(second, 86.0) for second in (*range(20, 50), *range(50, 3000, 20))],
@@ -272,6 +277,9 @@ class TestTemperature:
                 warns(node, 'temperature', 'thermometer 2 has read the same for 169 s while the')
         words = 'thermometer 2 stands still at 31.0 °C while the others show that it moved by 3.'
         status = warns(node, 'temperature', words)
+        assert (
+            'by what is predicted of thermometer 2, the drift of force_z may be ' in status.message
+        )
         assert status.values['thermometer_2_c'] == '31.00'
         assert float(status.values['thermometer_2_believed_c']) == pytest.approx(celsius, abs=0.1)
 
