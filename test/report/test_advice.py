@@ -81,7 +81,7 @@ ASKED = [
     (PAIR, {'levels': dict.fromkeys(AXES, 'weak')}, 'not explain any axis well', ''),
     (PAIR, {}, 'from 20 to 40 °C at thermometer 2', ''),
     (ramp(20, 35), {}, 'ended hot: the sensor warmed by 13.8 K and', 'ended cold'),
-    (ramp(20, 35), {}, 'A lag can only be measured if the sensor also cools down.', ''),
+    (ramp(20, 35), {}, 'A lag can only be measured if it also cools down.', ''),
     (ramp(20, 35), {'hours': (0.5,)}, 'lasts 0.5 h; record 1.0 h or more.', ''),
     (ramp(20, 35), {'slowest_s': 3600.0}, '4.0 h or more, as the slowest lag is 60 min', ''),
     (ramp(20, 35), {'slowest_s': 1000.0}, 'second day', 'lasts'),

@@ -57,13 +57,13 @@ def test_both_lines_differ_without_colour_and_axes_have_units(thermometers):
 
 @pytest.mark.parametrize(
     ('left', 'drawn'),
-    [(0.0, '▁' * 16), (0.01, '▁' * 16), (-0.5, '▅' * 16), (1.0, '█' * 16), (9.0, '█' * 16)],
+    [(0.0, '▁' * 12), (0.01, '▁' * 12), (-0.5, '▅' * 12), (1.0, '█' * 12), (9.0, '█' * 12)],
 )
 def test_what_is_left_over_time_is_drawn_on_the_scale_of_what_was_there(left, drawn):
     day = series()
     before = np.full(300, 2.0)
     assert replace(day, before=before, after=left * before).sparkline() == drawn
-    assert replace(day, before=0 * before, after=0 * before).sparkline() == '▁' * 16
+    assert replace(day, before=0 * before, after=0 * before).sparkline() == '▁' * 12
     rising = replace(day, before=before, after=before * np.linspace(0, 1, 300)).sparkline()
     assert list(rising) == sorted(rising)
 

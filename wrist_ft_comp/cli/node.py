@@ -140,21 +140,29 @@ def status_page(name: str, watch: 'Watch') -> Iterator[str | Table]:
     output, heard = values.get('output', {}), values.get('temperature', {})
     model, calibration = values.get('model', {}), values.get('calibration', {})
     if f'{AXES[0]}_drift' in output:
-        names = ('raw', 'compensated', 'drift', 'drift_deviation', 'tare')
+        output = values.get('payload', {}) | output  # both have a tare
+        titles = {
+            'raw': 'raw', 'compensated': 'compensated', 'external': 'external', 'drift': 'drift',
+            'drift_deviation': '± 1 σ', 'tare': 'tare',
+        }  # fmt: skip
+        if f'{AXES[0]}_external' not in output:
+            del titles['external']
         rows = [
             [axis, axis_unit(axis)]
-            + [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in names]
+            + [output.get(f'{axis}_{name}', '–').partition(' ')[0] for name in titles]
             for axis in AXES
         ]
         yield ''
-        yield terminal.table(['axis', 'unit', 'raw', 'compensated', 'drift', '±', 'tare'], rows)
+        yield terminal.table(['axis', 'unit', *titles.values()], rows)
     thermometers = [key.removesuffix('_age_s') for key in heard if key.endswith('_age_s')]
     if thermometers:
         yield ''
         yield terminal.table(
             ['thermometer', 'now, °C', 'age, s', 'learnt at', 'recorded now'],
             [
-                [one.removeprefix('thermometer_'), heard.get(f'{one}_c', '–'),
+                [one.removeprefix('thermometer_'),
+                 ' → '.join(heard[k] for k in (f'{one}_c', f'{one}_believed_c') if k in heard)
+                 or '–',
                  heard[f'{one}_age_s'], model.get(f'{one}_calibrated_c', '–'),
                  calibration.get(f'recording_{one}_c', '–')]
                 for one in thermometers

@@ -291,6 +291,12 @@ class ExternalWrench(Part):
         }
         for axis, value in zip(AXES, self.compensator.external_tare, strict=True):
             numbers[f'{axis}_tare'] = f'{value:.4g} {axis_unit(axis)}'
+        newest = self.counts.newest if grown['came'] else None
+        force = newest and self.specific_force.forces.at(newest[0])
+        if payload is not None and newest is not None and force is not None:
+            wrench = self.compensator.correct(*newest[:2], external=True)
+            for axis, value in zip(AXES, payload.taken_off(wrench, force), strict=True):
+                numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
         well = 'no payload is active'
         if self.collector is not None:
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'

@@ -198,8 +198,13 @@ class Recorder(Part):
             raise RecordingError(self._ended(problem, recording.rows))
         rows, lacks = recording.rows, ''
         lost = min(recording.lacked[axis] for axis in AXES)
-        if not rows or lost > max(_LACKING_SHARE * rows, 1):
-            lacks = f'{rows - lost} of {rows} cells hold wrench and temperature; see the status'
+        if not rows:
+            lacks = 'nothing was recorded, because no temperature came; see its status'
+        elif lost > max(_LACKING_SHARE * rows, 1):
+            lacks = (
+                f'{lost} of {rows} cells hold no wrench, and nothing is learnt from them: less '
+                f'than one came in {self.period_s:g} s of its stamps'
+            )
         said = f'recorded {rows} thermal cells ({rows * self.period_s:.0f} s) into {self.path}'
         return warned(said, lacks)
 

@@ -105,9 +105,10 @@ class WrenchInput(Part):
             return
         stamp_ns, raw, data = newest
         away_s = 0.0 if self._heard_s is None else now_s - self._quiet_s
-        # By the stamps, too: a simulation that was held up goes on with the next one.
+        # By the stamps, too: a simulation that was held up goes on with the next one, a clock that
+        # stands still shows nothing.
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
-        if away_s > _AWAY_S and not 0 <= passed_s <= _AWAY_S:
+        if away_s > _AWAY_S and not 0 < passed_s <= _AWAY_S:
             if abs(passed_s - away_s) < 1:  # no clock was set
                 self.sensor = SensorWatch()
             self._compensator.doubt_zero(
@@ -260,7 +261,8 @@ class DriftTopic(Part):
         own = hub.get_name(), hub.get_namespace()
         if hub.get_node_names_and_namespaces().count(own) <= 1:
             self._alone_s = time.monotonic()
-        grown, _ = self._growth.since(failed=counts.failed)
+        grown, _ = self._growth.since(failed=counts.failed, wrenches=counts.wrenches)
+        comes = 'wrenches' in self._growth.lately()
         tare = 'active' if stream.tared else 'none'
         if not stream.tared and stream.tare.any():
             kept = np.linalg.norm(stream.tare[:3])
@@ -269,7 +271,7 @@ class DriftTopic(Part):
         columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
         if stream.model is not None and stream.tracker.temperature_c is not None:
             columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
-        if (newest := counts.newest) is not None:
+        if (newest := counts.newest) is not None and comes:
             columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
         for name, values in columns.items():
             numbers |= {
@@ -279,13 +281,17 @@ class DriftTopic(Part):
             }
         for axis, share in zip(AXES, stream.compensation.sensitivity, strict=True):
             numbers[f'{axis}_sensitivity'] = f'{100 * share:.3g} %'
-        status = doubtful(self.title, self._doubts(grown['failed']), 'compensated', numbers)
+        status = doubtful(
+            self.title, self._doubts(grown['failed'], comes=comes), 'compensated', numbers
+        )
         is_error = grown['failed'] or stream.limits.too_large
         yield replace(status, level=ERROR) if is_error else status
 
-    def _doubts(self, failed: int) -> Iterator[str]:
+    def _doubts(self, failed: int, *, comes: bool) -> Iterator[str]:
         """Say what is wrong with what is published, the worst first."""
         stream = self._compensator
+        if self._counts.newest is not None and not comes:
+            yield 'nothing is published, because no usable wrench comes; see the status input'
         large, fast = map(', '.join, (stream.limits.too_large, stream.limits.too_fast))
         if failed:
             yield f'wrenches were lost by a fault of this program: {self._counts.fault}'

@@ -163,6 +163,11 @@ def advise(case: Case) -> tuple[str, ...]:
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
         steps.append(_missing_thermometer(case, unexplained, is_searched=not some_are_good))
+    if case.learnt_c and poor and not steps:
+        steps.append(
+            f'Much of the drift of {_enumerate(poor)} is left; --verbose says why. '
+            f'{_CALIBRATE_AGAIN}'
+        )
     return (*steps, *(() if case.learnt_c else _recorded(case)))
 
 
@@ -207,10 +212,11 @@ def _recorded(case: Case) -> Iterator[str]:
         ended, other, ways = 'hot', 'cool down', 'cools down'
         if up < down:
             ended, other, ways = 'cold', 'warm up', 'warms up'
+        several = len(coverage.range_c) > 1
+        who = f'thermometer {coverage.leading + 1}' if several else 'the sensor'
         yield (
-            f'The recording ended {ended}: the sensor warmed by {up:.1f} K and cooled by '
-            f'{down:.1f} K. Let it {other} while recording. A lag can only be measured if the '
-            f'sensor also {ways}.'
+            f'The recording ended {ended}: {who} warmed by {up:.1f} K and cooled by {down:.1f} K. '
+            f'Let it {other} while recording. A lag can only be measured if it also {ways}.'
         )
     if case.loose:
         yield (

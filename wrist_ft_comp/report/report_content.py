@@ -1,7 +1,7 @@
 """What report, terminal and service say: one record of a calibration or of an evaluation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import shlex
 from typing import Any, Literal
@@ -30,7 +30,7 @@ _FIGURES = 'before, left: root mean square.'
 #: Errors below this one, N or N m, are written as 0: no sensor resolves them.
 _RESOLVED = 1e-6
 #: Letters that draw what is left over time, nothing first, and how many means they show.
-_BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 16
+_BLOCKS, _SPARKS = '▁▂▃▄▅▆▇█', 12
 #: The entry of an axis that the model does not know.
 _NO_ENTRY = {
     'chosen': 'none', 'reason': '', 'time_constants_s': [], 'candidates': [], 'notes': [],
@@ -264,8 +264,9 @@ def evaluation_content(
     run = advices.run_command(topics, stored.path)
     if paths and not {**stored.sensor, **recordings[0].sensor}.get('temperature_topics'):
         compensate = shlex.join(['wrist_ft_comp', 'compensate', str(stored.path), str(paths[0])])
-        gravity = f' and -p gravity.source:={topics.force_source}' if topics.force_source else ''
-        run = f'{compensate} -o compensated.csv --tare 60\nFor a node, name the topics{gravity}.'
+        heat = tuple(f'TEMPERATURE_{j + 1}' for j in range(stored.model.thermometers))
+        run = advices.run_command(replace(topics, wrench='WRENCH', temperatures=heat), stored.path)
+        run = f'{compensate} -o compensated.csv --tare 60\nOr live, with your topics:\n{run}'
     is_another_day = not any('The model was learnt from' in warning for warning in warnings)
     case = advices.Case(
         recordings, coverage, references[0], {axis.axis: axis.verdict.level for axis in axes},

@@ -137,7 +137,14 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('stamped_s', 'looks', 'doubts_and_leaps'),
-    [(20, 40, (1, 0)), (1, 40, (0, 0)), (-1, 40, (1, 0)), (4000, 40, (1, 1)), (20, 0, (0, 0))],
+    [
+        (20, 40, (1, 0)),
+        (1, 40, (0, 0)),
+        (0, 40, (1, 0)),
+        (-1, 40, (1, 0)),
+        (4000, 40, (1, 1)),
+        (20, 0, (0, 0)),
+    ],
 )
 def test_a_sensor_that_was_silent_may_have_another_zero(
     fake_hub, monkeypatch, stamped_s, looks, doubts_and_leaps

@@ -68,8 +68,8 @@ def test_a_recording_is_readable_while_it_runs_and_ends_with_the_node(rig):
     [
         (30, 30, ''),
         (28, 30, ''),
-        (5, 30, '5 of 29 cells hold wrench and temperature'),
-        (30, 0, '0 of 0 cells hold wrench and temperature'),
+        (5, 30, '24 of 29 cells hold no wrench'),
+        (30, 0, 'nothing was recorded, because no temperature came'),
     ],
 )
 def test_the_answer_says_what_a_recording_lacks(rig, wrenches, temperatures, words):
