@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+import faulthandler
 import gc
 import signal
 import sys
@@ -17,6 +18,9 @@ from rclpy.utilities import remove_ros_args
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.ros.rclpy_internals import Stop
 from wrist_ft_comp.ros.topics import ROS_REFUSALS
+
+#: A node that has not left DDS after this time is ended, s: Fast DDS was seen to wait for ever.
+_LEAVE_S = 30.0
 
 
 def run_node(
@@ -65,6 +69,7 @@ def run_node(
             gc.freeze()
             gc.enable()
             spin(executor, context, stop)
+            faulthandler.dump_traceback_later(_LEAVE_S, exit=True, file=2)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except (WristFtCompError, *ROS_REFUSALS) as error:
@@ -73,6 +78,7 @@ def run_node(
         return 1
     finally:
         context.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 
