@@ -29,12 +29,6 @@ def good(make_recording, warm_up):
     return runs
 
 
-def with_raw(recording, raw):
-    wrench = recording.wrench.copy()
-    wrench[:, 0] = raw
-    return replace(recording, wrench=wrench)
-
-
 def test_a_calibration_holds_the_model_and_its_evidence(good):
     shares, before = [], deepcopy(good)
     calibration = calibrate(good, CalibrationSettings(), shares.append)
@@ -114,8 +108,9 @@ def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
 
 def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
     swing = 8 * np.sin(np.arange(CELLS) / 2)
-    runs = [with_raw(run, swing + 0.03 * run.temperature_c[:, 0]) for run in good]
+    runs = deepcopy(good)
     for run in runs:
+        run.wrench[:, 0] = swing + 0.03 * run.temperature_c[:, 0]
         run.reference[:, 0], run.wrench[:, 5] = swing, np.nan
     assert calibrate(runs, replace(STATIC, reference='recorded')).fits['force_x'].rms_after < 0.1
     again = replace(runs[0], name='again.csv')
