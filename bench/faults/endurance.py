@@ -172,9 +172,7 @@ def endure(arguments: argparse.Namespace, folder: Path) -> bool:
         sys.exit(f'--fault is one of {", ".join(FAULTS)}; got {arguments.fault}.')
     recording = write_warm_up(folder / 'warm_up.csv')
     model = make_model(recording, folder / 'models/first.yaml')
-    given = (
-        f'model_file:={model}', f'calibration.recordings:=[{recording}]', 'tare.duration:=0.2',
-    )  # fmt: skip
+    given = f'model_file:={model}', f'calibration.recordings:=[{recording}]', 'tare.duration:=0.2'
     with closing(Stand(folder, *given)) as stand:
         run = Endurance(stand, arguments.rate, faults, np.random.default_rng(arguments.seed))
         run.settle()

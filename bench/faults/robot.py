@@ -28,8 +28,7 @@ from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.logging import set_logger_level
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from stand import message
+from stand import message, parameters_of
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES, GRAVITY
@@ -157,8 +156,7 @@ class Robot:
             'temperature_topics': [f'temperature_{j}' for j in range(self.thermometers)],
             'gravity.source': self.gravity, 'gravity.frame': 'base000',
         }  # fmt: skip
-        untyped: Any = Parameter
-        overrides = [untyped(name, value=value) for name, value in given.items()]
+        overrides = parameters_of(given)
         self.node = CompensatorNode(context=self._context, parameter_overrides=overrides)
         set_logger_level('wrist_ft_comp', LoggingSeverity.FATAL)
         self.node._output.publish = self._out.append
@@ -234,7 +232,7 @@ class Robot:
 
     def name(self, payload: Payload | None) -> None:
         """Tell the node what is held."""
-        self.named, untyped = payload, Parameter
+        self.named = payload
         values: dict[str, Any] = {'payload.active': ''}
         if payload is not None:
             values = {
@@ -242,10 +240,7 @@ class Robot:
                 'payload.center_of_mass': payload.center_m.tolist(),
             }  # fmt: skip
         if self.node and self.gravity != 'none':
-            given: Any = untyped
-            self.node.set_parameters_atomically(
-                [given(name, value=value) for name, value in values.items()]
-            )
+            self.node.set_parameters_atomically(parameters_of(values))
 
     def tare(self) -> Iterator[float]:
         """Hold the robot still, when what it holds is named, and tare."""
