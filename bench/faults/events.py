@@ -201,7 +201,6 @@ class Event(NamedTuple):
 
 
 def _events() -> Iterator[tuple[str, Event]]:
-    """Make all events, by kind."""
     for kind, words, least_s, most_s in (
         ('frozen', 'frozen', 20, 900), ('zeros', 'frozen|zero', 20, 900),
         ('saturated', 'saturated', 30, 600), ('pulses', 'saturated', 120, 300),

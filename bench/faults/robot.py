@@ -171,7 +171,6 @@ class Robot:
         self._layouts = tf_layouts()
 
     def _graph(self, topic: str) -> list[Any]:
-        """List the publishers of a topic."""
         kind, count = 'sensor_msgs/msg/Temperature', int(not topic.endswith('drift'))
         if topic.endswith('imu'):
             kind = 'sensor_msgs/msg/Imu'
@@ -317,7 +316,6 @@ class Robot:
             self.node._diagnose()
 
     def _send_wrench(self, clean: FloatArray) -> None:
-        """Send what the driver makes of a reading."""
         how, raw = self.wrench, self.unit * self.turn @ clean
         if how == 'saturated' or (how == 'pulses' and self.steady_s % 8 < 4):
             raw[0] = EXTREME_N

@@ -56,10 +56,10 @@ def recorded(tmp_path):
 
 def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(recorded, tmp_path):
     for max_mb, kept in (6.1, [1, 2, 3, 4, 5, 6]), (5.1, [1, 3, 4, 5, 6]), (3.5, [1, 5, 6]):
-        names = diaries.prune(tmp_path, recorded, max_mb)
-        assert names == [path.name for path in days(tmp_path)]
-        assert [int(name[8]) for name in names] == kept
-    assert len(diaries.prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)) == 2
+        diaries.prune(tmp_path, recorded, max_mb)
+        assert [int(path.name[8]) for path in days(tmp_path)] == kept
+    diaries.prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)
+    assert len(days(tmp_path)) == 2
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,6 @@ def _calibrate(job: CalibrationJob) -> dict[str, Any]:
 
 
 def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
-    """Find the payload in a minute of motion, and keep it."""
     cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
     sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
     found = identify(cells, minute.period_s, sensor)
