@@ -116,3 +116,15 @@ def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
     again = replace(runs[0], name='again.csv')
     with pytest.raises(CalibrationRefusedError, match=r'again.csv holds the readings of run0.csv'):
         calibrate([*runs, again], replace(STATIC, reference='recorded'))
+
+
+def test_a_recording_of_less_than_a_minute_does_no_harm_beside_longer_ones(good):
+    """Thermometers are predicted from each other by means over a minute."""
+    runs = [changed(run, temperature_c=lambda t: np.hstack((t, t[:, :1] ** 0.5)),
+                    measured=lambda m: np.tile(m, 2)) for run in good]  # fmt: skip
+    parts = ('temperature_c', 'measured', 'wrench', 'reference')
+    short = changed(runs[0], name='short.csv', **dict.fromkeys(parts, lambda values: values[:5]))
+    prediction = calibrate([*runs, short], STATIC).model.prediction
+    for name, values in vars(calibrate(runs, STATIC).model.prediction).items():
+        if name != 'agree_k':  # three recordings show more of what is usual than two
+            np.testing.assert_allclose(getattr(prediction, name), values)

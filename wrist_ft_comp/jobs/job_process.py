@@ -20,7 +20,7 @@ from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.model_store import HistoryEntry
-from wrist_ft_comp.stored.own_file import from_plain, parse_json, to_plain
+from wrist_ft_comp.stored.own_file import to_plain
 
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0
@@ -76,14 +76,8 @@ class CalibrationJob:
 
 
 def encode_job(job: CalibrationJob) -> str:
-    """Write a job as JSON."""
+    """Write a job as JSON, which ``from_plain`` reads."""
     return json.dumps(to_plain(job), default=str)
-
-
-def decode_job(text: str) -> CalibrationJob:
-    """Read a job that encode_job wrote."""
-    job: CalibrationJob = from_plain(CalibrationJob, parse_json(text))
-    return job
 
 
 class JobProcess:

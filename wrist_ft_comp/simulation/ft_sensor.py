@@ -202,15 +202,10 @@ class RunSettings:
     def __post_init__(self) -> None:
         """Refuse a schedule that cannot be followed; ranges are those of the node's parameters."""
         starts, levels = self.duty_start_s, self.duty_level
-        if len(starts) != len(levels):
+        if len(starts) != len(levels) or not (np.diff(starts) > 0).all():
             raise SettingsError(
-                'The duty schedule needs as many start times as levels; got '
-                f'{len(starts)} and {len(levels)}. Give a level from each start time on.'
-            )
-        if not (np.diff(starts) > 0).all():
-            raise SettingsError(
-                'The start times of the duty schedule must ascend, in seconds; got '
-                f'{list(self.duty_start_s)}.'
+                'The duty schedule needs start times that ascend, s, and as many levels; got '
+                f'{list(starts)} and {list(levels)}. Give a level from each start time on.'
             )
 
 
