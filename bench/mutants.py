@@ -120,7 +120,6 @@ def draw(count: int) -> list[tuple[str, str]]:
     """Draw rooms and names of mutants by a hash of each, so that no change draws others."""
     for room in ROOMS:
         make_tree(room)
-    for room in ROOMS:
         # It makes all of them before it looks for those that it is asked to run.
         mutmut(room, 'run', 'none', fails='nothing matches')
     mutants = [(room, name) for room in ROOMS for name in exit_codes(room)]

@@ -94,11 +94,10 @@ def high_pass(cut_off_hz: float, _: Sequence[Recording], day: Recording) -> Floa
 
 def cubic(training: Sequence[Recording], day: Recording) -> FloatArray:
     """Subtract a cubic polynomial of the thermometer in the sensor."""
-    learnt = [
+    *learnt, judged = (
         Day(one.temperature_c, one.wrench, np.zeros_like(one.wrench), one.period_s)
-        for one in training
-    ]
-    judged = Day(day.temperature_c, day.wrench, np.zeros_like(day.wrench), day.period_s)
+        for one in (*training, day)
+    )
     return zeroed(day.wrench[:, Z] - PEERS['cubic'](learnt, judged)[:, Z])
 
 

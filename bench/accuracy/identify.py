@@ -20,13 +20,7 @@ from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollecto
 from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.simulation.work import (
-    draw_accelerometer,
-    draw_work,
-    move,
-    read_imu,
-    WorkSettings,
-)
+from wrist_ft_comp.simulation import work as robots
 
 RATE_HZ = 100
 NOISE = np.repeat([0.1, 0.005], 3)
@@ -37,11 +31,11 @@ def collected(
 ) -> tuple[FloatArray, Payload]:
     """Let a robot work for a minute; by TF nothing tells its acceleration or speed."""
     rng = np.random.default_rng(seed)
-    work = draw_work(WorkSettings(part_kg=0.0, contacts=contacts), rng)
+    work = robots.draw_work(robots.WorkSettings(part_kg=0.0, contacts=contacts), rng)
     since_s = np.arange(round(DURATION_S * RATE_HZ) + 2) / RATE_HZ
     time_s: FloatArray = rng.uniform(0, 500) + since_s
-    motion = move(work, time_s)
-    imu = read_imu(draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
+    motion = robots.move(work, time_s)
+    imu = robots.read_imu(robots.draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
     if by_tf:
         imu[:, :3], imu[:, 3:] = motion.pose.inv().apply([0, 0, GRAVITY]), np.nan
     wrench = motion.weight + motion.contact + rng.normal(0, NOISE, (len(time_s), 6))

@@ -17,7 +17,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'):
 import numpy as np
 
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The folders that decide how drift is learnt: their last commit draws the worlds.
@@ -104,23 +104,15 @@ def tared_rms(error: FloatArray, cell_s: float = 1.0) -> FloatArray:
     return root_mean_square(tared(block_means(error, round(BLOCK_S / cell_s)), BLOCK_S))
 
 
-def interval(statistic: Callable[[FloatArray], float], *shares: FloatArray) -> tuple[float, float]:
-    """Draw worlds again and again: 95 % of a statistic, or of its ratio between two methods."""
-    rng = np.random.default_rng(0)
-    worlds = len(shares[0])
-    drawn = []
-    for _ in range(DRAWS):
-        rows = rng.integers(worlds, size=worlds)
-        values = [statistic(share[rows]) for share in shares]
-        drawn.append(values[0] / values[1] if len(values) > 1 else values[0])
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return float(low), float(high)
-
-
 def with_interval(key: str, *shares: FloatArray) -> str:
     """Write one of STATISTICS, or its ratio between two methods, with its 95 % interval."""
-    value = STATISTICS[key](shares[0])
-    low, high = interval(STATISTICS[key], *shares)
-    if len(shares) > 1:
-        return f'{value / STATISTICS[key](shares[1]):.2f} ({low:.2f}–{high:.2f})'
-    return f'{value:.3f} ({low:.3f}–{high:.3f})'
+
+    def of_worlds(rows: IntArray) -> float:
+        values = [STATISTICS[key](share[rows]) for share in shares]
+        return values[0] / values[1] if len(values) > 1 else values[0]
+
+    rng, worlds, digits = np.random.default_rng(0), len(shares[0]), 4 - len(shares)
+    # Worlds are drawn again and again.
+    drawn = [of_worlds(rng.integers(worlds, size=worlds)) for _ in range(DRAWS)]
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return f'{of_worlds(np.arange(worlds)):.{digits}f} ({low:.{digits}f}–{high:.{digits}f})'

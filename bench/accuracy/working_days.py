@@ -21,14 +21,7 @@ from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.simulation.work import (
-    Accelerometer,
-    draw_accelerometer,
-    draw_work,
-    move,
-    read_imu,
-    WorkSettings,
-)
+from wrist_ft_comp.simulation import work as robots
 
 RATE = 10
 DAYS, SECONDS = 4, 9000
@@ -90,27 +83,27 @@ class Working:
     tares: int
 
 
-def draw_imu(rng: np.random.Generator, scenario: Scenario) -> Accelerometer:
+def draw_imu(rng: np.random.Generator, scenario: Scenario) -> robots.Accelerometer:
     """Draw an accelerometer that is mounted in any way."""
     crooked = rng.normal(size=3)
     crooked *= np.deg2rad(scenario.turned_deg) / np.linalg.norm(crooked)
     mounted = Rotation.random(random_state=int(rng.integers(2**31)))
     scale = 1 + scenario.scale_error * rng.choice([-1, 1], 3)
     turned = mounted * Rotation.from_rotvec(crooked)
-    return replace(draw_accelerometer(rng), rotation=turned, scale=scale)
+    return replace(robots.draw_accelerometer(rng), rotation=turned, scale=scale)
 
 
 def work(
-    rng: np.random.Generator, scenario: Scenario, tools: int, imu: Accelerometer,
+    rng: np.random.Generator, scenario: Scenario, tools: int, imu: robots.Accelerometer,
     warm_k: FloatArray,
 ) -> Worked:  # fmt: skip
     """Work for a day with the payloads that ``tools`` draws, beside warmth (N,), K."""
     masses = np.random.default_rng([tools, 1])
     tool_kg, part_kg = between(masses, 0.7, 2.5), between(masses, 0.4, 2.5)
-    settings = WorkSettings(
+    settings = robots.WorkSettings(
         tool_kg, part_kg * scenario.part, scenario.contacts, between(rng, 0.4, 1.5)
     )
-    drawn = draw_work(settings, rng, np.random.default_rng(tools))
+    drawn = robots.draw_work(settings, rng, np.random.default_rng(tools))
     # The tool points down within a cone; a day of few poses returns to them.
     legs = len(drawn.turns)
     tilt = np.arccos(rng.uniform(np.cos(np.deg2rad(scenario.cone_deg)), 1, legs))
@@ -118,14 +111,14 @@ def work(
     down = Rotation.from_euler('ZYZ', np.stack((turns[0], tilt, turns[1]), axis=1))
     poses = (down * Rotation.from_euler('X', np.pi))[np.arange(legs) % (scenario.poses or legs)]
     turned = (poses.inv() * poses[np.r_[1:legs, 0]]).as_rotvec()
-    motion = move(
+    motion = robots.move(
         replace(drawn, poses=poses, turns=turned), (np.arange(len(warm_k) * RATE) + 0.5) / RATE
     )
     if scenario.tf:
         base = GRAVITY * Rotation.from_rotvec([*rng.normal(0, 0.005, 2), 0]).apply([0, 0, 1])
         force = motion.pose.inv().apply(np.broadcast_to(base, motion.force.shape))
     else:
-        force = read_imu(imu, motion, np.repeat(warm_k, RATE), rng)[:, :3]
+        force = robots.read_imu(imu, motion, np.repeat(warm_k, RATE), rng)[:, :3]
     wrench, force, squares = (
         part.reshape(-1, RATE, part.shape[1]).mean(axis=1)
         for part in (motion.weight + motion.contact, force, motion.omega**2)
@@ -173,11 +166,8 @@ def working(name: str, seed: int) -> Working:
             break
         day = work(rng, scenario, seed, imu, felt_c[:, node] - FACTORY_C)
         raw, tared = measure(again[1], gauges, felt_c, day.wrench, scenario.tares)
-        days.append(
-            replace(
-                recording_of(seen[number], raw),
-                specific_force=day.force, rotation_speed=day.speed,
-            )
-        )  # fmt: skip
+        recording = recording_of(seen[number], raw)
+        recording = replace(recording, specific_force=day.force, rotation_speed=day.speed)
+        days.append(recording)
         tares, payloads = tares + len(tared), day.payloads
     return Working(days, empty[:-1], empty[-1], payloads, tares)

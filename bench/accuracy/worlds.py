@@ -22,15 +22,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from judging import (
-    bench_parser,
-    block_means,
-    first_seed,
-    root_mean_square,
-    STATISTICS,
-    tared,
-    with_interval,
-)
+import judging
 import numpy as np
 import pandas
 from peers import axes_of, day_of, Peer, PEERS
@@ -97,13 +89,13 @@ def print_family(title: str, results: Mapping[str, Result]) -> None:
     print(f'\n{title}: drift left in {worlds} worlds, as a share of the uncompensated')
     print(f'{"":16}{"median":>21}{"mean":>21}{"95 %":>21}{"worst":>8}{"s":>7}')
     for name, result in results.items():
-        cells = ''.join(f'{with_interval(key, result.left):>21}' for key in PRINTED)
-        cells += f'{STATISTICS["worst"](result.left):8.2f}{np.median(result.seconds):7.1f}'
+        cells = ''.join(f'{judging.with_interval(key, result.left):>21}' for key in PRINTED)
+        cells += f'{judging.STATISTICS["worst"](result.left):8.2f}{np.median(result.seconds):7.1f}'
         print(f'{name:16}{cells}')
     for ours, theirs in ((AUTO, PEER), (AUTO, BEFORE), (MORE, AUTO)):
         if ours in results and theirs in results:
             left = results[ours].left, results[theirs].left
-            ratios = ', '.join(f'{key} {with_interval(key, *left)}' for key in PRINTED)
+            ratios = ', '.join(f'{key} {judging.with_interval(key, *left)}' for key in PRINTED)
             print(f'{ours} by {theirs}: {ratios}')
     for name in (AUTO, BEFORE):
         if name in results and np.isfinite(results[name].kept).any():
@@ -183,12 +175,12 @@ def left_of(world: World, answer: Answer) -> FloatArray:
     """Return what is left of the judged day's drift, shape (M, 6), tared."""
     day = day_of(world.judge)
     cells = round(len(answer.drift) / len(day.drift))
-    return tared(day.drift - block_means(answer.drift, cells), day.period_s)
+    return judging.tared(day.drift - judging.block_means(answer.drift, cells), day.period_s)
 
 
 def rms_left(world: World, answer: Answer) -> FloatArray:
     """RMS of what is left of each axis' drift, (6,)."""
-    return root_mean_square(left_of(world, answer))
+    return judging.root_mean_square(left_of(world, answer))
 
 
 def judge(
@@ -287,14 +279,14 @@ def print_real(methods: Sequence[str]) -> None:
 
 def main() -> None:
     """Judge all methods in all worlds."""
-    parser = bench_parser(__doc__, 'worlds', 20)
+    parser = judging.bench_parser(__doc__, 'worlds', 20)
     parser.add_argument('--families', nargs='*', default=[*FAMILIES], choices=FAMILIES)
     parser.add_argument('--methods', nargs='*', default=METHODS, choices=METHODS)
     parser.add_argument('--before', type=Path, help='tree of a version to judge beside this one')
     parser.add_argument('--more', type=int, default=0, help='days beyond those of the families')
     parser.add_argument('--no-real', action='store_true', help='drawn worlds only')
     options = parser.parse_args()
-    first = first_seed(options)
+    first = judging.first_seed(options)
     methods = list(options.methods)
     if options.before:
         os.environ[BEFORE_TREE] = str(options.before.resolve())

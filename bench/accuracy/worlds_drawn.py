@@ -11,18 +11,8 @@ from dataclasses import dataclass, field
 
 from judging import recording_of
 import numpy as np
-from thermal_networks import (
-    between,
-    Body,
-    COOLANT,
-    draw_day,
-    draw_others,
-    draw_sources,
-    lag,
-    network,
-    NIGHT_STEP_S,
-    rod,
-)
+import thermal_networks as networks
+from thermal_networks import Body, draw_day, lag, network, rod
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.recording import Recording, Reference
@@ -216,16 +206,16 @@ def family(name: str, seed: int, more: int = 0) -> World:
     """
     kind = FAMILIES[name]
     rng = np.random.default_rng([seed, list(FAMILIES).index(name)])
-    others = draw_others(rng)
+    others = networks.draw_others(rng)
     if kind.body in {'rod', 'lag'}:  # a rod's other end; a lag is not seen to begin at rest
-        others[COOLANT] = kind.body == 'rod'
+        others[networks.COOLANT] = kind.body == 'rod'
     body = rod(rng, others) if kind.body == 'rod' else network(rng, others)
-    sources = draw_sources(rng, others)
+    sources = networks.draw_sources(rng, others)
     thermometers = draw_thermometers(
         rng, body, kind.thermometers or int(rng.integers(1, 3)), kind.body
     )
     gauges = draw_gauges(rng, body, kind.body)
-    tau_s = between(rng, 60.0, 2400.0)
+    tau_s = networks.between(rng, 60.0, 2400.0)
     days: list[tuple[FloatArray, FloatArray]] = []
     for number in range(kind.days + more + 1):
         last = number == kind.days + more
@@ -247,7 +237,7 @@ def family(name: str, seed: int, more: int = 0) -> World:
         felt = day
         if kind.body == 'lag':
             seen = np.repeat(night[:, thermometers.nodes], body.nodes, axis=1)
-            slept = lag(seen, tau_s, seen[0], NIGHT_STEP_S)[-1]
+            slept = lag(seen, tau_s, seen[0], networks.NIGHT_STEP_S)[-1]
             felt = lag(np.repeat(day[:, thermometers.nodes], body.nodes, axis=1), tau_s, slept)
         recorded.append(record(rng, gauges, readings, felt, int(kind.loaded)))
     learn = [recording for recording, _ in recorded[:-1]]

@@ -265,10 +265,9 @@ def ended(year: Year, number: int) -> tuple[YearDay, Day | None]:
 
 def by_hand(recordings: Sequence[Recording]) -> DriftModel | None:
     """Calibrate as somebody does who has these warm-ups; None where they are refused."""
-    try:
+    with suppress(CalibrationRefusedError):
         return calibrate(recordings).model
-    except CalibrationRefusedError:
-        return None
+    return None
 
 
 def live(seed: int, length: int, pool: Executor) -> Lived:

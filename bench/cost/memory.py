@@ -27,11 +27,6 @@ START_S = 1_723_248_197
 PAGE_MIB = os.sysconf('SC_PAGE_SIZE') / 2**20
 
 
-def resident_mib() -> float:
-    """Resident memory of this process, MiB."""
-    return int(Path('/proc/self/statm').read_text().split()[1]) * PAGE_MIB
-
-
 def live_a_second(node: Any, second: int, rate_hz: int) -> None:
     """Give the node what comes in a second."""
     thermal = rate_hz // TEMPERATURE_HZ
@@ -51,7 +46,7 @@ def endure(node: Any, hours: float, rate_hz: int) -> dict[str, Any]:
     print('hours   resident, MiB   since the first minute, MiB')
     for second in range(seconds + 1):
         if second == 60 or (second > 60 and (second % 7200 == 0 or second == seconds)):
-            samples[second] = resident_mib()
+            samples[second] = int(Path('/proc/self/statm').read_text().split()[1]) * PAGE_MIB
             grown = samples[second] - samples[60]
             print(f'{second / 3600:5.2f}  {samples[second]:14.1f}  {grown:+28.2f}')
         live_a_second(node, second, rate_hz)

@@ -155,13 +155,11 @@ class Line:
     def _send(
         self, name: str, rate_hz: float, seconds: float, **beside: float
     ) -> dict[str, float]:
-        """Let the sensor send."""
         job = {'to': name, 'rate_hz': rate_hz, 'seconds': seconds, **beside}
         result: dict[str, float] = ask(self._sensor, json.dumps(job))
         return result
 
     def _take(self) -> None:
-        """Take what the receiver has."""
         taken = ask(self.receiver, 'take')
         self.topics: dict[str, Any] = taken['topics']
         self.calibrated = bool(taken['calibrated'])

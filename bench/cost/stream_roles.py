@@ -150,7 +150,6 @@ class Receiver:
         self._node.destroy_node()
 
     def _obey(self, order: str, namespace: str = '') -> None:
-        """Carry out one order."""
         if order == 'calibrate':
             client = self._node.create_client(Trigger, f'/{namespace}/wrist_ft_comp/calibrate')
             client.wait_for_service()

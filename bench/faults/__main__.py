@@ -35,8 +35,6 @@ def main() -> int:
         command = commands.add_parser(name)
         command.add_argument(unit, nargs='?', type=type(default), default=default)
         command.add_argument('--seed', type=int, default=0)
-        if name == 'fuzz':
-            command.add_argument('--target', help='one of the readers')
         if name == 'endurance':
             command.add_argument('--rate', type=float, default=1000.0, help='wrenches, Hz')
             command.add_argument('--fault', help='the only one that is injected')

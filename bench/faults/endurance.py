@@ -66,7 +66,6 @@ class Endurance:
         self._heat = talker.create_publisher(Temperature, 'temperature', 100)
 
     def _on_output(self, data: bytes) -> None:
-        """Judge one output."""
         header, values = data[:-48], np.array(struct.unpack('<6d', data[-48:]))
         with self._lock:
             self._last_output_s = time.monotonic()
@@ -91,7 +90,6 @@ class Endurance:
         self._raw.publish(data)
 
     def _warm(self) -> None:
-        """Send a temperature of now."""
         self._heat.publish(message(time.time_ns(), (self._sensor.celsius, 0.0)))
 
     def settle(self) -> None:
@@ -172,9 +170,7 @@ def endure(arguments: argparse.Namespace, folder: Path) -> bool:
         sys.exit(f'--fault is one of {", ".join(FAULTS)}; got {arguments.fault}.')
     recording = write_warm_up(folder / 'warm_up.csv')
     model = make_model(recording, folder / 'models/first.yaml')
-    given = (
-        f'model_file:={model}', f'calibration.recordings:=[{recording}]', 'tare.duration:=0.2',
-    )  # fmt: skip
+    given = f'model_file:={model}', f'calibration.recordings:=[{recording}]', 'tare.duration:=0.2'
     with closing(Stand(folder, *given)) as stand:
         run = Endurance(stand, arguments.rate, faults, np.random.default_rng(arguments.seed))
         run.settle()

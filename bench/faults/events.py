@@ -201,7 +201,6 @@ class Event(NamedTuple):
 
 
 def _events() -> Iterator[tuple[str, Event]]:
-    """Make all events, by kind."""
     for kind, words, least_s, most_s in (
         ('frozen', 'frozen', 20, 900), ('zeros', 'frozen|zero', 20, 900),
         ('saturated', 'saturated', 30, 600), ('pulses', 'saturated', 120, 300),
@@ -228,16 +227,13 @@ def _events() -> Iterator[tuple[str, Event]]:
     yield 'thermometers exchanged', Event('thermometer', 'thermometer', exchanged)
     for source in CLOCKS:
         words = 'clock|stamp|apart' + ('|specific force' if source == IMU else '')
-        yield (
-            f'clock of {source} differs',
-            Event('clock', words, clock(source, stands_still=False)),
-        )
-        yield f'clock of {source} stops', Event('clock', words, clock(source, stands_still=True))
+        for how in ('differs', 'stops'):
+            script = clock(source, stands_still=how == 'stops')
+            yield f'clock of {source} {how}', Event('clock', words, script)
     yield 'clocks leap', Event('clock', 'stamps|clock', all_leap)
     again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
-    script = partial(driver_again, stays=True)
-    yield 'sensor biased anew', Event('driver', again, script)
+    yield 'sensor biased anew', Event('driver', again, partial(driver_again, stays=True))
     for unit in (0.2248, 4.448, 1000.0):
         script = driver_in(unit, np.eye(6), OWN_FRAME)
         yield f'driver in units of {unit}', Event(weighed, f'unit|the weight|{again}', script)

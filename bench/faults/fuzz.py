@@ -90,6 +90,7 @@ class Targets:
         diaries.save_diary(
             folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),))
         )
+        mcap, sqlite = map(self._bag, (StoragePlugin.MCAP, StoragePlugin.SQLITE3))
         lines = recording.read_bytes().splitlines(keepends=True)
         self.readers: dict[str, tuple[bytes, Callable[[bytes], None]]] = {
             'wire': (message(10**18, (1, 2, 3, 4, 5, 6.0)), self.wire),
@@ -98,12 +99,8 @@ class Targets:
             'list of models': ((folder / 'active.json').read_bytes(), self.store),
             'diary': (diary_path(folder).read_bytes(), self.diary),
             'CSV': (b''.join(lines[:40]), partial(self.file, 'r.csv', read_recording)),
-            **{
-                name: (self._bag(plugin), partial(self.file, f'b.{ending}', read_recording))
-                for name, plugin, ending in (
-                    ('mcap', StoragePlugin.MCAP, 'mcap'), ('sqlite', StoragePlugin.SQLITE3, 'db3'),
-                )
-            },
+            'mcap': (mcap, partial(self.file, 'b.mcap', read_recording)),
+            'sqlite': (sqlite, partial(self.file, 'b.db3', read_recording)),
         }  # fmt: skip
 
     def _bag(self, storage: StoragePlugin) -> bytes:
@@ -208,7 +205,7 @@ def fuzz(arguments: argparse.Namespace, folder: Path) -> bool:
     targets, results = Targets(folder), {}
     columns = ('inputs', 'taken', 'refused', 'FAULTS', 'slowest_ms')
     print(f'{"reader":16}' + ''.join(f'{column:>12}' for column in columns))
-    for name in [arguments.target] if arguments.target else targets.readers:
+    for name in targets.readers:
         tally = results[name] = feed(name, targets, arguments.inputs, arguments.seed)
         cells = ''.join(f'{tally.get(column, 0):12}' for column in columns)
         print(f'{name:16}{cells}', flush=True)

@@ -171,9 +171,7 @@ def kill_recording(arguments: argparse.Namespace, folder: Path) -> bool:
     warm_up = stands.write_warm_up(data / 'warm_up.csv', 1800, 10)
     victim = Victim(data, np.random.default_rng(arguments.seed))
     newest_ns = START_S * NANOSECONDS
-    given = (
-        f'calibration.recordings:=[{warm_up}]', 'tare.duration:=0.5',
-    )  # fmt: skip
+    given = f'calibration.recordings:=[{warm_up}]', 'tare.duration:=0.5'
     with closing(Stand(data, *given, source=HASTE)) as stand:
         ends = (
             stand.talker.create_publisher(WrenchStamped, 'wrench_raw', 100),
@@ -254,9 +252,7 @@ def kill_learning(arguments: argparse.Namespace, folder: Path) -> bool:
             (data / 'active.json').unlink(missing_ok=True)
         live_before = ModelStore(data).history()[-1:]
         mode = 'propose' if number < arguments.kills / 2 else 'auto'
-        given = (
-            f'learning.mode:={mode}', 'calibration.reference:=payload', 'gravity.source:=imu',
-        )  # fmt: skip
+        given = f'learning.mode:={mode}', 'calibration.reference:=payload', 'gravity.source:=imu'
         aim = LEARNING_AIMS[number % len(LEARNING_AIMS)]
         life_s = LONGEST_LEARNING_S
         if not aim:

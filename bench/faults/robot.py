@@ -28,8 +28,7 @@ from rclpy.context import Context
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.logging import set_logger_level
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from stand import message
+from stand import message, parameters_of
 from std_srvs.srv import Trigger
 
 from wrist_ft_comp.channels import AXES, GRAVITY
@@ -157,8 +156,7 @@ class Robot:
             'temperature_topics': [f'temperature_{j}' for j in range(self.thermometers)],
             'gravity.source': self.gravity, 'gravity.frame': 'base000',
         }  # fmt: skip
-        untyped: Any = Parameter
-        overrides = [untyped(name, value=value) for name, value in given.items()]
+        overrides = parameters_of(given)
         self.node = CompensatorNode(context=self._context, parameter_overrides=overrides)
         set_logger_level('wrist_ft_comp', LoggingSeverity.FATAL)
         self.node._output.publish = self._out.append
@@ -173,7 +171,6 @@ class Robot:
         self._layouts = tf_layouts()
 
     def _graph(self, topic: str) -> list[Any]:
-        """List the publishers of a topic."""
         kind, count = 'sensor_msgs/msg/Temperature', int(not topic.endswith('drift'))
         if topic.endswith('imu'):
             kind = 'sensor_msgs/msg/Imu'
@@ -234,7 +231,7 @@ class Robot:
 
     def name(self, payload: Payload | None) -> None:
         """Tell the node what is held."""
-        self.named, untyped = payload, Parameter
+        self.named = payload
         values: dict[str, Any] = {'payload.active': ''}
         if payload is not None:
             values = {
@@ -242,10 +239,7 @@ class Robot:
                 'payload.center_of_mass': payload.center_m.tolist(),
             }  # fmt: skip
         if self.node and self.gravity != 'none':
-            given: Any = untyped
-            self.node.set_parameters_atomically(
-                [given(name, value=value) for name, value in values.items()]
-            )
+            self.node.set_parameters_atomically(parameters_of(values))
 
     def tare(self) -> Iterator[float]:
         """Hold the robot still, when what it holds is named, and tare."""
@@ -322,7 +316,6 @@ class Robot:
             self.node._diagnose()
 
     def _send_wrench(self, clean: FloatArray) -> None:
-        """Send what the driver makes of a reading."""
         how, raw = self.wrench, self.unit * self.turn @ clean
         if how == 'saturated' or (how == 'pulses' and self.steady_s % 8 < 4):
             raw[0] = EXTREME_N

@@ -58,9 +58,8 @@ class Sensor:
         """Let time pass until some seconds after the start."""
         while self._elapsed_s < elapsed_s:
             self._elapsed_s += 0.1
-            self._warmth_k = 15.0 * (1 - np.exp(-self._elapsed_s / 400)) + np.sin(
-                self._elapsed_s / 40
-            )
+            heated_k = 15.0 * (1 - np.exp(-self._elapsed_s / 400))
+            self._warmth_k = heated_k + np.sin(self._elapsed_s / 40)
             self._lagged_k += (1 - np.exp(-0.1 / LAG_S)) * (self._warmth_k - self._lagged_k)
 
     @property
@@ -220,15 +219,19 @@ def tell(name: str, figures: object) -> None:
     keep(f'{name}.json', figures)
 
 
+def parameters_of(values: dict[str, Any]) -> list[Any]:
+    """Make parameters by name."""
+    untyped: Any = Parameter
+    return [untyped(name, value=value) for name, value in values.items()]
+
+
 @contextmanager
 def node_here(folder: Path, model: Path) -> Iterator[Any]:
     """Make the node with a model in this process, for calls of its callbacks."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     context: Any = Context()
     context.init([])
-    given: Any = {'data_directory': str(folder), 'model_file': str(model)}
-    untyped: Any = Parameter
-    chosen = [untyped(name, value=value) for name, value in given.items()]
+    chosen = parameters_of({'data_directory': str(folder), 'model_file': str(model)})
     node = CompensatorNode(context=context, parameter_overrides=chosen)
     yield node
     node.destroy_node()

@@ -5,11 +5,7 @@ import pytest
 
 from wrist_ft_comp.drift.arx import Arx, free_run
 from wrist_ft_comp.errors import TooShortError
-from wrist_ft_comp.fit.arx_pls import (
-    fit_one_step,
-    MAX_POLE_RADIUS,
-    stabilise,
-)
+from wrist_ft_comp.fit.arx_pls import fit_one_step, MAX_POLE_RADIUS, stabilise
 from wrist_ft_comp.fit.settings import Orders
 
 #: Static, with a direct term and without, as the paper's first H(z) (d = 1), and later.

@@ -29,12 +29,6 @@ def good(make_recording, warm_up):
     return runs
 
 
-def with_raw(recording, raw):
-    wrench = recording.wrench.copy()
-    wrench[:, 0] = raw
-    return replace(recording, wrench=wrench)
-
-
 def test_a_calibration_holds_the_model_and_its_evidence(good):
     shares, before = [], deepcopy(good)
     calibration = calibrate(good, CalibrationSettings(), shares.append)
@@ -114,10 +108,23 @@ def test_too_few_samples_are_refused_and_an_axis_without_any_is_not_there(good):
 
 def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
     swing = 8 * np.sin(np.arange(CELLS) / 2)
-    runs = [with_raw(run, swing + 0.03 * run.temperature_c[:, 0]) for run in good]
+    runs = deepcopy(good)
     for run in runs:
+        run.wrench[:, 0] = swing + 0.03 * run.temperature_c[:, 0]
         run.reference[:, 0], run.wrench[:, 5] = swing, np.nan
     assert calibrate(runs, replace(STATIC, reference='recorded')).fits['force_x'].rms_after < 0.1
     again = replace(runs[0], name='again.csv')
     with pytest.raises(CalibrationRefusedError, match=r'again.csv holds the readings of run0.csv'):
         calibrate([*runs, again], replace(STATIC, reference='recorded'))
+
+
+def test_a_recording_of_less_than_a_minute_does_no_harm_beside_longer_ones(good):
+    """Thermometers are predicted from each other by means over a minute."""
+    runs = [changed(run, temperature_c=lambda t: np.hstack((t, t[:, :1] ** 0.5)),
+                    measured=lambda m: np.tile(m, 2)) for run in good]  # fmt: skip
+    parts = ('temperature_c', 'measured', 'wrench', 'reference')
+    short = changed(runs[0], name='short.csv', **dict.fromkeys(parts, lambda values: values[:5]))
+    prediction = calibrate([*runs, short], STATIC).model.prediction
+    for name, values in vars(calibrate(runs, STATIC).model.prediction).items():
+        if name != 'agree_k':  # three recordings show more of what is usual than two
+            np.testing.assert_allclose(getattr(prediction, name), values)

@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.data_checks import (
-    drop_stuck_cells,
-    jumping_thermometers,
-)
+from wrist_ft_comp.fit.data_checks import drop_stuck_cells, jumping_thermometers
 
 CELLS = 1000
 

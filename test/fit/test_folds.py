@@ -21,33 +21,28 @@ def test_a_bin_lasts_ten_seconds_unless_a_fold_had_fewer_than_eight(cells, perio
     assert width in {1, 100} or cells // (width + 1) < FOLDS * 8 <= cells // width
 
 
-class TestFolds:
-    def test_several_recordings_are_held_out_whole(self, make_recording):
-        recordings = [make_recording(np.ones(n), {'force_x': 1.0}) for n in (50, 60, 70)]
-        for number, folds in enumerate(assign_folds(recordings)):
-            np.testing.assert_array_equal(folds, np.full(50 + 10 * number, number))
+def test_one_recording_is_cut_into_equal_times_or_at_plateaus(make_recording):
+    (folds,) = assign_folds([make_recording(LOAD, {'force_x': LOAD})])
+    assert (np.diff(folds) >= 0).all()
+    assert len(np.unique(folds)) == FOLDS
+    assert np.ptp(np.bincount(folds)) < 10  # they end at whole bins
+    raw = np.where(np.arange(CELLS) % 60 < 20, 1.0, np.nan)
+    stairs = np.repeat([20.0, 10.0, 30.0, 40.0], 60)
+    (folds,) = assign_folds([make_recording(stairs, {'force_x': raw})])
+    np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
-    def test_one_recording_is_cut_into_equal_times_or_at_plateaus(self, make_recording):
-        (folds,) = assign_folds([make_recording(LOAD, {'force_x': LOAD})])
-        assert (np.diff(folds) >= 0).all()
-        assert len(np.unique(folds)) == FOLDS
-        assert np.ptp(np.bincount(folds)) < 10  # they end at whole bins
-        raw = np.where(np.arange(CELLS) % 60 < 20, 1.0, np.nan)
-        stairs = np.repeat([20.0, 10.0, 30.0, 40.0], 60)[:CELLS]
-        (folds,) = assign_folds([make_recording(stairs, {'force_x': raw})])
-        np.testing.assert_array_equal(folds[np.isfinite(raw)], np.repeat(range(4), 20))
 
-    @pytest.mark.parametrize('tau_cells', [24, 60, 1000])
-    def test_a_warm_up_is_cut_half_by_time_and_half_by_kelvin(self, make_recording, tau_cells):
-        share = -np.expm1(-np.arange(720) / tau_cells)
-        recording = make_recording(20 + 15 * share, {'force_y': 1.0})
-        (folds,) = assign_folds([recording])
-        ends = np.flatnonzero(np.diff(folds)) + 1
-        passed = (ends / 720 + share[ends] / share[-1]) / 2
-        np.testing.assert_allclose(passed, [1 / 3, 2 / 3], atol=0.05)
-        recording.temperature_c[:] = 20.0
-        (still,) = assign_folds([recording])
-        np.testing.assert_array_equal(np.unique(still), [0, 1])
+@pytest.mark.parametrize('tau_cells', [24, 60, 1000])
+def test_a_warm_up_is_cut_half_by_time_and_half_by_kelvin(make_recording, tau_cells):
+    share = -np.expm1(-np.arange(720) / tau_cells)
+    recording = make_recording(20 + 15 * share, {'force_y': 1.0})
+    (folds,) = assign_folds([recording])
+    ends = np.flatnonzero(np.diff(folds)) + 1
+    passed = (ends / 720 + share[ends] / share[-1]) / 2
+    np.testing.assert_allclose(passed, [1 / 3, 2 / 3], atol=0.05)
+    recording.temperature_c[:] = 20.0
+    (still,) = assign_folds([recording])
+    np.testing.assert_array_equal(np.unique(still), [0, 1])
 
 
 ROWS = 720

@@ -19,12 +19,6 @@ def coefficients(outer):
     return (outer.rotations * outer.inner) @ outer.output_loadings.T
 
 
-shapes = pytest.mark.parametrize(
-    ('inputs', 'outputs', 'latents'),
-    [(m, k, r) for m, k in ((1, 1), (4, 1), (4, 2), (6, 3)) for r in range(1, m + 1)],
-)
-
-
 @pytest.mark.parametrize('outputs', [1, 2, 3])
 def test_full_rank_pls_is_least_squares(outputs):
     x, y = made_up(50, 4, outputs)
@@ -33,7 +27,10 @@ def test_full_rank_pls_is_least_squares(outputs):
         np.testing.assert_allclose(coefficients(fit(x, y, 4)), expected, atol=1e-10)
 
 
-@shapes
+@pytest.mark.parametrize(
+    ('inputs', 'outputs', 'latents'),
+    [(m, k, r) for m, k in ((1, 1), (4, 1), (4, 2), (6, 3)) for r in range(1, m + 1)],
+)
 def test_scikit_learn_predicts_the_same(inputs, outputs, latents):
     cross = pytest.importorskip('sklearn.cross_decomposition', reason='no scikit-learn')
     from sklearn.decomposition import PCA  # noqa: PLC0415 -- only where it is installed
@@ -80,35 +77,30 @@ CELLS = 400
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
 
 
-class TestObservedDrift:
-    @pytest.fixture
-    def observe(self, make_axis_data):
-        """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
+@pytest.fixture
+def observe(make_axis_data):
+    """Observe the drift of a raw wrench beside a load, over a rise from 20 to 40 °C."""
+    rise_c = np.linspace(20, 40, CELLS)
+    return lambda raw, load: observe_drift(make_axis_data([rise_c], [raw], [load]))[0]
 
-        def make(raw, load=None):
-            loads = None if load is None else [load]
-            folds = [np.zeros(CELLS, dtype=np.int64)]
-            rise_c = np.linspace(20, 40, CELLS)
-            return observe_drift(make_axis_data([rise_c], [raw], loads, folds=folds))[0]
 
-        return make
+def test_windows_do_not_cross_gaps(observe):
+    """Drift jumps in the gap, which lies inside what would be one window."""
+    cells = round(OBSERVATION_WINDOW_S / 10.0)
+    before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
+    sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
+    sensitivity[after], zero[after] = -0.03, -5.0
+    gap[before.stop : after.start] = np.nan
+    observed = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
+    seen = np.isfinite(observed).all(axis=1)
+    assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
+    np.testing.assert_allclose(observed[seen, 0], zero[seen], atol=1e-9)
+    np.testing.assert_allclose(observed[seen, 1], sensitivity[seen], atol=1e-12)
+    assert {0.02, -0.03} == set(np.round(observed[seen, 1], 9))
 
-    def test_windows_do_not_cross_gaps(self, observe):
-        """Drift jumps in the gap, which lies inside what would be one window."""
-        cells = round(OBSERVATION_WINDOW_S / 10.0)
-        before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
-        sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)
-        sensitivity[after], zero[after] = -0.03, -5.0
-        gap[before.stop : after.start] = np.nan
-        observed = observe((1 + sensitivity) * LOAD + zero + gap, LOAD)
-        seen = np.isfinite(observed).all(axis=1)
-        assert (~seen).sum() <= 10 + 10  # the gap, and at most a last window of few cells
-        np.testing.assert_allclose(observed[seen, 0], zero[seen], atol=1e-9)
-        np.testing.assert_allclose(observed[seen, 1], sensitivity[seen], atol=1e-12)
-        assert {0.02, -0.03} == set(np.round(observed[seen, 1], 9))
 
-    def test_windows_without_load_are_not_observed(self, observe):
-        quiet = LOAD.copy()
-        quiet[120:180] = 5.0
-        observed = observe(1.1 * quiet, quiet)
-        np.testing.assert_array_equal(np.isnan(observed[:, 1]), (quiet != LOAD))
+def test_windows_without_load_are_not_observed(observe):
+    quiet = LOAD.copy()
+    quiet[120:180] = 5.0
+    observed = observe(1.1 * quiet, quiet)
+    np.testing.assert_array_equal(np.isnan(observed[:, 1]), (quiet != LOAD))

@@ -5,15 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wrist_ft_comp.fit.ridge_average import (
-    BANKS_S,
-    bin_axis_data,
-    candidates,
-    DEGREE_PENALTY,
-    fit_ridge,
-    POOL_S,
-    sum_by_fold,
-)
+from wrist_ft_comp.fit import ridge_average as ridges
+from wrist_ft_comp.fit.ridge_average import bin_axis_data, candidates, POOL_S, sum_by_fold
 
 HIGHEST = 3
 #: Steps of three recordings, in cells.
@@ -75,7 +68,7 @@ def test_there_are_ten_for_each_degree_and_the_simplest_comes_first():
     assert len(set(fits)) == 30
     assert fits[0].name == 'static, degree 1'
     assert [fit.degree for fit in fits] == [1] * 10 + [2] * 10 + [3] * 10
-    assert {fit.bank_s for fit in fits} == {(0.0,), *BANKS_S.values()}
+    assert {fit.bank_s for fit in fits} == {(0.0,), *ridges.BANKS_S.values()}
 
 
 @pytest.mark.parametrize('candidate', candidates(HIGHEST)[::3], ids=str)
@@ -89,13 +82,13 @@ def test_ridge_is_least_squares_with_a_row_per_penalty(problem, columns, candida
     gain = [half, *(half + k for k in places)] if problem.load is not None else []
     used = [*zero, *gain]
     powers = np.array([1 + (k - 1) % HIGHEST for k in zero] + [1] * (len(used) - len(zero)))
-    penalty = np.sqrt(candidate.strength * DEGREE_PENALTY ** (powers - 1.0))
+    penalty = np.sqrt(candidate.strength * ridges.DEGREE_PENALTY ** (powers - 1.0))
     rows = np.diag(penalty * np.linalg.norm(x[:, used], axis=0))
     target = np.concatenate((y, np.zeros(len(used))))
     expected = np.zeros(x.shape[1] + 1)
     expected[used] = np.linalg.lstsq(np.concatenate((x[:, used], rows)), target, rcond=None)[0]
     expected[-1] = -1.0
-    found = fit_ridge(candidate, HIGHEST, 1, everything.T @ everything)
+    found = ridges.fit_ridge(candidate, HIGHEST, 1, everything.T @ everything)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-9)
 
 

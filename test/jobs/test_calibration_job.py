@@ -15,11 +15,12 @@ from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, Orders
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, encode_job, Learning, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, encode_job, Learning, Minute
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.own_file import from_plain, parse_json
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
@@ -50,6 +51,9 @@ def job(tmp_path, *recordings, **more):
 
 
 def test_a_job_survives_its_journey_as_a_line_of_ascii():
+    def decode_job(text):
+        return from_plain(CalibrationJob, parse_json(text))
+
     text = encode_job(OTHER)
     assert text.isascii()
     assert '\n' not in text

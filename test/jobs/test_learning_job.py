@@ -13,10 +13,7 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
-from wrist_ft_comp.learning.diary import (
-    diary_path,
-    load_diary,
-)
+from wrist_ft_comp.learning.diary import diary_path, load_diary
 from wrist_ft_comp.learning.working_day import days, LARGEST_BYTES
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
@@ -60,10 +57,6 @@ def write_day(directory, number, cells=CELLS, *, parked_s=None):
 def write_rows(path, rows):
     lines = [','.join(COLUMNS), *(','.join(f'{value:.9g}' for value in row) for row in rows)]
     path.write_text('\n'.join(lines) + '\n')
-
-
-def rows_of(path):
-    return np.loadtxt(path, delimiter=',', skiprows=1)
 
 
 @pytest.fixture(scope='module')
@@ -187,7 +180,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
     drift = run_from_rest(model, warm[:, np.newaxis])[1].zero[:, 2]
     for number, part in ((1, slice(CELLS)), (2, slice(CELLS, None))):
         path = write_day(tmp_path, number)
-        rows = rows_of(path)
+        rows = np.loadtxt(path, delimiter=',', skiprows=1)
         rows[:, 3] += drift[part] - 0.5 * 0.4 * rows[:, 7]
         rows[:, 7], rows[:, 0] = warm[part], PERIOD_S * (np.arange(2 * CELLS)[part] + 0.5)
         rows[:, 0] += pause_s * (number - 1)

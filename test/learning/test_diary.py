@@ -4,16 +4,8 @@ import json
 import numpy as np
 import pytest
 
-from wrist_ft_comp.learning.diary import (
-    DayEntry,
-    Diary,
-    diary_path,
-    good_days,
-    load_diary,
-    NONE,
-    prune,
-    save_diary,
-)
+from wrist_ft_comp.learning import diary as diaries
+from wrist_ft_comp.learning.diary import DayEntry, Diary, good_days, load_diary, NONE, save_diary
 from wrist_ft_comp.learning.working_day import days
 
 DAY = DayEntry(
@@ -64,10 +56,10 @@ def recorded(tmp_path):
 
 def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(recorded, tmp_path):
     for max_mb, kept in (6.1, [1, 2, 3, 4, 5, 6]), (5.1, [1, 3, 4, 5, 6]), (3.5, [1, 5, 6]):
-        names = prune(tmp_path, recorded, max_mb)
-        assert names == [path.name for path in days(tmp_path)]
-        assert [int(name[8]) for name in names] == kept
-    assert len(prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)) == 2
+        diaries.prune(tmp_path, recorded, max_mb)
+        assert [int(path.name[8]) for path in days(tmp_path)] == kept
+    diaries.prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)
+    assert len(days(tmp_path)) == 2
 
 
 @pytest.mark.parametrize(
@@ -77,8 +69,8 @@ def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(recorded, tm
 def test_an_entry_with_too_few_figures_is_damage(change, tmp_path):
     save_diary(tmp_path, Diary((DayEntry('day_00001.csv'),)))
     assert load_diary(tmp_path).days
-    document = json.loads(diary_path(tmp_path).read_text())
+    document = json.loads(diaries.diary_path(tmp_path).read_text())
     document['days'][0].update(change)
-    diary_path(tmp_path).write_text(json.dumps(document))
+    diaries.diary_path(tmp_path).write_text(json.dumps(document))
     assert load_diary(tmp_path).days == ()
     assert 'too few or too many figures' in load_diary(tmp_path).problem

@@ -86,12 +86,6 @@ def with_raw(day, wrench):
     return replace(day, recording=replace(day.recording, wrench=wrench))
 
 
-def in_contact(day, first, last):
-    free = day.drift.wrench.copy()
-    free[first:last] = np.nan
-    return replace(day, drift=replace(day.drift, wrench=free))
-
-
 def tared(day, step):
     raw = day.recording.wrench
     return with_raw(day, raw - raw[step.cell - 3 : step.cell].mean(axis=0) - step.jump)
@@ -105,7 +99,9 @@ def tared_in_motion(day, step):
 
 
 def pressed_from_then_on(day, step):
-    return in_contact(day, step.cell, step.cell + 400)
+    free = day.drift.wrench.copy()
+    free[step.cell : step.cell + 400] = np.nan
+    return replace(day, drift=replace(day.drift, wrench=free))
 
 
 @pytest.mark.parametrize('harmless', [tared, tared_in_motion, pressed_from_then_on])

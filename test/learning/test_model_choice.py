@@ -48,14 +48,9 @@ def past(look, champion, *numbers):
     return entries
 
 
-def take_third(look, before=None):
-    """Judge the third day, and learn where that is due; no model is live."""
-    before = past(look, Champion(), 1, 2) if before is None else before
-    return take(NAMES[3], look, before, Champion(), NAMES, settings=QUICK)
-
-
 def test_a_model_is_learnt_where_there_is_none(look):
-    choice = take_third(look)
+    before = past(look, Champion(), 1, 2)
+    choice = take(NAMES[3], look, before, Champion(), NAMES, settings=QUICK)
     assert choice.better is not None
     assert choice.days == tuple(NAMES[1:4])
     assert choice.better.settings.reference == 'payload'

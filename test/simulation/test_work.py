@@ -1,24 +1,11 @@
 import numpy as np
 
-from wrist_ft_comp.simulation.work import (
-    draw_work,
-    lever,
-    move,
-    WorkSettings,
-)
-
-
-def program(**chosen):
-    return draw_work(WorkSettings(**chosen), *map(np.random.default_rng, (5, 6)))
-
-
-def a_cycle(work, count=40_000):
-    return (np.arange(count) + 0.5) / count * work.begins_s[-1]
+from wrist_ft_comp.simulation.work import draw_work, lever, move, WorkSettings
 
 
 def test_speeds_and_specific_force_are_those_of_the_path():
     """Differences of the pose, and of a point's path, twice, in the world's frame."""
-    work, step = program(), 1e-3
+    work, step = draw_work(WorkSettings(), np.random.default_rng(5)), 1e-3
     times = np.random.default_rng(0).uniform(0, work.begins_s[-1], 500)
     before, now, after = (move(work, times + k * step) for k in (-1, 0, 1))
     turned = (before.pose.inv() * after.pose).as_rotvec() / (2 * step)

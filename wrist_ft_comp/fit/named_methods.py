@@ -143,7 +143,6 @@ def identify_lags(data: AxisData, settings: IdentificationSettings) -> AxisFit:
 
 
 def _time_constants_s(model: AxisModel, period_s: float) -> FloatArray:
-    """Give the time constants of a bank of relaxations, s."""
     return -period_s / np.log([-lag.a[0] for lag in model.filters])
 
 

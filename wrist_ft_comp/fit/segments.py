@@ -119,7 +119,6 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
 
 
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
-    """Take steps of the zero out of a recording, and name them."""
     noise_of = dict[int, float]()
     for column in map(AXES.index, recording.axes_present):
         # The noise of a reading is at least that of its rounding; a constant has none.

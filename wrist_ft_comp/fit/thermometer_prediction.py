@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from wrist_ft_comp.drift.arx import free_run, relaxation
@@ -16,7 +17,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.fit.data_checks import LONG_SILENCE_S, runs_of
 from wrist_ft_comp.fit.ridge_average import LONG_BANK_S, STRENGTHS
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import BoolArray, FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray
 
 #: Temperatures and relaxed temperatures are averaged over this time for the fit, s.
 _MEAN_S = 60.0
@@ -56,40 +57,42 @@ def predict_each_other(
     fold = np.concatenate([f[::cells][: len(m)] for f, m in zip(folds, means_c, strict=True)])
     if len(np.unique(fold)) < 2:  # all but one recording are shorter than a mean
         return None
-    averaged = max(1, round(LONG_SILENCE_S / 2 / mean_s))
-    apart = max(1, round(LONG_SILENCE_S / mean_s))
     gains = np.zeros((thermometers, len(filters), thermometers))
-    constant_c, still_k, silence_s, agree_k = np.zeros((4, thermometers))
+    constant_c, error_k = np.zeros(thermometers), np.empty_like(target_c)
     for j in range(thermometers):
         others = np.delete(relaxed_c, j, axis=2).reshape(len(relaxed_c), -1)
-        error_k = np.empty(len(others))
         for number in np.unique(fold):
             out = fold == number
             from_rest, rest_c = _ridge(others[~out], target_c[~out, j])
-            error_k[out] = target_c[out, j] - rest_c - others[out] @ from_rest
+            error_k[out, j] = target_c[out, j] - rest_c - others[out] @ from_rest
         of_others, constant_c[j] = _ridge(others, target_c[:, j])
         gains[j] = np.insert(of_others.reshape(len(filters), -1), j, 0.0, axis=1)
-        # What is usual: how far the prediction moves while the thermometer stands still or is
-        # silent, how large the averaged error gets, how much it changes, how long silence lasts.
-        moved_k = largest_k = changed_k = silent_s = 0.0
-        errors_k = np.split(error_k, np.cumsum(list(map(len, means_c)))[:-1])
-        for recording, mean_c, error in zip(recordings, means_c, errors_k, strict=True):
-            heard: BoolArray = np.asarray(_in_parts(recording.measured, cells).any(axis=1))[:, j]
-            predicted_c = mean_c[:, j] - error
-            for first, last in runs_of((np.diff(mean_c[:, j]) == 0) | ~heard[1:]):
-                moved_k = max(moved_k, float(np.ptp(predicted_c[first : last + 1])))
-            size = averaged if len(error) >= averaged else 1
-            mean_k = np.convolve(error, np.full(size, 1 / size), 'valid')
-            largest_k = max(largest_k, float(np.abs(mean_k).max(initial=0.0)))
-            change_k = mean_k[apart:] - mean_k[:-apart]
-            changed_k = max(changed_k, float(np.abs(change_k).max(initial=0.0)))
+    # What is usual: how far the prediction moves while the thermometer stands still or is silent,
+    # how large the averaged error gets, how much it changes, how long silence lasts.
+    moved_k, largest_k, changed_k, silent_s = np.zeros((4, thermometers))
+    averaged, apart = (max(1, round(s / mean_s)) for s in (LONG_SILENCE_S / 2, LONG_SILENCE_S))
+    errors_k = np.split(error_k, np.cumsum(list(map(len, means_c)))[:-1])
+    for recording, mean_c, error in zip(recordings, means_c, errors_k, strict=True):
+        if not len(error):  # shorter than a mean
+            continue
+        size = averaged if len(error) >= averaged else 1
+        mean_k = sliding_window_view(error, size, axis=0).mean(axis=-1)
+        largest_k = np.maximum(largest_k, np.abs(mean_k).max(axis=0))
+        change_k = np.abs(mean_k[apart:] - mean_k[:-apart])
+        changed_k = np.maximum(changed_k, change_k.max(axis=0, initial=0.0))
+        heard = np.asarray(_in_parts(recording.measured, cells).any(axis=1))
+        still = (np.diff(mean_c, axis=0) == 0) | ~heard[1:]
+        for j in range(thermometers):
+            for first, last in runs_of(still[:, j]):
+                moved_k[j] = max(moved_k[j], np.ptp((mean_c - error)[first : last + 1, j]))
             for first, last in runs_of(~recording.measured[:, j]):
-                silent_s = max(silent_s, (last - first) * period_s)
-        still_k[j] = max(_NEAR_K, UNUSUAL * moved_k, changed_k)
-        agree_k[j] = max(_NEAR_K if len(recordings) > 2 else 12 * _NEAR_K, UNUSUAL * largest_k)
-        silence_s[j] = max(LONG_SILENCE_S, UNUSUAL * silent_s)
-    time_constants_s = np.array(LONG_BANK_S)
-    return ThermometerPrediction(time_constants_s, gains, constant_c, still_k, silence_s, agree_k)
+                silent_s[j] = max(silent_s[j], (last - first) * period_s)
+    near_k = _NEAR_K if len(recordings) > 2 else 12 * _NEAR_K
+    return ThermometerPrediction(
+        np.array(LONG_BANK_S), gains, constant_c,
+        still_k=np.maximum(np.maximum(_NEAR_K, UNUSUAL * moved_k), changed_k),
+        silence_s=np.maximum(LONG_SILENCE_S, UNUSUAL * silent_s),
+        agree_k=np.maximum(near_k, UNUSUAL * largest_k))  # fmt: skip
 
 
 def _in_parts(values: NDArray[Any], cells: int) -> NDArray[Any]:

@@ -12,11 +12,12 @@ import numpy as np
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import run_job
-from wrist_ft_comp.jobs.job_process import CalibrationJob, decode_job, Minute
+from wrist_ft_comp.jobs.job_process import CalibrationJob, Minute
 from wrist_ft_comp.jobs.learning_job import learn
 from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
 from wrist_ft_comp.payload.weight import driver_lines, ForceFrame, payload_line
 from wrist_ft_comp.report.page import page, REPORT
+from wrist_ft_comp.stored.own_file import from_plain, parse_json
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
 
 
@@ -48,7 +49,6 @@ def _calibrate(job: CalibrationJob) -> dict[str, Any]:
 
 
 def _identify(job: CalibrationJob, minute: Minute) -> dict[str, Any]:
-    """Find the payload in a minute of motion, and keep it."""
     cells = np.array(minute.cells, dtype=float).reshape(-1, CHANNELS)
     sensor = minute.sensor and ForceFrame(np.eye(3), *np.array(minute.sensor))
     found = identify(cells, minute.period_s, sensor)
@@ -68,7 +68,7 @@ def main() -> int:
     """Run one job from standard input, at low priority, and write its outcome; gives 0."""
     os.nice(10)
     Thread(target=_end_with, args=(int(sys.argv[1]),), daemon=True).start()
-    json.dump(answer(decode_job(sys.stdin.read())), sys.stdout)
+    json.dump(answer(from_plain(CalibrationJob, parse_json(sys.stdin.read()))), sys.stdout)
     return 0
 
 

@@ -20,7 +20,7 @@ from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.model_store import HistoryEntry
-from wrist_ft_comp.stored.own_file import from_plain, parse_json, to_plain
+from wrist_ft_comp.stored.own_file import to_plain
 
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0
@@ -76,14 +76,8 @@ class CalibrationJob:
 
 
 def encode_job(job: CalibrationJob) -> str:
-    """Write a job as JSON."""
+    """Write a job as JSON, which ``from_plain`` reads."""
     return json.dumps(to_plain(job), default=str)
-
-
-def decode_job(text: str) -> CalibrationJob:
-    """Read a job that encode_job wrote."""
-    job: CalibrationJob = from_plain(CalibrationJob, parse_json(text))
-    return job
 
 
 class JobProcess:
@@ -100,7 +94,7 @@ class JobProcess:
             start_new_session=True,  # Ctrl-C in the terminal is the node's to handle
         )
         if job.learning is not None:
-            os.setpriority(os.PRIO_PROCESS, self.pid, 19)  # the lowest: nobody waits for it
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, 19)  # nobody waits for it
         self._output, self._errors = b'', b''
         # A job of many days is more than a pipe holds, and no wrench waits until it is read.
         self._exchange = Thread(target=self._communicate, args=(text,), daemon=True)
@@ -108,11 +102,6 @@ class JobProcess:
 
     def _communicate(self, text: str) -> None:
         self._output, self._errors = self._process.communicate(text.encode())
-
-    @property
-    def pid(self) -> int:
-        """Process id, which is also its group's."""
-        return self._process.pid
 
     def poll(self) -> dict[str, Any] | None:
         """Give the outcome, as ``entry`` writes it; None while the job runs."""
@@ -135,7 +124,7 @@ class JobProcess:
         """Stop it, if it runs."""
         for number in (signal.SIGTERM, signal.SIGKILL):
             with suppress(ProcessLookupError):
-                os.killpg(self.pid, number)
+                os.killpg(self._process.pid, number)  # its group's id, too
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_END_TIMEOUT_S)
                 break

@@ -18,7 +18,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.working_day import days, size_of, span_of
-from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
 from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain, writing
 
@@ -35,10 +35,6 @@ MEMORY = Kind(
 #: Files by which a node's folder is recognized.
 _MARKS = ('active.json', 'learning.json', 'state.json')
 
-#: Forces, in the axis order.
-FORCES = slice(AXES.index('torque_x'))
-#: Coarse temperatures: of the first thermometer, and the differences of the others from it.
-Cell = tuple[int, ...]
 #: Key of the drift without any model, in ``DayEntry.left``.
 NONE = 'none'
 #: Key of what a new model leaves: a fit to the other days that it was learnt from.
@@ -68,8 +64,9 @@ class DayEntry:
     hours: float = 0.0
     #: Lowest and highest temperature of every thermometer, °C.
     temperature_c: tuple[tuple[float, float], ...] = ()
-    #: Coarse temperatures of the day: rare ones make it worth keeping.
-    known: tuple[Cell, ...] = ()
+    #: Coarse temperatures of the day, of the first thermometer and of the others relative to it:
+    #: rare ones make it worth keeping.
+    known: tuple[tuple[int, ...], ...] = ()
     #: RMS of the drift that a model left, tared in the first minute, N and N m, axis order AXES;
     #: NaN on axes without a figure. Keys are the first twelve digits of a model's SHA-256, NONE
     #: and CHALLENGER.
@@ -100,15 +97,9 @@ class DayEntry:
         if sizes - {0}:
             raise RecordingError(f'The entry of {self.name} has too few or too many figures.')
 
-    def share_left(self, model: str) -> FloatArray:
-        """Compute the share of the drift that a model left, (6,); NaN where it is unknown."""
-        unknown = (np.nan,) * len(AXES)
-        drift = np.maximum(self.left.get(NONE, unknown), 1e-12)
-        return np.asarray(np.array(self.left.get(model, unknown)) / drift)
-
     def rms_left(self, model: str) -> float:
         """Compute the RMS that a model left of a force's drift, N, or NaN."""
-        values = np.array(self.left.get(model, ())[FORCES])
+        values = np.array(self.left.get(model, ())[: AXES.index('torque_x')])
         present = values[np.abs(values) < LARGEST]
         return float(np.sqrt(np.mean(present**2))) if len(present) else np.nan
 
@@ -207,20 +198,15 @@ def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
     return chosen
 
 
-def prune(directory: Path, diary: Diary, max_mb: float) -> list[str]:
-    """
-    Remove the least worthy recordings of judged days until the rest fits; name the rest.
-
-    RecordingError when one cannot be removed.
-    """
+def prune(directory: Path, diary: Diary, max_mb: float) -> None:
+    """Remove the least worthy recordings until the rest fits; RecordingError where one stays."""
     paths = {path.name: path for path in days(directory)}
     kept = [entry for entry in diary.days if entry.name in paths]
     while kept and sum(size_of(paths[entry.name]) for entry in kept) > 1e6 * max_mb:
         before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
         (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
         with writing(paths[name]):
-            paths.pop(name).unlink(missing_ok=True)
-    return list(paths)
+            paths[name].unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

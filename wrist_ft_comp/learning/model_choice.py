@@ -227,8 +227,11 @@ def reason(entries: Sequence[DayEntry], live: str, chosen: str = '') -> tuple[bo
         return True, 'no model is live'
     if grown >= awaited:
         return True, f'{grown} more good {"day" if grown == 1 else "days"}'
-    judged = [day for day in good if day.live in day.left]
-    shares = {day.name: float(np.nanmean(day.share_left(day.live))) for day in judged}
+    shares = {
+        day.name: float(np.nanmean(day.left[day.live] / np.maximum(day.left[NONE], 1e-12)))
+        for day in good
+        if {day.live, NONE} <= day.left.keys()
+    }
     bad_share = _BAD_RATIO * float(np.median(list(shares.values()) or [1.0]))
     for day in good[last + 1 :]:
         if shares.get(day.name, 0.0) > bad_share:

@@ -11,7 +11,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning.diary import Cell, DayEntry, NONE
+from wrist_ft_comp.learning.diary import DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
 from wrist_ft_comp.payload.learn_at_work import payloads_of, separate, separate_again
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
@@ -76,12 +76,15 @@ def describe(day: Day) -> DayEntry:
     recording, learnt = day.recording, day.payloads
     low, high = recording.temperature_c.min(axis=0), recording.temperature_c.max(axis=0)
     payloads = learnt.payloads.values() if learnt else ()
+    coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
+    coarse_c[:, 0] = recording.temperature_c[:, 0]
+    known = np.floor(coarse_c / _COARSE_K).astype(int)
     return DayEntry(
         name=recording.name,
         first_ns=recording.first_cell * recording.period_ns,
         hours=recording.duration_s / 3600,
         temperature_c=tuple(zip(low.tolist(), high.tolist(), strict=True)),
-        known=known_cells(recording),
+        known=tuple(map(tuple, np.unique(known, axis=0).tolist())),
         left={NONE: left(no_drift(len(recording)), day)},
         payloads=tuple((payload.mass_kg, *payload.center_m.tolist()) for payload in payloads),
         rotation=tuple(learnt.frame.rotation.ravel().tolist()) if learnt else (),
@@ -101,11 +104,3 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
             errors = tare(bin_means(values[rows], rows, cells), cells * drift.period_s)
             rms[axis] = np.sqrt(np.mean(errors**2))
     return tuple(rms.tolist())
-
-
-def known_cells(recording: Recording) -> tuple[Cell, ...]:
-    """List a recording's coarse temperatures: the first one, and the others relative to it."""
-    coarse_c = recording.temperature_c - recording.temperature_c[:, :1]
-    coarse_c[:, 0] = recording.temperature_c[:, 0]
-    numbers = np.floor(coarse_c / _COARSE_K).astype(int)
-    return tuple(map(tuple, np.unique(numbers, axis=0).tolist()))

@@ -39,7 +39,6 @@ class _DayWriter(CsvRecordingWriter):
     stamp = 'stamp_s'
 
     def _cells(self, stamp_ns: int, values: Sequence[float]) -> tuple[object, ...]:
-        """Write the cells of a row."""
         seconds, rest = divmod(stamp_ns, NANOSECONDS)
         stamp = f'{seconds}.{rest:09d}'.rstrip('0').rstrip('.')
         # NaN is written as nothing.

@@ -59,8 +59,8 @@ _PIEZORESISTIVE, _PIEZORESISTIVE_PER_K, _PIEZORESISTIVE_PER_K2 = 100.0, -4e-4, 4
 _STIFFNESS = np.repeat([1e6, 3e4], 3)
 _NOISE = np.repeat([0.08, 0.003], 3)
 QUANTUM = np.repeat([0.01, 0.0005], 3)
-#: Sines that make up the load of an axis.
-_SINES = 4
+#: Sines that make up the load of an axis, and about how long one takes from peak to peak, s.
+_SINES, _LOAD_PERIOD_S = 4, 60.0
 #: Mean room temperature, °C, and amplitude, K, and period, s, of its slow swing.
 _ROOM_C, _ROOM_SWING_K, _ROOM_SWING_PERIOD_S = 22.0, 1.0, 7200.0
 
@@ -196,21 +196,14 @@ class RunSettings:
     #: The largest load of an axis, N and N m; 0 is unloaded.
     force_n: float = 20.0
     torque_nm: float = 1.0
-    #: About how long a load takes from one peak to the next, s.
-    load_period_s: float = 60.0
 
     def __post_init__(self) -> None:
         """Refuse a schedule that cannot be followed; ranges are those of the node's parameters."""
         starts, levels = self.duty_start_s, self.duty_level
-        if len(starts) != len(levels):
+        if len(starts) != len(levels) or not (np.diff(starts) > 0).all():
             raise SettingsError(
-                'The duty schedule needs as many start times as levels; got '
-                f'{len(starts)} and {len(levels)}. Give a level from each start time on.'
-            )
-        if not (np.diff(starts) > 0).all():
-            raise SettingsError(
-                'The start times of the duty schedule must ascend, in seconds; got '
-                f'{list(self.duty_start_s)}.'
+                'The duty schedule needs start times that ascend, s, and as many levels; got '
+                f'{list(starts)} and {list(levels)}. Give a level from each start time on.'
             )
 
 
@@ -234,7 +227,7 @@ def draw_run(settings: RunSettings, rng: np.random.Generator) -> Run:
     return Run(
         settings,
         room_phase=float(rng.uniform(0, 2 * np.pi)),
-        load_rates=2 * np.pi / settings.load_period_s * rng.uniform(0.4, 1.6, shape),
+        load_rates=2 * np.pi / _LOAD_PERIOD_S * rng.uniform(0.4, 1.6, shape),
         load_phases=rng.uniform(0, 2 * np.pi, shape),
         load_shares=shares / shares.sum(axis=1, keepdims=True),
     )
