@@ -305,11 +305,8 @@ def _behind(looks: _Looks, channel: str, header: Header) -> str:
         return ''
     if channel.startswith('temperature'):
         return looks.thermometer() or ''
-    quantity = channel.split('_', maxsplit=1)[0]
-    unit = looks.unit_of(channel) or known_unit(channel, '', header.said_units.get(quantity, ''))
-    counts = header.said_counts.get(quantity, 1.0)
-    factor = f'*{1 / counts:g}' if counts > 1 else ''
-    return f'{factor}:{unit}' if unit else factor
+    unit = looks.unit_of(channel)
+    return f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
 
 
 def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:

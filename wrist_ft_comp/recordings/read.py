@@ -32,8 +32,6 @@ from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSour
 from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
-#: Columns of equal length by name, such as a dict of arrays or a DataFrame.
-Columns = Any
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
 
@@ -322,7 +320,7 @@ def hash_recording(path: Path) -> str:
 
 
 def recording_from_columns(
-    *tables: Columns, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
+    *tables: Any, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
 ) -> Recording:
     """
     Make a recording of columns in memory, as read_recording does of a CSV file.
@@ -339,7 +337,7 @@ def recording_from_columns(
 
 
 def compensate(
-    model: DriftModel, table: Columns, *others: Columns, tare_s: float = 0.0
+    model: DriftModel, table: Any, *others: Any, tare_s: float = 0.0
 ) -> dict[str, FloatArray]:
     """
     Remove the drift from the wrench of a table, as the command ``compensate`` does from a file.

@@ -82,9 +82,8 @@ class Header:
     units: Mapping[int, str] = field(default_factory=dict)
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]] = frozenset()
-    #: What lines above say of 'force' and 'torque': their unit, and counts per unit.
-    said_units: dict[str, str] = field(default_factory=dict)
-    said_counts: dict[str, float] = field(default_factory=dict)
+    #: What lines above say of 'force' and 'torque', as a map has it behind a column: *1e-06:N.
+    said: Mapping[str, str] = field(default_factory=dict)
     #: Whether a terminal writes a time, an arrow, and what was sent.
     has_arrows: bool = False
     #: The sign before decimals, and the one between thousands; empty where it is not known.
@@ -170,12 +169,15 @@ def find_header(lines: Sequence[str]) -> Header:
     names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
     decimal, thousands = _find_decimals([cell for row in last for cell in row])
     text = '\n'.join(lines[:first])
+    counts = {word.lower(): f'*{1 / float(n):g}' for word, n in _COUNTS_LINE.findall(text)}
     return Header(
         delimiter=delimiter, width=width, lines_above=first, names=tuple(names),
         units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
         rows_above=frozenset(map(tuple, above)),
-        said_units={word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
-        said_counts={word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)},
+        said={
+            word.lower(): f'{counts.get(word.lower(), "")}:{plain_unit(unit)}'
+            for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
+        },
         has_arrows=has_arrows, decimal=decimal, thousands=thousands,
         units_in_cells=tuple({*in_cells} - {''}))  # fmt: skip
 
