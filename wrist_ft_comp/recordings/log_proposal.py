@@ -18,12 +18,13 @@ from unicodedata import normalize
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import KINDS, Placed
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
-from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
+from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -46,6 +47,7 @@ _TIME_WORD = re.compile(
     'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
     'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
+_ELAPSED = {'elapsed', 'relative', 'duration', 'laufzeit'}
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
@@ -78,6 +80,8 @@ _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
 #: Readings of a wrist in kelvins, the most that they are apart, and those in tenths of °C.
 _KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
+#: Most channels that rows of one channel each may have.
+_MOST_CHANNELS = 40
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -160,7 +164,7 @@ class _Looks:
 
     def __init__(self, place: int, cells: Sequence[str], header: Header) -> None:
         self.place, self._unit = place, header.units.get(place, '')
-        self._name = name = header.names[place]
+        self.name = name = header.title(place)
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
         text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
@@ -184,6 +188,8 @@ class _Looks:
         self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
         #: What --time has to say where it is a time.
         self.form = find_form(self.filled, month_first=header.delimiter == ',')
+        if self.form == '%H:%M' and not _ELAPSED.isdisjoint(self.words):
+            self.form = TIMEDELTA
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
@@ -194,7 +200,7 @@ class _Looks:
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
-        return known_unit(channel, self._name, self._unit)
+        return known_unit(channel, self.name, self._unit)
 
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
@@ -217,6 +223,7 @@ class _Looks:
             steps = np.diff(exact_ns(self.filled, self.form))
         except (ValueError, ArithmeticError):
             return 0.0
+        steps = -steps if len(steps) and (steps <= 0).all() else steps  # the newest is first
         if not len(steps) or np.mean(steps < 0) > _MOST_BACK:
             return float(not len(steps))
         # A clock is better than seconds, and seconds are better than what counts rows.
@@ -278,6 +285,8 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         if names[place] or any(cells[place])
     ]
     found, time = dict[str, _Looks](), ''
+    if rows and header.lines_above:
+        _refuse_long_form(placed.table, free, header)
     if STAMP not in placed.columns:
         found, time = _find_times(free, header)
     found |= _find_channels(free, placed)
@@ -290,13 +299,30 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         # A map names a column by its number where its name is none for a map.
         name = names[looks.place]
         by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
-        name = str(looks.place + 1) if by_number else name
+        name = str(header.columns_before + looks.place + 1) if by_number else name
         proposed[channel] = name + _behind(looks, channel, header)
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
     if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
         proposed |= dict.fromkeys(AXES, OPEN)
     return proposed, time
+
+
+def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> None:
+    """Refuse rows of one channel each: texts of a column name forces and temperatures."""
+    numbers = [looks for looks in free if looks.is_measured]
+    for looks in (k for k in free if numbers and not len(k.numbers)):
+        channels = tuple(dict.fromkeys(looks.filled))[:_MOST_CHANNELS]
+        meant, _ = propose(Placed(table, Header(names=channels), {}))
+        if 'temperature_c' in meant and not {*AXES}.isdisjoint(meant):
+            value, time = (f(k, key=_Looks.time_score) for f, k in ((min, numbers), (max, free)))
+            pivot = ', '.join(repr(header.names[k.place]) for k in (value, time, looks))
+            raise RecordingError(
+                f'{table} has a row for each channel ({", ".join(channels)}); expected a column. '
+                f'Make them by python3 -c "import pandas; pandas.read_csv({table!r}, '
+                f'sep={header.delimiter!r}, skiprows={header.lines_above - 1}, decimal='
+                f"{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('wide.csv')\"."
+            )
 
 
 def _behind(looks: _Looks, channel: str, header: Header) -> str:

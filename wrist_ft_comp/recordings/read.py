@@ -248,8 +248,10 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
             yield OpenBag(bag, read_options.parse_options(topics))
     else:
         files = files_of(path)
-        options = read_options.options_beside(files[0], topics)
-        yield OpenTable([Table(file) for file in files], options)
+        options, tables = read_options.options_beside(files[0], topics), list[Table]()
+        for file in files:
+            tables.append(Table(file, sum(len(table.header.names) for table in tables)))
+        yield OpenTable(tables, options)
 
 
 def read_recording(

@@ -2,11 +2,12 @@
 How columns of a table become channels: names, units, factors, and the form of times.
 
 ``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``;
-a column that has no name is called by its number, from 1 on. A date beside a time of day is
-``stamp_date=date,stamp=time``; rows without a time, a hundred a second, are ``stamp=#*0.01``.
+a column that has no name is called by its number, from 1 on, through all tables that are joined. A
+date beside a time of day is ``stamp_date=date,stamp=time``; rows without a time, a hundred a
+second, are ``stamp=#*0.01``.
 ``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
-1899-12-30), datenum (days of MATLAB), timedelta (of pandas), or a form of strptime. The same may
-stand in ``recording.yaml`` beside the recordings.
+1899-12-30), datenum (days of MATLAB), timedelta (of pandas, or 75:00.5 and
+1:15:00.5), or a form of strptime. The same may stand in ``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -208,10 +209,11 @@ class ReadOptions:
         mapped: dict[int, Column] = {}
         missing: list[Column] = []
         for named in self.columns:
+            number = int(named.name) - header.columns_before if named.name.isdecimal() else 0
             if named.name in names:
                 mapped[names.index(named.name)] = named
-            elif named.name.isdecimal() and 0 < int(named.name) <= len(names):
-                mapped[int(named.name) - 1] = named
+            elif 0 < number <= len(names):
+                mapped[number - 1] = named
             elif named.name == ROW_NUMBER and named.channel == STAMP:
                 mapped[ROW] = named
             else:
@@ -232,7 +234,8 @@ class ReadOptions:
             unit = self.time if channel == STAMP and self.time else column.unit
             if not unit and column.factor is None and channel not in {STAMP_NANOSEC, STAMP_DATE}:
                 beside = header.units.get(place, '')
-                unit = units.known_unit(channel, name, beside)
+                title = name if place == ROW else header.title(place)
+                unit = units.known_unit(channel, title, beside)
                 word = next(iter(units.said_units(name, beside)[-1:]), '')
                 # What stands beside times is often a zone, or their form.
                 if word and not unit and channel != STAMP:

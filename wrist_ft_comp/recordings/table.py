@@ -65,7 +65,7 @@ class Rows:
 class Table:
     """A table in a file; ``header`` says how it is laid out."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns_before: int = 0) -> None:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
@@ -85,7 +85,7 @@ class Table:
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
-        self.header = table_form.find_header(lines[: table_form.FIRST_LINES])
+        self.header = table_form.find_header(lines[: table_form.FIRST_LINES], columns_before)
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""
@@ -146,7 +146,7 @@ class Table:
             count = _SHOWN_LATER if rows else _SHOWN_ROWS
             for line in lines[:: max(len(lines) // count, 1)]:
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
-                if len(row) >= self.header.width and tuple(row) not in self.header.rows_above:
+                if len(row) >= self.header.width and self.header.is_sample(row):
                     rows.append([*row, ''][: len(self.header.names)])
         return rows
 
@@ -176,6 +176,12 @@ class Table:
                 self.warnings.append(
                     f'{where} has no line end; if it was cut off, its last value '
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
+                )
+            if is_empty and len(rows.lines) > n and (np.diff(rows.stamps_ns) <= 0).all():
+                path, above = shlex.quote(str(self.path)), self.header.lines_above
+                raise RecordingError(
+                    f'{self.name} has its newest row first. Turn it round by "(head -n {above} '
+                    f'{path}; tail -n +{above + 1} {path} | tac) > oldest_first.csv".'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -226,7 +232,7 @@ class Table:
         try:
             for row in reader:
                 found = [cell.strip() for cell in row]
-                if not any(found) or tuple(found) in self.header.rows_above:
+                if not self.header.is_sample(found):
                     continue
                 line, count = number + reader.line_num - 1, len(found)
                 if not width <= count <= len(self.header.names) and any(found[width:] or ['x']):
