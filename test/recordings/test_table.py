@@ -14,17 +14,10 @@ import pandas
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import table as table_file
-from wrist_ft_comp.recordings.read import (
-    open_recording,
-    read_recording,
-    recording_from_columns,
-)
+from wrist_ft_comp.recordings.read import open_recording, read_recording
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter
-from wrist_ft_comp.stream.offline import track_drift
 
 EPOCH = 1_723_248_197_123_456_789
 HEADER = 'stamp_s,force_z,temperature_c\n'
@@ -318,16 +311,3 @@ def test_a_table_reads_back_the_same_whatever_it_is_written_with(tmp_path_factor
         stamps_ns, values = samples[channel]
         np.testing.assert_allclose(values, columns[channel], rtol=1e-13)
         assert stamps_ns == [int(at) * 10**9 for at in columns['stamp_s']]
-
-
-@given(WRITTEN)
-@settings(max_examples=3, deadline=None)
-def test_a_model_learnt_of_it_is_the_same(tmp_path_factory, form):
-    path, topics, columns = write_warm_up(tmp_path_factory.mktemp('log'), form)
-    plain = recording_from_columns(columns)
-    settings_of_pls = CalibrationSettings(identification=IdentificationSettings(method='pls'))
-    drifts = [
-        track_drift(calibrate([recording], settings_of_pls).model, plain).drift.zero
-        for recording in (read_recording(path, topics=topics), plain)
-    ]
-    np.testing.assert_allclose(*drifts, rtol=1e-9, atol=1e-9)
