@@ -60,9 +60,8 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
     reader: NumberReader | None = None
-    #: Whether messages were read, and whether one had a stamp.
-    is_read: bool = False
-    stamped: bool = False
+    #: Whether a message had a stamp; None before one was read.
+    stamped: bool | None = None
     #: Of each temperature, in the order of the paths.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
@@ -70,15 +69,16 @@ class _Tally:
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
         topic, samples = self.connection.topic, self.connection.msgcount
+        is_stamped = bool(self.stamped)
         if self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, samples, self.stamped)
+            yield Candidate(self.role, topic, samples, is_stamped)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
-        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        plain: list[Path] = [()] if is_stamped else [('temperature',)]
         for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
             low, high = map(float, reads)
-            yield Candidate(TEMPERATURE, entry, samples, self.stamped, (low, high))
+            yield Candidate(TEMPERATURE, entry, samples, is_stamped, (low, high))
 
 
 def survey_bag(
@@ -114,12 +114,13 @@ def survey_bag(
             del tallies[number]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
             continue
-        tally.is_read, tally.stamped = True, tally.stamped or bool(stamps_ns.any())
+        tally.stamped = bool(tally.stamped or stamps_ns.any())
         if tally.role == TEMPERATURE:
             values = values[:, : len(tally.paths) or 1]  # behind a Temperature is its variance
             tally.low = np.fmin(tally.low, np.fmin.reduce(values))
             tally.high = np.fmax(tally.high, np.fmax.reduce(values))
-    found += [c for tally in tallies.values() if tally.is_read for c in tally.candidates()]
+    read = [tally for tally in tallies.values() if tally.stamped is not None]
+    found += [candidate for tally in read for candidate in tally.candidates()]
     order = list(_ROLES.values())
     found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)

@@ -136,20 +136,20 @@ def _write_table(
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
-    axes = [axis for axis in AXES if axis in channels]
-    added = [f'external_{axis}' for axis in axes if external]
+    corrections = {'': correct, **({'external_': external} if external else {})}
     for number, rows in enumerate(source.rows(progress)):
         # Of tables that are joined, each fills its own columns.
         frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
-        frame = frame.reindex(columns=['stamp_ns', *channels, *empty, *added])
+        frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
         wrench = frame.reindex(columns=AXES).to_numpy(float)
-        for correction, names in ((correct, axes), (external, added)):
-            corrected = np.full_like(wrench, np.nan)
-            filled = ~np.isnan(wrench).all(axis=1)
-            if correction and filled.any():
+        filled = ~np.isnan(wrench).all(axis=1)
+        for prefix, correction in corrections.items():
+            corrected = wrench.copy()
+            if filled.any():
                 corrected[filled] = correction(rows.stamps_ns[filled], wrench[filled])
             corrected[np.isnan(wrench)] = np.nan
-            frame[names] = corrected[:, [AXES.index(axis) for axis in axes][: len(names)]]
+            for axis in (axis for axis in AXES if axis in channels):
+                frame[prefix + axis] = corrected[:, AXES.index(axis)]
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})

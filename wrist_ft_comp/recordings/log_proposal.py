@@ -178,7 +178,7 @@ class _Looks:
         self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
-        self._steps = steps = np.diff(self.numbers)
+        steps = np.diff(self.numbers)
         is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
         #: Whether its values may be those of a sensor.
@@ -233,7 +233,7 @@ class _Looks:
 
     def thermometer(self) -> str | None:
         """Find :UNIT, or a factor, by which it reads like a thermometer; None if it is none."""
-        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
+        unit, steps = self.unit_of('temperature_c'), np.abs(np.diff(self.numbers))
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
             and not any(map(_AXIS.fullmatch, self.words))
@@ -370,12 +370,9 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
         base = '_'.join(looks.words[:-1])
         if looks.words and looks.words[-1].isdecimal() and _WRENCH.match(base):
             numbered.setdefault(base, []).append(looks)
-    axes = {
-        looks: axis
-        for group in numbered.values()
-        for looks, axis in zip(group, AXES, strict=False)
-        if len(group) == len(AXES)
-    }
+    axes = dict[_Looks, str]()
+    for group in numbered.values():
+        axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
     def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
         words = {*looks.words}

@@ -27,7 +27,7 @@ from wrist_ft_comp.stored.own_file import beginning
 from wrist_ft_comp.stream.excerpt import Excerpt, parse_excerpt
 from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import to_celsius
-from wrist_ft_comp.wire.units import plain_unit, STAMP, STAMPS, TIME_UNITS_NS, units_of
+from wrist_ft_comp.wire.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
 
 #: What stands for a channel where a column holds the nanoseconds beyond whole seconds, or the date
 #: of times of day.
@@ -77,8 +77,8 @@ class Column:
 
 def own_column(name: str) -> Column | None:
     """Tell what a column with one of our names is; None where it is none of ours."""
-    if name in STAMPS:
-        return Column(name, STAMP, name.removeprefix('stamp_'))
+    if (unit := name.removeprefix('stamp_')) in TIME_UNITS_NS and unit != name:
+        return Column(name, STAMP, unit)
     if thermometer := _THERMOMETER.fullmatch(name):
         return Column(name, f'{thermometer[1]}c', thermometer[2].upper())
     return Column(name, name) if name in {*CHANNELS, STAMP_NANOSEC, STAMP_DATE} else None

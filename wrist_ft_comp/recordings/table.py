@@ -98,20 +98,15 @@ class Table:
             raw.seek(0)
             opened = [module.open(raw) for sign, module in _PACKED if magic.startswith(sign)]
             packed: Any = opened[0] if opened else raw
-            start = packed.read(_START)
+            file = TextIOWrapper(packed, _encoding_of(packed.read(_START)), errors='replace')
             packed.seek(0)
-            file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
             while piece := file.read(BLOCK):
                 yield piece
                 if progress:
                     progress(min(raw.tell() / size, 1.0))
 
     def _texts(self, progress: Progress | None = None) -> Iterator[tuple[int, str]]:
-        """
-        Read whole lines below the header, and the number of the first of them.
-
-        A last line without a line end comes alone.
-        """
+        """Read whole lines below the header, and the number of the first; a cut one is alone."""
         number, rest, lines_above = 1, '', self.header.lines_above
         try:
             for piece in self._pieces(progress):
@@ -151,11 +146,7 @@ class Table:
         return rows
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
-        """
-        Read the columns that are used.
-
-        RecordingError, naming the line, where a row is bad, or where the clock begins anew.
-        """
+        """Read the columns that are used; RecordingError where a row is bad or out of order."""
         convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
         stamps_ns: IntArray = np.empty(0, np.int64)
         lines = stamps_ns

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import csv
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from decimal import Decimal
 from math import nan
@@ -64,6 +64,8 @@ _NUMBERED = re.compile(
 )
 #: A label in a cell: Fz=12.3, T: 25.1C.
 _LABEL = re.compile(r'(?<![^\s,;|"])([^\W\d]\w*) ?[=:] ?(?=[-+.]?\d)')
+#: What is replaced in all lines, by what, and how often the last one has it at least.
+_REPLACED = (re.compile(' -> '), ',', 1), (_LABEL, '', 2)
 #: A time since the beginning, which has no more than minutes and seconds, or any number of hours.
 _ELAPSED = re.compile(r'\d+:\d\d(:\d\d)?([.,]\d+)?')
 #: Stamps that are looked at for their form.
@@ -99,23 +101,17 @@ class Header:
     said: Mapping[str, str] = field(default_factory=dict)
     #: By place: what lines above, or labels in cells, say of a column.
     told: Mapping[int, str] = field(default_factory=dict)
-    #: Whether a terminal writes a time, an arrow, and what was sent; whether cells have labels.
-    has_arrows: bool = False
-    has_labels: bool = False
+    #: What is written otherwise elsewhere: arrows of a terminal, labels and units in cells.
+    replaced: tuple[tuple[re.Pattern[str], str], ...] = ()
     #: The sign before decimals, and the one between thousands; empty where it is not known.
     decimal: str = '.'
     thousands: str = ''
-    #: Units that stand behind the numbers of rows.
-    units_in_cells: tuple[str, ...] = ()
 
     def plain_text(self, text: str) -> str:
         """Write numbers and cells as they are written elsewhere."""
         text = text.replace('\u2212', '-')  # a minus as it is printed
-        text = text.replace(' -> ', ',') if self.has_arrows else text
-        text = _LABEL.sub('', text) if self.has_labels else text
-        if self.units_in_cells:
-            words = '|'.join(map(re.escape, self.units_in_cells))
-            text = re.sub(rf'(?<=\d) ?(?:{words})(?=["{self.delimiter}\s])', '', text)
+        for pattern, plain in self.replaced:
+            text = pattern.sub(plain, text)
         return text
 
     def is_sample(self, row: Sequence[str]) -> bool:
@@ -143,10 +139,10 @@ class Header:
 def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     """Find how a table is laid out from its first lines."""
     last_line = next(line for line in reversed(as_written) if line.strip())
-    header = Header(
-        columns_before=columns_before, has_arrows=' -> ' in last_line,
-        has_labels=len(_LABEL.findall(last_line)) > 1)  # fmt: skip
-    lines = [header.plain_text(line) for line in as_written]
+    replaced = [
+        (what, by) for what, by, least in _REPLACED if len(what.findall(last_line)) >= least
+    ]
+    lines = [Header(replaced=tuple(replaced)).plain_text(line) for line in as_written]
     at = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)]
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
     alike = {sign: _of_one_width([cut_line(line, sign) for line in last_lines]) for sign in _SIGNS}
@@ -203,24 +199,28 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
         if len(row) > 1 and row[0] and row[0] in names and row not in above:
             unit = next((f' [{cell}]' for cell in row[2:] if _units_in([cell])), '')
             told[names.index(row[0])] = row[1] + unit
-    for line in as_written[first : first + 1] if header.has_labels else ():
+    for line in as_written[first : first + 1]:
         cells = cut_line(_LABEL.sub(r'\1=', line), delimiter)
-        told |= {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
+        labels = {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
+        told |= labels if len(labels) > 1 else {}
+    if words := '|'.join({*map(re.escape, in_cells)} - {''}):
+        behind = rf'(?<=\d) ?(?:{words})(?=["{delimiter}\s])'
+        replaced.append((re.compile(behind), ''))
     numbers = [str(columns_before + k + 1) for k in range(width)]
     names = [*names, *[''] * (width - len(names))] if names else numbers
     decimal, thousands = _find_decimals([cell for row in last for cell in row])
     text = '\n'.join(lines[:first])
     counts = {word.lower(): f'*{1 / float(n):g}' for word, n in _COUNTS_LINE.findall(text)}
-    return replace(
-        header, delimiter=delimiter, width=width, told=told, lines_above=first, names=tuple(names),
+    return Header(
+        delimiter=delimiter, width=width, lines_above=first, names=tuple(names), told=told,
+        columns_before=columns_before, replaced=tuple(replaced),
         units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
         rows_above=frozenset(map(tuple, above)),
         said={
             word.lower(): f'{counts.get(word.lower(), "")}:{plain_unit(unit)}'
             for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
         },
-        decimal=decimal, thousands=thousands,
-        units_in_cells=tuple({*in_cells} - {''}))  # fmt: skip
+        decimal=decimal, thousands=thousands)  # fmt: skip
 
 
 def _numbered(lines: Sequence[str], width: int) -> dict[int, str]:
@@ -285,11 +285,7 @@ def _units_in(row: Sequence[str]) -> int:
 
 
 def exact_ns(cells: Any, form: str) -> IntArray:
-    """
-    Convert stamps of a form exactly to nanoseconds: texts, or an array of numbers or of dates.
-
-    ValueError, ArithmeticError or TypeError where one is bad.
-    """
+    """Convert texts, numbers or dates exactly to ns; Value-, Arithmetic- or TypeError if bad."""
     if isinstance(cells, np.ndarray):
         if cells.dtype.kind in 'iu':
             return np.asarray(cells.astype(np.int64) * TIME_UNITS_NS[form])
@@ -380,16 +376,12 @@ def _is_in_form(text: str, form: str) -> bool:
 
 
 def unit_of_times(numbers: FloatArray) -> str:
-    """
-    Tell the unit of times that nobody named, by their sizes: s, or a smaller one.
-
-    Since 1970, or from a beginning: then a recording lasts less than three days, or its rows are
-    minutes apart.
-    """
+    """Tell the unit of times that nobody named, since 1970 or a beginning: s, or a smaller one."""
     if unit := epoch_unit(float(numbers[0])):
         return unit
     steps, lasts = np.diff(numbers), float(np.ptp(numbers))
     step = float(np.median(steps)) if len(steps) else 0.0
+    # A recording lasts less than three days, or its rows are minutes apart.
     if 300 <= step <= 7200 and step % 60 == 0:
         return 's'
     return next((u for k, u in enumerate(_SMALLER) if lasts / 1000**k < 3 * 86_400), 's')
