@@ -53,7 +53,7 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
-            _write_table(opened, made, correct, external, progress)
+            _write_table(opened, made, [*outputs.values()], progress)
         else:
             _write_bag(opened.bag, made, outputs, topics, progress)
         copy.check_target(target)
@@ -124,11 +124,7 @@ def _write_bag(
 
 
 def _write_table(
-    source: OpenTable,
-    target: Path,
-    correct: Correction,
-    external: Correction | None,
-    progress: Progress | None,
+    source: OpenTable, target: Path, corrections: Sequence[Correction], progress: Progress | None
 ) -> None:
     """Write our own columns; an empty one says that they are compensated."""
     import pandas  # noqa: PLC0415 -- a bag is copied without it
@@ -136,14 +132,13 @@ def _write_table(
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
-    corrections = {'': correct, **({'external_': external} if external else {})}
     for number, rows in enumerate(source.rows(progress)):
         # Of tables that are joined, each fills its own columns.
         frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
         frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
         wrench = frame.reindex(columns=AXES).to_numpy(float)
         filled = ~np.isnan(wrench).all(axis=1)
-        for prefix, correction in corrections.items():
+        for prefix, correction in zip(('', 'external_'), corrections, strict=False):
             corrected = wrench.copy()
             if filled.any():
                 corrected[filled] = correction(rows.stamps_ns[filled], wrench[filled])

@@ -306,10 +306,6 @@ class _RowConverter:
             if len(cells) > 1:
                 for k in range(len(cells)):
                     self._convert(convert, cells[k : k + 1], column, lines[k : k + 1])
-                raise RecordingError(
-                    f'{self._name} has times in {column.name} that are in no common form. Say '
-                    'what they are, such as --time iso.'
-                ) from error
             wanted, remedy = 'a number', 'Repair or remove the line.'
             if column is self._stamp:
                 wanted = f'a time ({self._form})'
