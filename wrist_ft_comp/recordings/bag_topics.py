@@ -153,12 +153,12 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         common = len(names(candidate.entry) & ours)
         return far is not None, -common, near is None, -int(indices[-1] if indices else -1)
 
+    def may_be_ours(candidate: Candidate) -> bool:
+        words = names(candidate.entry)
+        return bool(words & (ours - theirs)) or not words & (theirs - ours)
+
     topics = replace(topics, wrench=wrench)
-    candidates = [
-        candidate
-        for candidate in sorted(candidates, key=distance)
-        if names(candidate.entry) & (ours - theirs) or not names(candidate.entry) & (theirs - ours)
-    ]
+    candidates = sorted(filter(may_be_ours, candidates), key=distance)
     imus = [c for c in candidates if c.role == IMU and c.stamped]
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)

@@ -205,9 +205,8 @@ class _Looks:
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
         others = ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
-        return self.is_measured and bool(
-            self.unit_of(channel) or not any(map(self.unit_of, others))
-        )
+        has_other_unit = not self.unit_of(channel) and any(map(self.unit_of, others))
+        return self.is_measured and not has_other_unit
 
     def time_score(self) -> float:
         """Tell how well it is a time; 0 where it is none."""
@@ -271,19 +270,10 @@ class _Looks:
 
 
 def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[str, str], str]:
-    """
-    Propose what columns are that are not understood, by names, units and some rows of texts.
-
-    By the names of ours: columns, with their factors and units, as ``--columns`` has them; and
-    the form of the times, as ``--time`` has it.
-    """
+    """Propose what other columns are: by our names, as --columns has them; and what --time is."""
     header, names = placed.header, placed.header.names
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
-    free = [
-        _Looks(place, cells[place], header)
-        for place in placed.unused
-        if names[place] or any(cells[place])
-    ]
+    free = [_Looks(k, cells[k], header) for k in placed.unused if names[k] or any(cells[k])]
     found, time = dict[str, _Looks](), ''
     if rows and header.lines_above:
         _refuse_long_form(placed.table, free, header)
@@ -384,12 +374,8 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
         if channel in absent and looks.may_be(channel):
             found.setdefault(channel, looks)
     # The only force of a log is taken for the one along z; of several, a person knows the axes.
-    forces = [
-        looks
-        for looks in cold
-        if (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
-        and looks.may_be('force_z')
-    ]
+    forces = [k for k in cold if k.unit_of('force_z') or _FORCE_WORD.search(k.plain)]
+    forces = [looks for looks in forces if looks.may_be('force_z')]
     if len(forces) == 1 and {*AXES} <= {*absent} - {*found}:
         found['force_z'] = forces[0]
     free[:] = [looks for looks in free if looks not in found.values()]

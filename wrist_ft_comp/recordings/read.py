@@ -28,7 +28,7 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+from wrist_ft_comp.wire.temperature_source import parse_sources
 from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
@@ -117,7 +117,7 @@ class OpenBag:
 
     def __init__(self, bag: Bag, options: ReadOptions) -> None:
         self.bag, self.name, self.options, self.warnings = bag, bag.name, options, bag.warnings
-        self.sources: tuple[TemperatureSource, ...] = parse_sources(options.topics.temperatures)
+        self.sources = parse_sources(options.topics.temperatures)
 
     @property
     def sensor(self) -> SensorNames:
@@ -144,9 +144,8 @@ class OpenTable:
             own = ReadOptions().place(table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
             is_ours = not any(own.columns.keys().isdisjoint(kind) for kind in KINDS.values())
-            is_beside = options.source != '--columns'
-            said = options.place(table.name, table.header)
-            self.columns.append(own if is_ours and is_beside else said)
+            is_other = is_ours and options.source != '--columns'
+            self.columns.append(own if is_other else options.place(table.name, table.header))
         for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
@@ -170,13 +169,9 @@ class OpenTable:
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
-        return [
-            kind
-            for kind in kinds
-            if (any if kind == STAMP else all)(
-                placed.columns.keys().isdisjoint(KINDS[kind]) for placed in self.columns
-            )
-        ]
+        tables = [placed.columns.keys() for placed in self.columns]
+        lack = {kind: [columns.isdisjoint(KINDS[kind]) for columns in tables] for kind in kinds}
+        return [kind for kind, of in lack.items() if (any(of) if kind == STAMP else all(of))]
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""

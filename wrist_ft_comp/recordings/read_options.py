@@ -2,12 +2,11 @@
 How columns of a table become channels: names, units, factors, and the form of times.
 
 ``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``;
-a column that has no name is called by its number, from 1 on, through all tables that are joined. A
-date beside a time of day is ``stamp_date=date,stamp=time``; rows without a time, a hundred a
-second, are ``stamp=#*0.01``.
-``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
-1899-12-30), datenum (days of MATLAB), timedelta (of pandas, or 75:00.5 and
-1:15:00.5), or a form of strptime. The same may stand in ``recording.yaml`` beside the recordings.
+a number, from 1 on and through all tables that are joined, stands for a column without a name;
+``stamp_date`` for a date beside times of day; ``stamp=#*0.01`` for rows a hundred times a second.
+``--time`` says what stamps are: a unit, iso (ISO 8601), excel (days since 1899-12-30), datenum
+(days of MATLAB), timedelta (of pandas, or 75:00.5), or a form of strptime. The same may stand in
+``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

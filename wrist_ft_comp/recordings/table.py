@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
+from functools import partial
 import gzip
 from io import StringIO, TextIOWrapper
 import lzma
@@ -27,7 +28,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import Column, Placed
-from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, Header
+from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, exact_ns, Header
 from wrist_ft_comp.series import FloatArray, IntArray, Progress
 from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
 
@@ -214,10 +215,7 @@ class Table:
                 return convert(frame.set_axis(range(number, number + line_ends)))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
-        texts = [
-            '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
-            for line in text.split('\n')
-        ]
+        texts = ['' if line.startswith(COMMENTS) else line for line in text.split('\n')]
         rows: dict[int, list[str]] = {}
         reader = csv.reader(texts, delimiter=sign, skipinitialspace=True)
         try:
@@ -339,15 +337,12 @@ class _RowConverter:
         form = self._form = self._form or 's'
         if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
             stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]
-        stamps_ns = self._convert(
-            lambda cells: table_form.exact_ns(cells, form), stamps, self._stamp, lines
-        )
+        stamps_ns = self._convert(partial(exact_ns, form=form), stamps, self._stamp, lines)
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
         if nanosec := self._columns.get(read_options.STAMP_NANOSEC):
-            stamps_ns = stamps_ns + self._convert(
-                lambda cells: table_form.exact_ns(cells, 'ns'), cells_of(nanosec), nanosec, lines
-            )
+            convert = partial(exact_ns, form='ns')
+            stamps_ns = stamps_ns + self._convert(convert, cells_of(nanosec), nanosec, lines)
         if form.startswith(('%H', '%I')):
             day, time_ns = divmod(self._last_ns, DAY_NS)
             stamps_ns = stamps_ns % DAY_NS

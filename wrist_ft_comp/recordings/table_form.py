@@ -139,9 +139,7 @@ class Header:
 def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     """Find how a table is laid out from its first lines."""
     last_line = next(line for line in reversed(as_written) if line.strip())
-    replaced = [
-        (what, by) for what, by, least in _REPLACED if len(what.findall(last_line)) >= least
-    ]
+    replaced = [(what, by) for what, by, n in _REPLACED if len(what.findall(last_line)) >= n]
     lines = [Header(replaced=tuple(replaced)).plain_text(line) for line in as_written]
     at = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)]
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
@@ -160,11 +158,8 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
-    must = [
-        place
-        for place, cells in enumerate(columns)
-        if 2 * sum(_is_value(cell) for cell in cells if cell) >= len(cells)
-    ]
+    values = [sum(map(_is_value, filter(None, cells))) for cells in columns]
+    must = [place for place, count in enumerate(values) if 2 * count >= len(last)]
 
     def is_row(cells: list[str]) -> bool:
         has_number = any(unit_behind(cell) is not None for cell in cells)
@@ -329,11 +324,7 @@ def epoch_unit(number: float) -> str:
 
 
 def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
-    """
-    Find the unit of numbers by their size, or the form of dates; empty where there is none.
-
-    Day and month are told by what makes times follow; where both do, by ``month_first``.
-    """
+    """Find the unit of numbers by their size, or the form of dates; empty where there is none."""
     some = stamps[:: max(len(stamps) // _LOOKED_AT, 1)]
     filled = [text for text in some if text.lower() not in MISSING]
     if not filled:
@@ -353,6 +344,7 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     clocks = [f'{form}{zone}' for form in _CLOCKS for zone in ('', '%z', ' %z')]
     if not (clocks := [form for form in clocks if _is_in_form(clock, form)]):
         day, joint, clocks = text, '', ['']
+    # Day and month are told by what makes times follow; where both do, by month_first.
     month_first |= '%p' in clocks[0]
     days = [*_MONTH_FIRST, *_DAY_FIRST] if month_first else [*_DAY_FIRST, *_MONTH_FIRST]
     days = [form for form in days if _is_in_form(day, form)] if day else ['']
