@@ -11,7 +11,7 @@ from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection, decode
-from wrist_ft_comp.recordings.log_proposal import FAR
+from wrist_ft_comp.recordings.log_proposal import FAR, TREATED
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import follow, NumberReader, Path
@@ -19,10 +19,6 @@ from wrist_ft_comp.wire.temperature_source import path_text, temperatures_in
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
-#: Names of wrenches that were processed before; /wrench is what compensate adds.
-_TREATED = re.compile(
-    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
-)
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: A thermometer that changes by less, K, sees no warm-up.
@@ -136,7 +132,10 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     same holds for IMUs. Of an array, the last element. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
-    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    # /wrench is what compensate adds.
+    wrenches.sort(
+        key=lambda c: (c.entry == '/wrench' or bool(TREATED.search(c.entry)), -c.samples)
+    )
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
 

@@ -53,12 +53,11 @@ _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _TEMPERATURE_WORDS = {
     't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
 }  # fmt: skip
-#: Words of the true wrench, of what was made of the raw one, and of any force.
+#: Words of the true wrench, of what is no raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
-_TREATED = {
-    'external', 'target', 'desired', 'cmd', 'command', 'setpoint', 'std', 'variance', 'filtered',
-    'filter', 'compensated', 'rms', 'min', 'max',
-}  # fmt: skip
+TREATED = re.compile(
+    'compensat|filter|tare|zero|bias|external|reference|drift|target|desired|cmd|command|setpoint|'
+    'variance|(?<![a-z])(std|rms|min|max)(?![a-z])', re.IGNORECASE)  # fmt: skip
 _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
     'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
@@ -365,8 +364,8 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
         axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
     def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
-        words = {*looks.words}
-        return not words.isdisjoint(_TREATED), 'raw' not in words, len(looks.words), looks.place
+        is_treated = TREATED.search(looks.plain) is not None
+        return is_treated, 'raw' not in looks.words, len(looks.words), looks.place
 
     cold = sorted((looks for looks in free if looks not in hot), key=rank)
     for looks in cold:
