@@ -18,7 +18,6 @@ from wrist_ft_comp.channels import (
 )
 from wrist_ft_comp.cli.main import build_parser
 from wrist_ft_comp.errors import WristFtCompError
-from wrist_ft_comp.wire.units import STAMPS
 
 SCHEMA = Path(wrist_ft_comp.__file__).parent / 'stored/model.schema.json'
 FORMATS = """\
@@ -95,7 +94,8 @@ def csv_columns() -> str:
     """List the columns of a CSV recording."""
     thermometers = ', '.join(f'`{temperature_channel(j)}`' for j in range(3))
     rows = [
-        [' or '.join(f'`{column}`' for column in reversed(STAMPS)), 'h, min, s, ms, µs or ns',
+        [' or '.join(f'`stamp_{unit}`' for unit in ('h', 'min', 's', 'ms', 'us', 'ns')),
+         'h, min, s, ms, µs or ns',
          'one of them, ascending; kept as integer nanoseconds'],
         [', '.join(f'`{axis}`' for axis in AXES), 'N, N m', 'raw wrench, any subset'],
         [f'{thermometers} …', '°C',

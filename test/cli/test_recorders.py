@@ -3,9 +3,12 @@
 from datetime import datetime, timedelta, timezone
 from itertools import pairwise
 import json
+import os
 from pathlib import Path
+import re
 import shlex
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -53,12 +56,14 @@ def write(form, folder, seed=0):
     t, channels = hour(seed)
     row = compile(f'f{form["row"]!r}', form['name'], 'eval')
     short = ['fx', 'fy', 'fz', 'tx', 'ty', 'tz', 'T', 'T2']
-    lines = [form['head'].rstrip('\n')] if form['head'] else []
+    lines = []
     for k, values in enumerate(zip(t, *channels.values(), strict=True)):
         names = dict(zip(['t', *short], values, strict=True))
         at = BEGIN + timedelta(seconds=names['t'] + 86_400 * seed)
         names.update(k=k, c=c, at=at, epoch=at.timestamp())
         lines.append(eval(row, names))  # noqa: S307 -- our own forms
+    head, tail = ([form[part].rstrip('\n')] if form.get(part) else [] for part in ('head', 'tail'))
+    lines = [*head, *lines[:: form.get('order', 1)], *tail]
     path = folder / form.get('file', 'log.csv')
     if path.suffix == '.xlsx':
         from openpyxl import Workbook  # noqa: PLC0415 -- rarely there
@@ -89,11 +94,24 @@ def told(command):
     return Topics(columns=options.get('--columns', ''), time=options.get('--time', ''))
 
 
+def follow(said):
+    """Run the command of a sentence, as a person does."""
+    command = re.search('python3 -c ".*"|(?<=").*(?=")', said)[0]
+    python = f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}'
+    subprocess.run(command, shell=True, check=True, env={**os.environ, 'PATH': python})  # noqa: S602
+
+
 @pytest.mark.parametrize('name', FORMS)
-def test_what_is_printed_leads_to_the_right_channels_units_and_times(name, run, tmp_path):
+def test_what_is_printed_leads_to_the_right_channels_units_and_times(
+    name, run, tmp_path, monkeypatch
+):
     """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
+    if mended := form.get('mended'):
+        monkeypatch.chdir(tmp_path)
+        follow(run('show', path).sentence)
+        path = tmp_path / mended
     outcome = run('show', path, '--json')
     assert outcome.code == ('open' in form), 'nothing could be read'
     shown = json.loads(outcome.out)
@@ -168,6 +186,20 @@ def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
     assert (np.diff(stamps) >= 0).all()
 
 
+def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
+    t, channels = hour()
+    for name, channel in (('one', 'force_z'), ('two', 'temperature_c')):
+        rows = zip(t, channels[channel], strict=True)
+        text = ''.join(f'{at:.0f},{value:.4f}\n' for at, value in rows)
+        (tmp_path / f'{name}.csv').write_text(text)
+    joined = tmp_path / 'one.csv+two.csv'
+    assert 'got 1, 2, 3, 4.' in run('show', joined).out
+    said = Topics(columns='stamp=1,force_z=2,stamp=3,temperature_c=4')
+    recording = read_recording(joined, topics=said)
+    np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-4)
+    np.testing.assert_allclose(recording.temperature_c[::10, 0], channels['temperature_c'], 1e-4)
+
+
 @pytest.mark.parametrize('block', [1234, table.BLOCK])
 def test_where_a_clock_begins_anew_a_file_is_cut_as_the_sentence_says(
     block, run, tmp_path, monkeypatch
@@ -178,7 +210,7 @@ def test_where_a_clock_begins_anew_a_file_is_cut_as_the_sentence_says(
     one, two = (write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1))
     Path('both.csv').write_text(one + two, encoding='utf-8')
     said = run('show', 'both.csv').sentence
-    subprocess.run(said.split('"')[1], shell=True, check=True)  # noqa: S602 -- as a person does
+    follow(said)
     for part, text in (('part_1.csv', one), ('part_2.csv', two)):
         Path('alone.csv').write_text(text, encoding='utf-8')
         shown = [json.loads(run('show', path, '--json').out) for path in (part, 'alone.csv')]

@@ -1,8 +1,8 @@
 """Bags of every storage and compression, whole, cut off and wrong."""
 
-from pathlib import Path
 import shutil
 
+from bag_samples import read
 import numpy as np
 import pytest
 
@@ -10,29 +10,11 @@ from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag import read_bag
-from wrist_ft_comp.recordings.read import open_bag, read_recording
+from wrist_ft_comp.recordings.read import read_recording
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 pytestmark = pytest.mark.usefixtures('backend')
 by_rosbags = pytest.mark.parametrize('backend', ['rosbags'], indirect=True)
-
-
-def read(path, topics=None):
-    """Stamps and values by channels, and the bag's warnings."""
-    parts = {}
-    with open_bag(Path(path)) as bag:
-        for block in read_bag(bag, topics or Topics()):
-            parts.setdefault(block.channels, []).append(block)
-        warnings = bag.warnings
-    joined = {
-        channels: (
-            np.concatenate([block.stamps_ns for block in blocks]),
-            np.concatenate([block.values for block in blocks]),
-        )
-        for channels, blocks in parts.items()
-    }
-    return joined, warnings
 
 
 @pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])

@@ -1,9 +1,9 @@
 """Temperatures that are fields of drivers' own messages, in bags of every kind."""
 
 from importlib import import_module
-from pathlib import Path
 import sys
 
+import bag_samples
 import numpy as np
 import pytest
 
@@ -11,9 +11,7 @@ from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.bag import read_bag
 from wrist_ft_comp.recordings.read import backend as chosen_backend
-from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.wire.message_layout import define_installed
 
 BAGS = 'wrist_ft_comp.recordings'
@@ -75,12 +73,8 @@ class Driver:
             # Texts and arrays that change in length move what lies behind them.
             text = ('fine', 'a bit warm', '')[k % 3]
             names = ('shoulder', 'elbow', 'wrist')[: 2 + k // 100 % 2]
-            yield (
-                '/driver/frame',
-                self.frame,
-                at + 5000,
-                self.of_frame(at, 293.15 + k / 1000, text),
-            )
+            frame = self.of_frame(at, 293.15 + k / 1000, text)
+            yield '/driver/frame', self.frame, at + 5000, frame
             if k % 100 == 0:
                 wrench = self.messages.wrench(at, [1.0] * 6)
                 yield '/wrench_raw', self.messages.wrench_type, at + 4000, wrench
@@ -99,18 +93,9 @@ def ready(backend, driver, installed):
 
 def read(path, *temperatures):
     """Stamps and values of each thermometer."""
-    parts = {}
-    with open_bag(Path(path)) as bag:
-        for block in read_bag(bag, Topics(temperatures=temperatures)):
-            if block.channels[0].startswith('temperature'):
-                parts.setdefault(block.channels[0], []).append(block)
-    return [
-        (
-            np.concatenate([block.stamps_ns for block in blocks]).tolist(),
-            np.concatenate([block.values[:, 0] for block in blocks]).tolist(),
-        )
-        for blocks in map(parts.get, map(temperature_channel, range(len(parts))))
-    ]
+    parts, _ = bag_samples.read(path, Topics(temperatures=temperatures))
+    found = [parts[temperature_channel(k),] for k in range(len(temperatures))]
+    return [(stamps_ns.tolist(), values[:, 0].tolist()) for stamps_ns, values in found]
 
 
 @pytest.mark.usefixtures('ready')

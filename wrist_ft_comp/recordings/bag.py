@@ -171,9 +171,8 @@ class _TopicStream:
     channels: tuple[str, ...]
     sources: tuple[TemperatureSource, ...] = ()
     reader: NumberReader | None = None
-    #: Whether a message was read, and whether one had a stamp.
-    is_read: bool = False
-    is_stamped: bool = False
+    #: Whether a message had a stamp; None before one was read.
+    is_stamped: bool | None = None
 
 
 def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iterator[Samples]:
@@ -186,8 +185,8 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
         stream = streams[number]
         connection, named = stream.connection, stream.channels
         stamps_ns, values = decode(bag, connection, messages, stream.reader)
-        is_first, stream.is_read = not stream.is_read, True
-        stream.is_stamped |= bool(stamps_ns.any())
+        is_first = stream.is_stamped is None
+        stream.is_stamped = bool(stream.is_stamped or stamps_ns.any())
         if not stream.sources:
             if stamps_ns.any():
                 ahead_ns = int(stamps_ns[-1]) - times_ns[-1]
@@ -232,16 +231,15 @@ def read_bag(bag: Bag, topics: Topics, progress: Progress | None = None) -> Iter
 
 def _streams(bag: Bag, topics: Topics) -> list[_TopicStream]:
     """Find the topics; a stream for each connection."""
-    axes: tuple[str, ...] = AXES
-    named = [(topics.wrench, cdr.WRENCH, 'raw wrench', axes)]
+    named = [(topics.wrench, cdr.WRENCH, 'raw wrench', tuple[str, ...](AXES))]
     fields: defaultdict[str, list[tuple[str, TemperatureSource]]] = defaultdict(list)
     sources = temperature_source.parse_sources(topics.temperatures, lambda topic: topic.strip('/'))
     for number, source in enumerate(sources):
         channel = channels.temperature_channel(number)
         if source.path:
             fields[source.topic.strip('/')].append((channel, source))
-            continue
-        named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
+        else:
+            named.append((source.topic, cdr.TEMPERATURE, 'temperature', (channel,)))
     holds_reference = any(connection.msgcount for connection in bag.named(topics.reference))
     if holds_reference or topics.reference != Topics().reference:
         named.append((topics.reference, cdr.WRENCH, 'reference', channels.REFERENCE_CHANNELS))

@@ -11,7 +11,7 @@ from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection, decode
-from wrist_ft_comp.recordings.log_proposal import FAR
+from wrist_ft_comp.recordings.log_proposal import FAR, TREATED
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.wire import cdr
 from wrist_ft_comp.wire.message_layout import follow, NumberReader, Path
@@ -19,10 +19,6 @@ from wrist_ft_comp.wire.temperature_source import path_text, temperatures_in
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'
 _ROLES = {cdr.WRENCH: RAW_WRENCH, cdr.TEMPERATURE: TEMPERATURE, cdr.IMU: IMU, cdr.TF: TF}
-#: Names of wrenches that were processed before; /wrench is what compensate adds.
-_TREATED = re.compile(
-    r'^/wrench$|compensat|filter|tare|zero|bias|external|reference|drift', re.IGNORECASE
-)
 #: Names of temperatures of the sensor, or near it.
 _NEAR = re.compile(r'sensor|force|wrench|torque|tool|flange|(?<![a-z])ft(?![a-z])', re.IGNORECASE)
 #: A thermometer that changes by less, K, sees no warm-up.
@@ -60,9 +56,8 @@ class _Tally:
     #: Of messages of another type: where the temperatures are.
     paths: list[Path] = field(default_factory=list)
     reader: NumberReader | None = None
-    #: Whether messages were read, and whether one had a stamp.
-    is_read: bool = False
-    stamped: bool = False
+    #: Whether a message had a stamp; None before one was read.
+    stamped: bool | None = None
     #: Of each temperature, in the order of the paths.
     low: FloatArray = field(default_factory=lambda: np.array([np.nan]))
     high: FloatArray = field(default_factory=lambda: np.array([np.nan]))
@@ -70,15 +65,16 @@ class _Tally:
     def candidates(self) -> Iterator[Candidate]:
         """Make the candidates of the connection."""
         topic, samples = self.connection.topic, self.connection.msgcount
+        is_stamped = bool(self.stamped)
         if self.role != TEMPERATURE:
-            yield Candidate(self.role, topic, samples, self.stamped)
+            yield Candidate(self.role, topic, samples, is_stamped)
             return
         # What has no stamp counts at its time of arrival where it is read as a field.
-        plain: list[Path] = [()] if self.stamped else [('temperature',)]
+        plain: list[Path] = [()] if is_stamped else [('temperature',)]
         for path, *reads in zip(self.paths or plain, self.low, self.high, strict=True):
             entry = f'{topic}:{path_text(path)}' if path else topic
             low, high = map(float, reads)
-            yield Candidate(TEMPERATURE, entry, samples, self.stamped, (low, high))
+            yield Candidate(TEMPERATURE, entry, samples, is_stamped, (low, high))
 
 
 def survey_bag(
@@ -114,12 +110,13 @@ def survey_bag(
             del tallies[number]
             warnings.append(f'{tally.connection.topic} cannot be used: {error}')
             continue
-        tally.is_read, tally.stamped = True, tally.stamped or bool(stamps_ns.any())
+        tally.stamped = bool(tally.stamped or stamps_ns.any())
         if tally.role == TEMPERATURE:
             values = values[:, : len(tally.paths) or 1]  # behind a Temperature is its variance
             tally.low = np.fmin(tally.low, np.fmin.reduce(values))
             tally.high = np.fmax(tally.high, np.fmax.reduce(values))
-    found += [c for tally in tallies.values() if tally.is_read for c in tally.candidates()]
+    read = [tally for tally in tallies.values() if tally.stamped is not None]
+    found += [candidate for tally in read for candidate in tally.candidates()]
     order = list(_ROLES.values())
     found.sort(key=lambda c: (order.index(c.role), c.entry.partition(':')[0]))
     return tuple(found), tuple(warnings)
@@ -135,7 +132,10 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     same holds for IMUs. Of an array, the last element. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
-    wrenches.sort(key=lambda c: (bool(_TREATED.search(c.entry)), -c.samples))
+    # /wrench is what compensate adds.
+    wrenches.sort(
+        key=lambda c: (c.entry == '/wrench' or bool(TREATED.search(c.entry)), -c.samples)
+    )
     wrenches.sort(key=lambda c: c.entry.strip('/') != topics.wrench.strip('/'))
     wrench = wrenches[0].entry if wrenches else ''
 
@@ -152,12 +152,12 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
         common = len(names(candidate.entry) & ours)
         return far is not None, -common, near is None, -int(indices[-1] if indices else -1)
 
+    def may_be_ours(candidate: Candidate) -> bool:
+        words = names(candidate.entry)
+        return bool(words & (ours - theirs)) or not words & (theirs - ours)
+
     topics = replace(topics, wrench=wrench)
-    candidates = [
-        candidate
-        for candidate in sorted(candidates, key=distance)
-        if names(candidate.entry) & (ours - theirs) or not names(candidate.entry) & (theirs - ours)
-    ]
+    candidates = sorted(filter(may_be_ours, candidates), key=distance)
     imus = [c for c in candidates if c.role == IMU and c.stamped]
     if imus and not topics.imu and not topics.gravity_frame:
         topics = replace(topics, imu=imus[0].entry)

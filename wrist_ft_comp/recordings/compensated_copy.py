@@ -53,7 +53,7 @@ def rewrite_recording(  # noqa: PLR0913 - settings by keyword, each with its def
     ):
         made = Path(folder) / target.name
         if isinstance(opened, OpenTable):
-            _write_table(opened, made, correct, external, progress)
+            _write_table(opened, made, [*outputs.values()], progress)
         else:
             _write_bag(opened.bag, made, outputs, topics, progress)
         copy.check_target(target)
@@ -124,11 +124,7 @@ def _write_bag(
 
 
 def _write_table(
-    source: OpenTable,
-    target: Path,
-    correct: Correction,
-    external: Correction | None,
-    progress: Progress | None,
+    source: OpenTable, target: Path, corrections: Sequence[Correction], progress: Progress | None
 ) -> None:
     """Write our own columns; an empty one says that they are compensated."""
     import pandas  # noqa: PLC0415 -- a bag is copied without it
@@ -136,20 +132,19 @@ def _write_table(
     source.require('stamp', 'raw wrench')
     channels = [column.channel for placed in source.columns for column in placed.channels]
     empty = [*(name for name in source.names if name.startswith(ORIGIN)), COMPENSATED]
-    axes = [axis for axis in AXES if axis in channels]
-    added = [f'external_{axis}' for axis in axes if external]
     for number, rows in enumerate(source.rows(progress)):
         # Of tables that are joined, each fills its own columns.
         frame = pandas.DataFrame({'stamp_ns': rows.stamps_ns, **rows.values})
-        frame = frame.reindex(columns=['stamp_ns', *channels, *empty, *added])
+        frame = frame.reindex(columns=['stamp_ns', *channels, *empty])
         wrench = frame.reindex(columns=AXES).to_numpy(float)
-        for correction, names in ((correct, axes), (external, added)):
-            corrected = np.full_like(wrench, np.nan)
-            filled = ~np.isnan(wrench).all(axis=1)
-            if correction and filled.any():
+        filled = ~np.isnan(wrench).all(axis=1)
+        for prefix, correction in zip(('', 'external_'), corrections, strict=False):
+            corrected = wrench.copy()
+            if filled.any():
                 corrected[filled] = correction(rows.stamps_ns[filled], wrench[filled])
             corrected[np.isnan(wrench)] = np.nan
-            frame[names] = corrected[:, [AXES.index(axis) for axis in axes][: len(names)]]
+            for axis in (axis for axis in AXES if axis in channels):
+                frame[prefix + axis] = corrected[:, AXES.index(axis)]
         frame.to_csv(target, mode='a', index=False, header=not number, lineterminator='\n')
     if len(source.tables) > 1:
         frame = pandas.read_csv(target, float_precision='round_trip', dtype={'stamp_ns': np.int64})

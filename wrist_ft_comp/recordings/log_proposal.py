@@ -18,12 +18,13 @@ from unicodedata import normalize
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import KINDS, Placed
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
-from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS
+from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -46,17 +47,17 @@ _TIME_WORD = re.compile(
     'time|stamp|zeit|dat(e|um)|elapsed|epoch|clock|secs?$|seconds|millis|micros|horodat|heure|'
     'temps$|tiempo|fecha|hora$|tempo$|日時|時刻|時間|时间|日期'
 )
+_ELAPSED = {'elapsed', 'relative', 'duration', 'laufzeit'}
 _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 #: Words of thermometers beside those of any language that begin with "temp".
 _TEMPERATURE_WORDS = {
     't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
 }  # fmt: skip
-#: Words of the true wrench, of what was made of the raw one, and of any force.
+#: Words of the true wrench, of what is no raw one, and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
-_TREATED = {
-    'external', 'target', 'desired', 'cmd', 'command', 'setpoint', 'std', 'variance', 'filtered',
-    'filter', 'compensated', 'rms', 'min', 'max',
-}  # fmt: skip
+TREATED = re.compile(
+    'compensat|filter|tare|zero|bias|external|reference|drift|target|desired|cmd|command|setpoint|'
+    'variance|(?<![a-z])(std|rms|min|max)(?![a-z])', re.IGNORECASE)  # fmt: skip
 _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
     'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
@@ -78,6 +79,8 @@ _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 _MAP_SIGNS = re.compile(r'[,:=…]|\*[-+.\deE]')
 #: Readings of a wrist in kelvins, the most that they are apart, and those in tenths of °C.
 _KELVINS, _MOST_SPAN_K, _TENTHS = (253.15, 450.0), 80.0, (100.0, 600.0)
+#: Most channels that rows of one channel each may have.
+_MOST_CHANNELS = 40
 #: A temperature moves from sample to sample by a smaller share of all that it moves.
 _SMOOTH = 0.2
 #: A time runs back, as at midnight, in at most this share of the rows.
@@ -160,7 +163,7 @@ class _Looks:
 
     def __init__(self, place: int, cells: Sequence[str], header: Header) -> None:
         self.place, self._unit = place, header.units.get(place, '')
-        self._name = name = header.names[place]
+        self.name = name = header.title(place)
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
         text = re.sub(r'(?<=[a-z])(?=[A-Z])|(?<=[\u3040-\ud7af])(?=[A-Za-z])', ' ', text)
@@ -174,7 +177,7 @@ class _Looks:
         self.numbers = np.array(numbers)
         #: Whether nearly all cells that are filled hold a number; without cells nobody knows.
         self._is_number = not cells or len(self.numbers) > 0.9 * len(self.filled) > 0
-        self._steps = steps = np.diff(self.numbers)
+        steps = np.diff(self.numbers)
         is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
         #: Whether its values may be those of a sensor.
@@ -184,6 +187,8 @@ class _Looks:
         self._is_time_word = is_short or any(map(_TIME_WORD.search, self.words))
         #: What --time has to say where it is a time.
         self.form = find_form(self.filled, month_first=header.delimiter == ',')
+        if self.form == '%H:%M' and not _ELAPSED.isdisjoint(self.words):
+            self.form = TIMEDELTA
         if self._is_number and len(self.numbers):
             own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
             self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
@@ -194,14 +199,13 @@ class _Looks:
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
-        return known_unit(channel, self._name, self._unit)
+        return known_unit(channel, self.name, self._unit)
 
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
         others = ('temperature_c', 'force_x', 'torque_x', 'linear_acceleration_x')
-        return self.is_measured and bool(
-            self.unit_of(channel) or not any(map(self.unit_of, others))
-        )
+        has_other_unit = not self.unit_of(channel) and any(map(self.unit_of, others))
+        return self.is_measured and not has_other_unit
 
     def time_score(self) -> float:
         """Tell how well it is a time; 0 where it is none."""
@@ -217,6 +221,7 @@ class _Looks:
             steps = np.diff(exact_ns(self.filled, self.form))
         except (ValueError, ArithmeticError):
             return 0.0
+        steps = -steps if len(steps) and (steps <= 0).all() else steps  # the newest is first
         if not len(steps) or np.mean(steps < 0) > _MOST_BACK:
             return float(not len(steps))
         # A clock is better than seconds, and seconds are better than what counts rows.
@@ -226,7 +231,7 @@ class _Looks:
 
     def thermometer(self) -> str | None:
         """Find :UNIT, or a factor, by which it reads like a thermometer; None if it is none."""
-        unit, steps = self.unit_of('temperature_c'), np.abs(self._steps)
+        unit, steps = self.unit_of('temperature_c'), np.abs(np.diff(self.numbers))
         is_named = may_be_temperature((self.plain,)) or (
             not _TEMPERATURE_WORDS.isdisjoint(self.words)
             and not any(map(_AXIS.fullmatch, self.words))
@@ -264,20 +269,13 @@ class _Looks:
 
 
 def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[str, str], str]:
-    """
-    Propose what columns are that are not understood, by names, units and some rows of texts.
-
-    By the names of ours: columns, with their factors and units, as ``--columns`` has them; and
-    the form of the times, as ``--time`` has it.
-    """
+    """Propose what other columns are: by our names, as --columns has them; and what --time is."""
     header, names = placed.header, placed.header.names
     cells = list(zip(*rows, strict=True)) if rows else [()] * len(names)
-    free = [
-        _Looks(place, cells[place], header)
-        for place in placed.unused
-        if names[place] or any(cells[place])
-    ]
+    free = [_Looks(k, cells[k], header) for k in placed.unused if names[k] or any(cells[k])]
     found, time = dict[str, _Looks](), ''
+    if rows and header.lines_above:
+        _refuse_long_form(placed.table, free, header)
     if STAMP not in placed.columns:
         found, time = _find_times(free, header)
     found |= _find_channels(free, placed)
@@ -290,7 +288,7 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         # A map names a column by its number where its name is none for a map.
         name = names[looks.place]
         by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
-        name = str(looks.place + 1) if by_number else name
+        name = str(header.columns_before + looks.place + 1) if by_number else name
         proposed[channel] = name + _behind(looks, channel, header)
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
@@ -299,17 +297,31 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
     return proposed, time
 
 
+def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> None:
+    """Refuse rows of one channel each: texts of a column name forces and temperatures."""
+    numbers = [looks for looks in free if looks.is_measured]
+    for looks in (k for k in free if numbers and not len(k.numbers)):
+        channels = tuple(dict.fromkeys(looks.filled))[:_MOST_CHANNELS]
+        meant, _ = propose(Placed(table, Header(names=channels), {}))
+        if 'temperature_c' in meant and not {*AXES}.isdisjoint(meant):
+            value, time = (f(k, key=_Looks.time_score) for f, k in ((min, numbers), (max, free)))
+            pivot = ', '.join(repr(header.names[k.place]) for k in (value, time, looks))
+            raise RecordingError(
+                f'{table} has a row for each channel ({", ".join(channels)}); expected a column. '
+                f'Make them by python3 -c "import pandas; pandas.read_csv({table!r}, '
+                f'sep={header.delimiter!r}, skiprows={header.lines_above - 1}, decimal='
+                f"{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('wide.csv')\"."
+            )
+
+
 def _behind(looks: _Looks, channel: str, header: Header) -> str:
     """Write the factor and the unit that a map has to have behind a column."""
     if channel in read_options.STAMP_COLUMNS:
         return ''
     if channel.startswith('temperature'):
         return looks.thermometer() or ''
-    quantity = channel.split('_', maxsplit=1)[0]
-    unit = looks.unit_of(channel) or known_unit(channel, '', header.said_units.get(quantity, ''))
-    counts = header.said_counts.get(quantity, 1.0)
-    factor = f'*{1 / counts:g}' if counts > 1 else ''
-    return f'{factor}:{unit}' if unit else factor
+    unit = looks.unit_of(channel)
+    return f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
 
 
 def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:
@@ -347,16 +359,13 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
         base = '_'.join(looks.words[:-1])
         if looks.words and looks.words[-1].isdecimal() and _WRENCH.match(base):
             numbered.setdefault(base, []).append(looks)
-    axes = {
-        looks: axis
-        for group in numbered.values()
-        for looks, axis in zip(group, AXES, strict=False)
-        if len(group) == len(AXES)
-    }
+    axes = dict[_Looks, str]()
+    for group in numbered.values():
+        axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
     def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
-        words = {*looks.words}
-        return not words.isdisjoint(_TREATED), 'raw' not in words, len(looks.words), looks.place
+        is_treated = TREATED.search(looks.plain) is not None
+        return is_treated, 'raw' not in looks.words, len(looks.words), looks.place
 
     cold = sorted((looks for looks in free if looks not in hot), key=rank)
     for looks in cold:
@@ -364,12 +373,8 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
         if channel in absent and looks.may_be(channel):
             found.setdefault(channel, looks)
     # The only force of a log is taken for the one along z; of several, a person knows the axes.
-    forces = [
-        looks
-        for looks in cold
-        if (looks.unit_of('force_z') or _FORCE_WORD.search(looks.plain))
-        and looks.may_be('force_z')
-    ]
+    forces = [k for k in cold if k.unit_of('force_z') or _FORCE_WORD.search(k.plain)]
+    forces = [looks for looks in forces if looks.may_be('force_z')]
     if len(forces) == 1 and {*AXES} <= {*absent} - {*found}:
         found['force_z'] = forces[0]
     free[:] = [looks for looks in free if looks not in found.values()]

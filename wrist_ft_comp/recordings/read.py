@@ -28,12 +28,10 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.batch_grid import grid_samples
 from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
-from wrist_ft_comp.wire.temperature_source import parse_sources, TemperatureSource
+from wrist_ft_comp.wire.temperature_source import parse_sources
 from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
-#: Columns of equal length by name, such as a dict of arrays or a DataFrame.
-Columns = Any
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
 
@@ -119,7 +117,7 @@ class OpenBag:
 
     def __init__(self, bag: Bag, options: ReadOptions) -> None:
         self.bag, self.name, self.options, self.warnings = bag, bag.name, options, bag.warnings
-        self.sources: tuple[TemperatureSource, ...] = parse_sources(options.topics.temperatures)
+        self.sources = parse_sources(options.topics.temperatures)
 
     @property
     def sensor(self) -> SensorNames:
@@ -146,9 +144,8 @@ class OpenTable:
             own = ReadOptions().place(table.name, table.header)
             # A map beside a recording of our own, such as a compensated copy, is of others.
             is_ours = not any(own.columns.keys().isdisjoint(kind) for kind in KINDS.values())
-            is_beside = options.source != '--columns'
-            said = options.place(table.name, table.header)
-            self.columns.append(own if is_ours and is_beside else said)
+            is_other = is_ours and options.source != '--columns'
+            self.columns.append(own if is_other else options.place(table.name, table.header))
         for column in options.columns:
             if all(column in placed.missing for placed in self.columns):
                 raise RecordingError(
@@ -172,13 +169,9 @@ class OpenTable:
 
     def lacks(self, kinds: Sequence[str] = tuple(KINDS)) -> list[str]:
         """List those of some KINDS that no column is of; each table needs its stamps."""
-        return [
-            kind
-            for kind in kinds
-            if (any if kind == STAMP else all)(
-                placed.columns.keys().isdisjoint(KINDS[kind]) for placed in self.columns
-            )
-        ]
+        tables = [placed.columns.keys() for placed in self.columns]
+        lack = {kind: [columns.isdisjoint(KINDS[kind]) for columns in tables] for kind in kinds}
+        return [kind for kind, of in lack.items() if (any(of) if kind == STAMP else all(of))]
 
     def propose(self) -> Proposal:
         """Propose what the columns are that are not understood."""
@@ -250,8 +243,10 @@ def open_recording(path: Path, topics: Topics) -> Iterator[OpenBag | OpenTable]:
             yield OpenBag(bag, read_options.parse_options(topics))
     else:
         files = files_of(path)
-        options = read_options.options_beside(files[0], topics)
-        yield OpenTable([Table(file) for file in files], options)
+        options, tables = read_options.options_beside(files[0], topics), list[Table]()
+        for file in files:
+            tables.append(Table(file, sum(len(table.header.names) for table in tables)))
+        yield OpenTable(tables, options)
 
 
 def read_recording(
@@ -322,7 +317,7 @@ def hash_recording(path: Path) -> str:
 
 
 def recording_from_columns(
-    *tables: Columns, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
+    *tables: Any, name: str = 'table', period_s: float = 1.0, max_bad_share: float = 0.01
 ) -> Recording:
     """
     Make a recording of columns in memory, as read_recording does of a CSV file.
@@ -339,7 +334,7 @@ def recording_from_columns(
 
 
 def compensate(
-    model: DriftModel, table: Columns, *others: Columns, tare_s: float = 0.0
+    model: DriftModel, table: Any, *others: Any, tare_s: float = 0.0
 ) -> dict[str, FloatArray]:
     """
     Remove the drift from the wrench of a table, as the command ``compensate`` does from a file.

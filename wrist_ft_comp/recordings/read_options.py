@@ -2,11 +2,11 @@
 How columns of a table become channels: names, units, factors, and the form of times.
 
 ``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``;
-a column that has no name is called by its number, from 1 on. A date beside a time of day is
-``stamp_date=date,stamp=time``; rows without a time, a hundred a second, are ``stamp=#*0.01``.
-``--time`` says what stamps are: s, ms, us, ns, min, h, d, iso (ISO 8601), excel (days since
-1899-12-30), datenum (days of MATLAB), timedelta (of pandas), or a form of strptime. The same may
-stand in ``recording.yaml`` beside the recordings.
+a number, from 1 on and through all tables that are joined, stands for a column without a name;
+``stamp_date`` for a date beside times of day; ``stamp=#*0.01`` for rows a hundred times a second.
+``--time`` says what stamps are: a unit, iso (ISO 8601), excel (days since 1899-12-30), datenum
+(days of MATLAB), timedelta (of pandas, or 75:00.5), or a form of strptime. The same may stand in
+``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ from wrist_ft_comp.stored.own_file import beginning
 from wrist_ft_comp.stream.excerpt import Excerpt, parse_excerpt
 from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import to_celsius
-from wrist_ft_comp.wire.units import plain_unit, STAMP, STAMPS, TIME_UNITS_NS, units_of
+from wrist_ft_comp.wire.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
 
 #: What stands for a channel where a column holds the nanoseconds beyond whole seconds, or the date
 #: of times of day.
@@ -76,8 +76,8 @@ class Column:
 
 def own_column(name: str) -> Column | None:
     """Tell what a column with one of our names is; None where it is none of ours."""
-    if name in STAMPS:
-        return Column(name, STAMP, name.removeprefix('stamp_'))
+    if (unit := name.removeprefix('stamp_')) in TIME_UNITS_NS and unit != name:
+        return Column(name, STAMP, unit)
     if thermometer := _THERMOMETER.fullmatch(name):
         return Column(name, f'{thermometer[1]}c', thermometer[2].upper())
     return Column(name, name) if name in {*CHANNELS, STAMP_NANOSEC, STAMP_DATE} else None
@@ -208,10 +208,11 @@ class ReadOptions:
         mapped: dict[int, Column] = {}
         missing: list[Column] = []
         for named in self.columns:
+            number = int(named.name) - header.columns_before if named.name.isdecimal() else 0
             if named.name in names:
                 mapped[names.index(named.name)] = named
-            elif named.name.isdecimal() and 0 < int(named.name) <= len(names):
-                mapped[int(named.name) - 1] = named
+            elif 0 < number <= len(names):
+                mapped[number - 1] = named
             elif named.name == ROW_NUMBER and named.channel == STAMP:
                 mapped[ROW] = named
             else:
@@ -232,7 +233,8 @@ class ReadOptions:
             unit = self.time if channel == STAMP and self.time else column.unit
             if not unit and column.factor is None and channel not in {STAMP_NANOSEC, STAMP_DATE}:
                 beside = header.units.get(place, '')
-                unit = units.known_unit(channel, name, beside)
+                title = name if place == ROW else header.title(place)
+                unit = units.known_unit(channel, title, beside)
                 word = next(iter(units.said_units(name, beside)[-1:]), '')
                 # What stands beside times is often a zone, or their form.
                 if word and not unit and channel != STAMP:

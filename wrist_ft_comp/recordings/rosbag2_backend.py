@@ -27,10 +27,7 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     reader = _reader(chosen, compression)
     stack.callback(_close, reader)
     metadata = reader.get_metadata()
-    counts = {
-        topic.topic_metadata.name: topic.message_count
-        for topic in metadata.topics_with_message_count
-    }
+    counts = {t.topic_metadata.name: t.message_count for t in metadata.topics_with_message_count}
     topics = {
         topic.name: Connection(number, topic.name, topic.type, counts.get(topic.name, 0), topic)
         for number, topic in enumerate(reader.get_all_topics_and_types())

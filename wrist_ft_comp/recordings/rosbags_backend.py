@@ -49,11 +49,7 @@ def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Itera
 
 
 def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
-    """
-    Scan a cut-off .mcap file without its index, up to the last complete record.
-
-    None where it does not begin as one, or is not cut off.
-    """
+    """Scan a cut-off .mcap file up to its last complete record; None where it is none."""
     files = sorted(chosen.glob('*.mcap')) if chosen.is_dir() else [chosen]
     if len(files) != 1 or files[0].suffix != '.mcap':
         return None

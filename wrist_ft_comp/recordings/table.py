@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 import csv
 from dataclasses import dataclass
+from functools import partial
 import gzip
 from io import StringIO, TextIOWrapper
 import lzma
@@ -27,7 +28,7 @@ import numpy as np
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import Column, Placed
-from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, Header
+from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, exact_ns, Header
 from wrist_ft_comp.series import FloatArray, IntArray, Progress
 from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
 
@@ -65,7 +66,7 @@ class Rows:
 class Table:
     """A table in a file; ``header`` says how it is laid out."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns_before: int = 0) -> None:
         self.path, self.name = path, path.name
         #: What was left out; complete when all rows were read.
         self.warnings: list[str] = []
@@ -85,7 +86,7 @@ class Table:
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
-        self.header = table_form.find_header(lines[: table_form.FIRST_LINES])
+        self.header = table_form.find_header(lines[: table_form.FIRST_LINES], columns_before)
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""
@@ -98,20 +99,15 @@ class Table:
             raw.seek(0)
             opened = [module.open(raw) for sign, module in _PACKED if magic.startswith(sign)]
             packed: Any = opened[0] if opened else raw
-            start = packed.read(_START)
+            file = TextIOWrapper(packed, _encoding_of(packed.read(_START)), errors='replace')
             packed.seek(0)
-            file = TextIOWrapper(packed, _encoding_of(start), errors='replace')
             while piece := file.read(BLOCK):
                 yield piece
                 if progress:
                     progress(min(raw.tell() / size, 1.0))
 
     def _texts(self, progress: Progress | None = None) -> Iterator[tuple[int, str]]:
-        """
-        Read whole lines below the header, and the number of the first of them.
-
-        A last line without a line end comes alone.
-        """
+        """Read whole lines below the header, and the number of the first; a cut one is alone."""
         number, rest, lines_above = 1, '', self.header.lines_above
         try:
             for piece in self._pieces(progress):
@@ -146,16 +142,12 @@ class Table:
             count = _SHOWN_LATER if rows else _SHOWN_ROWS
             for line in lines[:: max(len(lines) // count, 1)]:
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
-                if len(row) >= self.header.width and tuple(row) not in self.header.rows_above:
+                if len(row) >= self.header.width and self.header.is_sample(row):
                     rows.append([*row, ''][: len(self.header.names)])
         return rows
 
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
-        """
-        Read the columns that are used.
-
-        RecordingError, naming the line, where a row is bad, or where the clock begins anew.
-        """
+        """Read the columns that are used; RecordingError where a row is bad or out of order."""
         convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
         stamps_ns: IntArray = np.empty(0, np.int64)
         lines = stamps_ns
@@ -176,6 +168,12 @@ class Table:
                 self.warnings.append(
                     f'{where} has no line end; if it was cut off, its last value '
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
+                )
+            if is_empty and len(rows.lines) > n and (np.diff(rows.stamps_ns) <= 0).all():
+                path, above = shlex.quote(str(self.path)), self.header.lines_above
+                raise RecordingError(
+                    f'{self.name} has its newest row first. Turn it round by "(head -n {above} '
+                    f'{path}; tail -n +{above + 1} {path} | tac) > oldest_first.csv".'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -217,16 +215,13 @@ class Table:
                 return convert(frame.set_axis(range(number, number + line_ends)))
 
         # Line by line: some are comments, repeat the header, are empty or bad.
-        texts = [
-            '' if line.startswith(COMMENTS) else line.strip() if sign == ' ' else line
-            for line in text.split('\n')
-        ]
+        texts = ['' if line.startswith(COMMENTS) else line for line in text.split('\n')]
         rows: dict[int, list[str]] = {}
         reader = csv.reader(texts, delimiter=sign, skipinitialspace=True)
         try:
             for row in reader:
                 found = [cell.strip() for cell in row]
-                if not any(found) or tuple(found) in self.header.rows_above:
+                if not self.header.is_sample(found):
                     continue
                 line, count = number + reader.line_num - 1, len(found)
                 if not width <= count <= len(self.header.names) and any(found[width:] or ['x']):
@@ -309,10 +304,6 @@ class _RowConverter:
             if len(cells) > 1:
                 for k in range(len(cells)):
                     self._convert(convert, cells[k : k + 1], column, lines[k : k + 1])
-                raise RecordingError(
-                    f'{self._name} has times in {column.name} that are in no common form. Say '
-                    'what they are, such as --time iso.'
-                ) from error
             wanted, remedy = 'a number', 'Repair or remove the line.'
             if column is self._stamp:
                 wanted = f'a time ({self._form})'
@@ -346,15 +337,12 @@ class _RowConverter:
         form = self._form = self._form or 's'
         if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
             stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]
-        stamps_ns = self._convert(
-            lambda cells: table_form.exact_ns(cells, form), stamps, self._stamp, lines
-        )
+        stamps_ns = self._convert(partial(exact_ns, form=form), stamps, self._stamp, lines)
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
         if nanosec := self._columns.get(read_options.STAMP_NANOSEC):
-            stamps_ns = stamps_ns + self._convert(
-                lambda cells: table_form.exact_ns(cells, 'ns'), cells_of(nanosec), nanosec, lines
-            )
+            convert = partial(exact_ns, form='ns')
+            stamps_ns = stamps_ns + self._convert(convert, cells_of(nanosec), nanosec, lines)
         if form.startswith(('%H', '%I')):
             day, time_ns = divmod(self._last_ns, DAY_NS)
             stamps_ns = stamps_ns % DAY_NS

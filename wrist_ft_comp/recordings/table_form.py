@@ -49,12 +49,25 @@ _CLOCKS = (
 )  # fmt: skip
 #: A day, what joins it, and a time of day.
 _DAY_AND_CLOCK = re.compile(r'(?:(\d[\w ./-]*?\d)(\. |[T /_-]))?(\d{1,2}[:.]\d\d.*)')
-#: Words of rows below a header that say what a recorder did to the samples.
-_STATISTICS = {'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', 'median', 'tot'}
+#: Words of rows below a header, or below the samples, that say what was made of the samples.
+_STATISTICS = {
+    'avg', 'smp', 'min', 'max', 'std', 'mean', 'ts', 'rn', 'count', 'median', 'tot', 'average',
+    'minimum', 'maximum', 'stdev', 'std dev', 'rms', 'mittelwert', 'standardabweichung',
+}  # fmt: skip
 #: Lines above the header that say in which unit, or how many counts, forces or torques are.
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
 _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
+#: Lines above that say what a column is, by its number: COL 2: FX (N).
+_NUMBERED = re.compile(
+    r'\W*(?:chan(?:nel)?|ch|col(?:umn)?|kanal|spalte)?[ ._]*(\d+)\W+(\S.*)', re.IGNORECASE
+)
+#: A label in a cell: Fz=12.3, T: 25.1C.
+_LABEL = re.compile(r'(?<![^\s,;|"])([^\W\d]\w*) ?[=:] ?(?=[-+.]?\d)')
+#: What is replaced in all lines, by what, and how often the last one has it at least.
+_REPLACED = (re.compile(' -> '), ',', 1), (_LABEL, '', 2)
+#: A time since the beginning, which has no more than minutes and seconds, or any number of hours.
+_ELAPSED = re.compile(r'\d+:\d\d(:\d\d)?([.,]\d+)?')
 #: Stamps that are looked at for their form.
 _LOOKED_AT = 500
 #: Stamps from 2001 on have at least this size in seconds, and up to 9.2 times as much, where
@@ -78,29 +91,39 @@ class Header:
     lines_above: int = 0
     #: What the columns are called: by their numbers, from 1 on, where no line names them.
     names: tuple[str, ...] = ()
+    #: How many columns other tables, which are joined before it, have; numbers go on.
+    columns_before: int = 0
     #: By place: units in a row of their own, or behind the numbers of the first row.
     units: Mapping[int, str] = field(default_factory=dict)
     #: The header and what stands between it and the rows; some recorders repeat it.
     rows_above: frozenset[tuple[str, ...]] = frozenset()
-    #: What lines above say of 'force' and 'torque': their unit, and counts per unit.
-    said_units: dict[str, str] = field(default_factory=dict)
-    said_counts: dict[str, float] = field(default_factory=dict)
-    #: Whether a terminal writes a time, an arrow, and what was sent.
-    has_arrows: bool = False
+    #: What lines above say of 'force' and 'torque', as a map has it behind a column: *1e-06:N.
+    said: Mapping[str, str] = field(default_factory=dict)
+    #: By place: what lines above, or labels in cells, say of a column.
+    told: Mapping[int, str] = field(default_factory=dict)
+    #: What is written otherwise elsewhere: arrows of a terminal, labels and units in cells.
+    replaced: tuple[tuple[re.Pattern[str], str], ...] = ()
     #: The sign before decimals, and the one between thousands; empty where it is not known.
     decimal: str = '.'
     thousands: str = ''
-    #: Units that stand behind the numbers of rows.
-    units_in_cells: tuple[str, ...] = ()
 
     def plain_text(self, text: str) -> str:
         """Write numbers and cells as they are written elsewhere."""
         text = text.replace('\u2212', '-')  # a minus as it is printed
-        text = text.replace(' -> ', ',') if self.has_arrows else text
-        if self.units_in_cells:
-            words = '|'.join(map(re.escape, self.units_in_cells))
-            text = re.sub(rf'(?<=\d) ?(?:{words})(?=["{self.delimiter}\s])', '', text)
+        for pattern, plain in self.replaced:
+            text = pattern.sub(plain, text)
         return text
+
+    def is_sample(self, row: Sequence[str]) -> bool:
+        """Whether a row is neither empty, nor a header that is repeated, nor statistics."""
+        first = next(filter(None, row), '')
+        is_told = first.lower().rstrip(':') in _STATISTICS
+        return bool(first) and not is_told and tuple(row) not in self.rows_above
+
+    def title(self, place: int) -> str:
+        """Give all that is said of a column: its name, if it has one, and what is told."""
+        name, told = self.names[place], self.told.get(place, '')
+        return told if told and name.isdecimal() else f'{name} {told}'.strip()
 
     def number_in(self, cell: str) -> float:
         """Read a number; a missing one is NaN. ValueError where it is none."""
@@ -113,10 +136,11 @@ class Header:
         return float(cell)
 
 
-def find_header(lines: Sequence[str]) -> Header:
+def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     """Find how a table is laid out from its first lines."""
-    has_arrows = ' -> ' in next(line for line in reversed(lines) if line.strip())
-    lines = [Header(has_arrows=has_arrows).plain_text(line) for line in lines]
+    last_line = next(line for line in reversed(as_written) if line.strip())
+    replaced = [(what, by) for what, by, n in _REPLACED if len(what.findall(last_line)) >= n]
+    lines = [Header(replaced=tuple(replaced)).plain_text(line) for line in as_written]
     at = [k for k, line in enumerate(lines) if line.strip() and not line.startswith(COMMENTS)]
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
     alike = {sign: _of_one_width([cut_line(line, sign) for line in last_lines]) for sign in _SIGNS}
@@ -134,11 +158,8 @@ def find_header(lines: Sequence[str]) -> Header:
     filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
-    must = [
-        place
-        for place, cells in enumerate(columns)
-        if 2 * sum(_is_value(cell) for cell in cells if cell) >= len(cells)
-    ]
+    values = [sum(map(_is_value, filter(None, cells))) for cells in columns]
+    must = [place for place, count in enumerate(values) if 2 * count >= len(last)]
 
     def is_row(cells: list[str]) -> bool:
         has_number = any(unit_behind(cell) is not None for cell in cells)
@@ -148,7 +169,9 @@ def find_header(lines: Sequence[str]) -> Header:
 
     # Above it are rows as wide: of units, of what was done to the samples, and one of names.
     above: list[list[str]] = []
-    for line in reversed([line for line in lines[:first] if line.strip('-=+|_ \t')]):
+    lines_above = [line for line in lines[:first] if line.strip('-=+|_ \t')]
+    told = _numbered(lines_above, width)
+    for line in reversed([] if told else lines_above):
         is_comment = line.startswith(COMMENTS)
         cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
         # What has fewer cells than the rows have values lacks those of the first columns.
@@ -167,17 +190,41 @@ def find_header(lines: Sequence[str]) -> Header:
         in_cells,
     ]
     said_units = next(filter(_units_in, said), [])
-    names = [*names, *[''] * (width - len(names))] if names else [str(k + 1) for k in range(width)]
+    for row in rows[:first]:
+        if len(row) > 1 and row[0] and row[0] in names and row not in above:
+            unit = next((f' [{cell}]' for cell in row[2:] if _units_in([cell])), '')
+            told[names.index(row[0])] = row[1] + unit
+    for line in as_written[first : first + 1]:
+        cells = cut_line(_LABEL.sub(r'\1=', line), delimiter)
+        labels = {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
+        told |= labels if len(labels) > 1 else {}
+    if words := '|'.join({*map(re.escape, in_cells)} - {''}):
+        behind = rf'(?<=\d) ?(?:{words})(?=["{delimiter}\s])'
+        replaced.append((re.compile(behind), ''))
+    numbers = [str(columns_before + k + 1) for k in range(width)]
+    names = [*names, *[''] * (width - len(names))] if names else numbers
     decimal, thousands = _find_decimals([cell for row in last for cell in row])
     text = '\n'.join(lines[:first])
+    counts = {word.lower(): f'*{1 / float(n):g}' for word, n in _COUNTS_LINE.findall(text)}
     return Header(
-        delimiter=delimiter, width=width, lines_above=first, names=tuple(names),
+        delimiter=delimiter, width=width, lines_above=first, names=tuple(names), told=told,
+        columns_before=columns_before, replaced=tuple(replaced),
         units={place: unit.strip('()') for place, unit in enumerate(said_units) if unit},
         rows_above=frozenset(map(tuple, above)),
-        said_units={word.lower(): unit for word, unit in _UNIT_LINE.findall(text)},
-        said_counts={word.lower(): float(count) for word, count in _COUNTS_LINE.findall(text)},
-        has_arrows=has_arrows, decimal=decimal, thousands=thousands,
-        units_in_cells=tuple({*in_cells} - {''}))  # fmt: skip
+        said={
+            word.lower(): f'{counts.get(word.lower(), "")}:{plain_unit(unit)}'
+            for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
+        },
+        decimal=decimal, thousands=thousands)  # fmt: skip
+
+
+def _numbered(lines: Sequence[str], width: int) -> dict[int, str]:
+    """Find what the last lines say of columns, by numbers; a time, the first, may have none."""
+    for count in (width, width - 1) if width > 2 else ():
+        found = [_NUMBERED.fullmatch(line) for line in lines[-count:]]
+        if [match and int(match[1]) for match in found] == list(range(1, count + 1)):
+            return {k + width - count: match[2] for k, match in enumerate(found) if match}
+    return {}
 
 
 def _of_one_width(rows: list[list[str]]) -> list[list[str]]:
@@ -188,7 +235,8 @@ def _of_one_width(rows: list[list[str]]) -> list[list[str]]:
 
 def _is_of_names(row: list[str]) -> bool:
     """Whether most cells are no units, no values, and no words of statistics."""
-    told = [_units_in([c]) or c.lower() in _STATISTICS or _is_value(c) for c in row if c]
+    words = _STATISTICS | {'v', 'mv'}
+    told = [_units_in([c]) or c.lower() in words or _is_value(c) for c in row if c]
     return 2 * sum(told) < len(told)
 
 
@@ -232,11 +280,7 @@ def _units_in(row: Sequence[str]) -> int:
 
 
 def exact_ns(cells: Any, form: str) -> IntArray:
-    """
-    Convert stamps of a form exactly to nanoseconds: texts, or an array of numbers or of dates.
-
-    ValueError, ArithmeticError or TypeError where one is bad.
-    """
+    """Convert texts, numbers or dates exactly to ns; Value-, Arithmetic- or TypeError if bad."""
     if isinstance(cells, np.ndarray):
         if cells.dtype.kind in 'iu':
             return np.asarray(cells.astype(np.int64) * TIME_UNITS_NS[form])
@@ -263,6 +307,7 @@ def exact_ns(cells: Any, form: str) -> IntArray:
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
     if form == units.TIMEDELTA:
+        texts = [f'0:{text}' if text.count(':') == 1 else text for text in texts]
         return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
     times = pandas.to_datetime(
         texts, format='ISO8601' if form == 'iso' else form.replace(',', '.'), utc=True
@@ -279,11 +324,7 @@ def epoch_unit(number: float) -> str:
 
 
 def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
-    """
-    Find the unit of numbers by their size, or the form of dates; empty where there is none.
-
-    Day and month are told by what makes times follow; where both do, by ``month_first``.
-    """
+    """Find the unit of numbers by their size, or the form of dates; empty where there is none."""
     some = stamps[:: max(len(stamps) // _LOOKED_AT, 1)]
     filled = [text for text in some if text.lower() not in MISSING]
     if not filled:
@@ -303,6 +344,7 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     clocks = [f'{form}{zone}' for form in _CLOCKS for zone in ('', '%z', ' %z')]
     if not (clocks := [form for form in clocks if _is_in_form(clock, form)]):
         day, joint, clocks = text, '', ['']
+    # Day and month are told by what makes times follow; where both do, by month_first.
     month_first |= '%p' in clocks[0]
     days = [*_MONTH_FIRST, *_DAY_FIRST] if month_first else [*_DAY_FIRST, *_MONTH_FIRST]
     days = [form for form in days if _is_in_form(day, form)] if day else ['']
@@ -314,6 +356,8 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
             runs_back = int(np.count_nonzero(np.diff(stamps_ns) < 0))
             is_odd = bool(day) and not LIKELY_DAYS[0] < stamps_ns[0] // DAY_NS < LIKELY_DAYS[1]
             disorder[form] = (10 * runs_back + is_odd) * 10**19 + int(np.ptp(stamps_ns))
+    if not disorder and all(map(_ELAPSED.fullmatch, filled)):
+        return units.TIMEDELTA
     return min(disorder, key=disorder.__getitem__) if disorder else ''
 
 
@@ -324,16 +368,12 @@ def _is_in_form(text: str, form: str) -> bool:
 
 
 def unit_of_times(numbers: FloatArray) -> str:
-    """
-    Tell the unit of times that nobody named, by their sizes: s, or a smaller one.
-
-    Since 1970, or from a beginning: then a recording lasts less than three days, or its rows are
-    minutes apart.
-    """
+    """Tell the unit of times that nobody named, since 1970 or a beginning: s, or a smaller one."""
     if unit := epoch_unit(float(numbers[0])):
         return unit
     steps, lasts = np.diff(numbers), float(np.ptp(numbers))
     step = float(np.median(steps)) if len(steps) else 0.0
+    # A recording lasts less than three days, or its rows are minutes apart.
     if 300 <= step <= 7200 and step % 60 == 0:
         return 's'
     return next((u for k, u in enumerate(_SMALLER) if lasts / 1000**k < 3 * 86_400), 's')

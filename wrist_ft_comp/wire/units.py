@@ -9,15 +9,10 @@ from wrist_ft_comp.series import NANOSECONDS
 
 #: What stands for a channel where a column holds stamps.
 STAMP = 'stamp'
-#: Columns of stamps, and how many nanoseconds their unit has.
-STAMPS = {
-    'stamp_ns': 1, 'stamp_us': 1_000, 'stamp_ms': 1_000_000, 'stamp_s': NANOSECONDS,
-    'stamp_min': 60 * NANOSECONDS, 'stamp_h': 3600 * NANOSECONDS,
-}  # fmt: skip
 #: Units of times, the first of which is taken where none is named.
 TIME_UNITS_NS = {
-    's': NANOSECONDS, **{name.removeprefix('stamp_'): ns for name, ns in STAMPS.items()},
-    'd': 86_400 * NANOSECONDS,
+    's': NANOSECONDS, 'ns': 1, 'us': 1_000, 'ms': 1_000_000, 'min': 60 * NANOSECONDS,
+    'h': 3600 * NANOSECONDS, 'd': 86_400 * NANOSECONDS,
 }  # fmt: skip
 #: Forms of times that are days, as spreadsheets and MATLAB's datenum have them: the day of 1970.
 DAYS_TO_1970 = {'excel': 25_569, 'datenum': 719_529}
