@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
-from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
+from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tared_means
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 
@@ -54,8 +54,7 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
     if data.recordings > 1 or not data.tared or before == 0:
         return 1.0
     (residual,) = (values for values in data.residual if np.isfinite(values).any())
-    rows = np.flatnonzero(np.isfinite(residual))
-    y = tare(bin_means(residual[rows], rows, data.bin_cells), data.bin_s)
+    y = tared_means(residual, data.bin_cells, data.period_s)
     further = max(1.0, float(np.sqrt(np.mean(y**2))) / before)
     longer = max(1.0, day_s / (len(residual) * data.period_s))
     return float(further ** (0.5 * (1 + np.log(longer) / np.log(FOLDS))))
@@ -63,13 +62,9 @@ def day_over_blocks(data: AxisData, before: float, day_s: float = 0.0) -> float:
 
 def largest_drift(data: AxisData) -> float:
     """Find the largest drift since a recording's first minute, in means over 10 s."""
-    width, drifts = averaged_cells(data.period_s), [0.0]
-    for residual in data.residual:
-        cells = np.flatnonzero(np.isfinite(residual))
-        if len(cells):
-            means = bin_means(residual[cells], cells, width)
-            drifts.append(float(np.abs(tare(means, width * data.period_s)).max()))
-    return max(drifts)
+    cells, period_s = averaged_cells(data.period_s), data.period_s
+    drifts = np.concatenate([tared_means(one, cells, period_s) for one in data.residual])
+    return float(np.abs(drifts).max(initial=0.0))
 
 
 def late_errors(model: AxisModel, recordings: Sequence[Recording]) -> FloatArray:

@@ -86,6 +86,14 @@ def tare(values: FloatArray, period_s: float) -> FloatArray:
     return np.asarray(values - values[: max(1, round(_TARE_S / period_s))].mean(axis=0))
 
 
+def tared_means(values: FloatArray, cells: int, period_s: float) -> FloatArray:
+    """Average a recording, (N,), over bins of cells, where it is finite, and tare it: (n,)."""
+    rows = np.flatnonzero(np.isfinite(values))
+    if not len(rows):
+        return values[rows]
+    return tare(bin_means(values[rows], rows, cells), cells * period_s)
+
+
 def bin_means(values: FloatArray, cells: IntArray, bin_cells: int) -> FloatArray:
     """Average samples, (n, …), over bins of consecutive cells, whose numbers, (n,), increase."""
     if bin_cells <= 1:

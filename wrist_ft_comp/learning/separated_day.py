@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tare
+from wrist_ft_comp.fit.folds import averaged_cells, tared_means
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
@@ -97,10 +96,5 @@ def left(simulated: Drift, day: Day) -> tuple[float, ...]:
     drift = day.drift
     residual = drift.wrench - simulated.zero - (1 + simulated.sensitivity) * drift.reference
     cells = averaged_cells(drift.period_s)
-    rms = np.full(len(AXES), np.nan)
-    for axis, values in enumerate(residual.T):
-        rows = np.flatnonzero(np.isfinite(values))
-        if len(rows):
-            errors = tare(bin_means(values[rows], rows, cells), cells * drift.period_s)
-            rms[axis] = np.sqrt(np.mean(errors**2))
-    return tuple(rms.tolist())
+    errors = [tared_means(values, cells, drift.period_s) for values in residual.T]
+    return tuple(float(np.sqrt(np.mean(e**2))) if len(e) else np.nan for e in errors)
