@@ -92,7 +92,7 @@ def write_warm_up(path: Path, seconds: int = 5400, period_s: int = 1) -> Path:
 
 def make_model(recording: Path, path: Path) -> Path:
     """Calibrate from a recording."""
-    return run_job(CalibrationJob((recording,), path)).stored.path
+    return run_job(CalibrationJob((recording,), path))[1].stored.path
 
 
 def message(stamp_ns: int, doubles: Sequence[float], frame: bytes = b'tool0\0\0\0') -> bytes:

@@ -78,16 +78,16 @@ def two(make, tmp_path):
 
 def test_the_model_is_saved_with_where_it_came_from(good, tmp_path):
     seen = []
-    outcome = run_job(job(tmp_path, good), seen.append)
+    calibration, content = run_job(job(tmp_path, good), seen.append)
     loaded = load_model(tmp_path / 'out/model.yaml')
-    assert loaded.sha256 == outcome.stored.sha256
+    assert loaded.sha256 == content.stored.sha256
     assert 'force_z' in loaded.model.axes
     (source,) = loaded.document['provenance']['recordings']
     assert source == {'path': str(good), 'sha256': hashlib.sha256(good.read_bytes()).hexdigest()}
     assert loaded.document['provenance']['settings']['reference'] == 'unloaded'
     assert seen == sorted(seen)
     assert 0.0 <= seen[0] <= seen[-1] == 1.0
-    fit = outcome.calibration.fits['force_z']
+    fit = calibration.fits['force_z']
     assert fit.rms_after < fit.rms_before / 5
 
 
@@ -96,12 +96,14 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
     copy = tmp_path / 'copy.csv'
     empty.write_text('stamp_ns,force_x,temperature_c\n')
     copy.write_bytes(good.read_bytes())
-    outcome = run_job(job(tmp_path, empty, missing, good, two, copy, skip_unusable=True))
-    left_out = [said for said in outcome.calibration.warnings if 'was left out' in said]
+    calibration, content = run_job(
+        job(tmp_path, empty, missing, good, two, copy, skip_unusable=True)
+    )
+    left_out = [said for said in calibration.warnings if 'was left out' in said]
     names = [sentence.split()[0] for sentence in left_out]
     assert names == ['empty.csv', 'gone.csv', 'two.csv', 'copy.csv']
     assert '2 thermometers; 1 are expected' in left_out[2]
-    (source,) = outcome.stored.document['provenance']['recordings']
+    (source,) = content.stored.document['provenance']['recordings']
     assert source['path'] == str(good)
     with pytest.raises(RecordingError, match=r'gone\.csv does not exist'):
         run_job(job(tmp_path, empty, missing, skip_unusable=True))
@@ -116,19 +118,19 @@ def test_a_false_start_beside_a_day_is_left_out(make, tmp_path):
         make.csv(tmp_path / f'{seconds}.csv', make.drifting(seconds, both=True))
         for seconds in (4000, 15)
     )
-    outcome = run_job(job(tmp_path, day, start))
-    assert '15.csv was left out: it lasts 15 s' in outcome.calibration.warnings[0]
-    (source,) = outcome.stored.document['provenance']['recordings']
+    calibration, content = run_job(job(tmp_path, day, start))
+    assert '15.csv was left out: it lasts 15 s' in calibration.warnings[0]
+    (source,) = content.stored.document['provenance']['recordings']
     assert source['path'] == str(day)
-    assert outcome.calibration.model.prediction is not None
+    assert calibration.model.prediction is not None
     assert calibrate([read_recording(path) for path in (day, start)]).model.prediction is None
 
 
 def test_recordings_without_the_reference_are_left_out(good, make, tmp_path):
     loaded = make.csv(tmp_path / 'loaded.csv', make.loaded())
     settings = CalibrationSettings(reference='recorded')
-    outcome = run_job(job(tmp_path, good, loaded, settings=settings, skip_unusable=True))
-    (sentence,) = (one for one in outcome.calibration.warnings if 'was left out' in one)
+    calibration, _ = run_job(job(tmp_path, good, loaded, settings=settings, skip_unusable=True))
+    (sentence,) = (one for one in calibration.warnings if 'was left out' in one)
     assert 'good.csv holds no reference' in sentence
     settings = CalibrationSettings(reference='payload')
     with pytest.raises(RecordingError, match=r'good\.csv holds no specific force'):

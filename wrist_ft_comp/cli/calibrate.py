@@ -93,18 +93,16 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.thermal_period or period_of(arguments.recordings, topics),
         topics, report=arguments.report)  # fmt: skip
     with progress_bar('calibrating') as progress:
-        outcome = run_job(job, progress)
-    content = outcome.content
+        calibration, content = run_job(job, progress)
     words = content_words(content, verbose=arguments.verbose)
-    words += ['', f'saved as {outcome.stored.path}']
+    words += ['', f'saved as {content.stored.path}']
     if job.report:
         REPORT.write(job.report, page(content))
         words.append(f'report: {job.report}')
-    calibration = outcome.calibration
     names = 'chosen rms_before rms_after day_limit largest_drift time_constants_s candidates notes'
     document = {
-        'model': str(outcome.stored.path),
-        'sha256': outcome.stored.sha256,
+        'model': str(content.stored.path),
+        'sha256': content.stored.sha256,
         'axes': {
             axis.axis: {
                 'verdict': axis.verdict.level,

@@ -5,7 +5,7 @@ The command line runs it in its own process, the node in another one (``entry``)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +24,14 @@ from wrist_ft_comp.stored.model_file import save_model
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
-@dataclass(frozen=True, eq=False)
-class JobOutcome:
-    """The result of a calibration job."""
+def run_job(
+    job: CalibrationJob, progress: Progress | None = None
+) -> tuple[Calibration, ReportContent]:
+    """
+    Read, fit and save the model, or raise and change nothing.
 
-    calibration: Calibration
-    stored: StoredModel
-    #: The content of its report.
-    content: ReportContent
-
-
-def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome:
-    """Read, fit and save the model, or raise and change nothing; a report is written apart."""
+    Gives the calibration, and the content of its report, which is written apart.
+    """
     report = progress or (lambda _: None)
     recordings: list[Recording] = []
     paths: dict[str, Path] = {}
@@ -65,8 +61,8 @@ def run_job(job: CalibrationJob, progress: Progress | None = None) -> JobOutcome
     found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)
-    content = calibration_content(calibration, recordings, stored, job.settings.reference)
-    return JobOutcome(calibration, stored, content)
+    reference = job.settings.reference
+    return calibration, calibration_content(calibration, recordings, stored, reference)
 
 
 def _read(

@@ -33,8 +33,8 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
 
 def _calibrate(job: CalibrationJob) -> dict[str, Any]:
     """Calibrate; a model is not given up because its report could not be written."""
-    outcome = run_job(job)
-    content, stored = outcome.content, outcome.stored
+    _, content = run_job(job)
+    stored = content.stored
     lines = [*content.lines(), f'saved as {stored.path}']
     if job.report is not None:
         try:
