@@ -186,12 +186,12 @@ class OpenTable:
 
     def rows(self, progress: Progress | None = None) -> Iterator[Rows]:
         """Read all rows of the columns that are used, one table after the other."""
+        self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
             yield from table.rows(placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
-        self.require()
         for rows in self.rows(progress):
             self.counts.update(dict.fromkeys(rows.values, 0))
             for block in samples_of(rows.stamps_ns, rows.values):
@@ -275,6 +275,8 @@ def read_opened(
     progress: Progress | None = None,
 ) -> Recording:
     """Read what was opened, as read_recording does."""
+    if isinstance(source, OpenTable):
+        source.require()
     first_ns: list[int] = []
     recording = grid_samples(
         source.options.excerpt.select(source.samples(progress), source.name, first_ns),
