@@ -92,7 +92,7 @@ REFUSED = {
     'temperature never a number': (put('temperature_c', np.inf), '600 of 600 .* not finite', ALL),
     'a wrench that overflows': (put('force_z', 1e300), 'are outside -1e\\+09 to 1e\\+09', ALL),
     'stamps run back': (
-        put('stamp_s', lambda v: v[::-1].copy()), '599 of 600 .* does not increase', ALL),
+        put('stamp_s', lambda v: np.roll(v[::-1], 1)), '598 of 600 .* does not increase', ALL),
     'stamps of years out of few rows': (
         put('stamp_s', plus(3e8), ROWS - 1), r'span 3\S*e\+08 s; at most \d+ thermal cells', ALL),
     'a first stamp of 1970': (

@@ -304,7 +304,8 @@ def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> Non
         channels = tuple(dict.fromkeys(looks.filled))[:_MOST_CHANNELS]
         meant, _ = propose(Placed(table, Header(names=channels), {}))
         if 'temperature_c' in meant and not {*AXES}.isdisjoint(meant):
-            value, time = (f(k, key=_Looks.time_score) for f, k in ((min, numbers), (max, free)))
+            time = max(free, key=_Looks.time_score)
+            value = max(numbers, key=lambda k: (-k.time_score(), len({*k.filled})))
             pivot = ', '.join(repr(header.names[k.place]) for k in (value, time, looks))
             raise RecordingError(
                 f'{table} has a row for each channel ({", ".join(channels)}); expected a column. '

@@ -149,6 +149,7 @@ class Table:
     def rows(self, placed: Placed, progress: Progress | None = None) -> Iterator[Rows]:
         """Read the columns that are used; RecordingError where a row is bad or out of order."""
         convert, is_empty, n = _RowConverter(placed), True, _SURE_ROWS
+        path, above = shlex.quote(str(self.path)), self.header.lines_above
         stamps_ns: IntArray = np.empty(0, np.int64)
         lines = stamps_ns
         for number, text in self._texts(progress):
@@ -169,8 +170,8 @@ class Table:
                     f'{where} has no line end; if it was cut off, its last value '
                     f'({self.header.names[-1]} = {cell!r}) is incomplete.'
                 )
-            if is_empty and len(rows.lines) > n and (np.diff(rows.stamps_ns) <= 0).all():
-                path, above = shlex.quote(str(self.path)), self.header.lines_above
+            runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
+            if is_empty and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
                     f'{self.name} has its newest row first. Turn it round by "(head -n {above} '
                     f'{path}; tail -n +{above + 1} {path} | tac) > oldest_first.csv".'
@@ -181,12 +182,11 @@ class Table:
                 before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
                 in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
-                    path, line = shlex.quote(str(self.path)), int(lines[k])
-                    above = self.header.lines_above
                     raise RecordingError(
-                        f'The clock of {self.name} begins anew in line {line}: another recording '
-                        f'begins there. Cut it by "head -n {line - 1} {path} > part_1.csv; '
-                        f'(head -n {above} {path}; tail -n +{line} {path}) > part_2.csv".'
+                        f'The clock of {self.name} begins anew in line {lines[k]}: another '
+                        f'recording begins there. Cut it by "head -n {lines[k] - 1} {path} > '
+                        f'part_1.csv; (head -n {above} {path}; tail -n +{lines[k]} {path}) > '
+                        'part_2.csv".'
                     )
             is_empty = False
             yield rows
