@@ -93,7 +93,7 @@ def test_a_second_call_is_refused_and_a_killed_process_is_a_sentence(ready, monk
     assert node.diagnosis('calibration').message.startswith('running for ')
     assert stream_goes_on(node)
     assert answers.empty()
-    os.kill(process.pid, signal.SIGKILL)
+    os.kill(process._process.pid, signal.SIGKILL)
     node.wait_until(lambda: not answers.empty(), 'the answer')
     words = 'was ended by signal 9 and gave no result', 'The running model stays; call again.'
     check_refused(node, answers.get(), *words)
