@@ -21,7 +21,7 @@ from wrist_ft_comp.fit.result import Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 MEDIAN = STATISTICS['median']
 

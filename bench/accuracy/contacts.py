@@ -22,7 +22,7 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import draw_run, drive, RunSettings, true_wrench
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 Z = AXES.index('force_z')
 #: Length of a day, and how often the duty cycle of the wrist changes, s.

@@ -20,7 +20,7 @@ from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollecto
 from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.simulation import work as robots
+from wrist_ft_comp.simulation import robot_at_work as robots
 
 RATE_HZ = 100
 NOISE = np.repeat([0.1, 0.005], 3)

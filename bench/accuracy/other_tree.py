@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 import wrist_ft_comp as package
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 AXES = 'force_x', 'force_y', 'force_z', 'torque_x', 'torque_y', 'torque_z'
 

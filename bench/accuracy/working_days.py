@@ -2,7 +2,7 @@
 Days of a robot at work, in worlds that nobody tuned on, and the same days with an empty flange.
 
 Bodies, gauges and thermometers are those of ``worlds_drawn``: random thermal networks. The robot
-of ``simulation.work`` moves with a tool, picks parts up and puts them down, and presses on things.
+of ``robot_at_work`` moves with a tool, picks parts up and puts them down, and presses on things.
 What it does is looked up at 10 Hz and averaged over cells of 1 s. Specific force comes from an
 accelerometer (turned, biased, scaled, drifting with temperature, noisy), or is gravity by TF,
 which knows no acceleration and stands on a base that is not quite level. Drivers tare.
@@ -21,7 +21,7 @@ from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.payload.weight import Payload
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.simulation import work as robots
+from wrist_ft_comp.simulation import robot_at_work as robots
 
 RATE = 10
 DAYS, SECONDS = 4, 9000

@@ -40,7 +40,7 @@ from wrist_ft_comp.learning.model_choice import Champion, take
 from wrist_ft_comp.learning.separated_day import Day, describe, look_at
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 #: Seconds of a thermal cell.
 CELL_S = 2

@@ -30,7 +30,7 @@ from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.learning.diary import DayEntry, Diary, diary_path, Memory
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.thermal_memory import belongs_to
@@ -85,7 +85,7 @@ class Targets:
         state = SavedState(1, 'a' * 64, np.zeros(6), self._compensator.memory())
         save_state(folder / 'good.json', state)
         history = [HistoryEntry(None), HistoryEntry(model, 'b' * 64, why='It is better.')]
-        ModelStore(folder).activate(history, 'b' * 64)
+        NodeFolder(folder).activate(history, 'b' * 64)
         left = {'none': (3.0,) * 6, 'c' * 12: (0.3,) * 6}
         diaries.save_diary(
             folder, Diary((DayEntry('day_00001.csv', 1, 2.0, ((20.0, 30.0),), left=left),))
@@ -152,7 +152,7 @@ class Targets:
     def store(self, data: bytes) -> None:
         """Read the list of models."""
         (self._folder / 'active.json').write_bytes(data)
-        store = ModelStore(self._folder)
+        store = NodeFolder(self._folder)
         store.given()
         store.history()
 

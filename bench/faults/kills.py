@@ -28,15 +28,15 @@ from std_srvs.srv import SetBool
 
 from wrist_ft_comp.channels import AXES, GRAVITY
 from wrist_ft_comp.errors import WristFtCompError
+from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, KIND, load_memory
-from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state
-from wrist_ft_comp.stream.stream_grid import row_channels
+from wrist_ft_comp.stream.live_cells import row_channels
 
 #: Longest time from the writing of a file to the kill that aims at it, s.
 WRITING_S = 0.2
@@ -114,7 +114,7 @@ class Victim:
             for path in sorted(self.data.glob(pattern)):
                 self._attempt(kind, path, load)
         try:
-            for entry in ModelStore(self.data).history()[-1:]:
+            for entry in NodeFolder(self.data).history()[-1:]:
                 if entry.path is not None:
                     load_model(entry.path)
                     self.seen['lives that end with a model'] += 1
@@ -250,7 +250,7 @@ def kill_learning(arguments: argparse.Namespace, folder: Path) -> bool:
         (data / 'learning.json').unlink(missing_ok=True)
         if number % 3:
             (data / 'active.json').unlink(missing_ok=True)
-        live_before = ModelStore(data).history()[-1:]
+        live_before = NodeFolder(data).history()[-1:]
         mode = 'propose' if number < arguments.kills / 2 else 'auto'
         given = f'learning.mode:={mode}', 'calibration.reference:=payload', 'gravity.source:=imu'
         aim = LEARNING_AIMS[number % len(LEARNING_AIMS)]
@@ -261,7 +261,7 @@ def kill_learning(arguments: argparse.Namespace, folder: Path) -> bool:
             victim.live(stand, life_s, aim, busy_learning(stand))
         victim.check_files()
         with suppress(WristFtCompError):
-            changed = ModelStore(data).history()[-1:] != live_before
+            changed = NodeFolder(data).history()[-1:] != live_before
             victim.seen['lives that changed the live model'] += changed
         kept = [(data / 'days' / path.name).exists() for path in (found / 'days').iterdir()]
         victim.seen['lives in which days were removed'] += not all(kept)

@@ -18,7 +18,7 @@ from stand import keep, make_model, node_here, Sensor, write_warm_up
 
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model, restore_model
-from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_HISTORY
+from wrist_ft_comp.stored.node_folder import HistoryEntry, MAX_HISTORY
 
 #: Wrenches per second that the last column is for.
 RATE_HZ = 8000

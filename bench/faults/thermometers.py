@@ -27,7 +27,7 @@ from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import judge, simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import judge, simulate_drift
 from wrist_ft_comp.stream.thermal_memory import reporting_cells
 
 COUNTS = (2, 3, 4)

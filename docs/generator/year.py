@@ -18,7 +18,7 @@ from years import day_name, live, print_year
 from wrist_ft_comp.learning.diary import Diary
 from wrist_ft_comp.report.pictures import days_figure, png
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.node_folder import HistoryEntry
 
 #: The simulated year begins on this day.
 BEGIN_NS = int(datetime(2026, 1, 5, 6, tzinfo=timezone.utc).timestamp()) * NANOSECONDS

@@ -32,7 +32,7 @@ from wrist_ft_comp.drift.arx_pls import ArxPls
 from wrist_ft_comp.drift.drift_model import correct
 from wrist_ft_comp.fit.settings import IdentificationSettings, Method, METHODS
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 HERE = Path(__file__).resolve().parent
 TABLES = HERE.parents[1] / 'data/keller_pa10'

@@ -13,7 +13,7 @@ from wrist_ft_comp.cli import demo, options
 from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
@@ -22,7 +22,7 @@ def played(monkeypatch, make):
     """Put a node's files where the demonstration looks for them, instead of playing it."""
 
     def play(arguments, folder):
-        store = ModelStore(folder)
+        store = NodeFolder(folder)
         day, model = store.new_recording_path(), store.new_model_path()
         make.csv(day, make.loaded(900))
         model.parent.mkdir()

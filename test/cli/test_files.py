@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from wrist_ft_comp.cli import options
-from wrist_ft_comp.learning.working_day import DayFiles
+from wrist_ft_comp.learning.day_files import DayFiles
 
 PNG = b'\x89PNG\r\n\x1a\n' + b'\0\0\0\rIHDR' + bytes(40)
 

@@ -13,11 +13,11 @@ import pytest
 import yaml
 
 from wrist_ft_comp.learning import diary
-from wrist_ft_comp.learning.working_day import DayFiles
+from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.report.days import CHANGES, NAMES
 from wrist_ft_comp.report.pictures import days_figure
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.payload_file import add_payloads, PAYLOADS
 
 
@@ -118,7 +118,7 @@ def folder(tmp_path):
         folder / 'models/model_x.yaml', since='2026-05-02T06:00:00+00:00',
         why='model_x.yaml was adopted', day='day_00001.csv',
     )  # fmt: skip
-    ModelStore(folder).activate([adopted])
+    NodeFolder(folder).activate([adopted])
     files = DayFiles(folder, ('force_x', 'temperature_c'), 1e9, 'day_00004.csv')
     for hour in range(13):
         files.append(START + 4 * DAY + hour * 3600 * 10**9, (1.0, 20.0))
@@ -192,7 +192,7 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
         HistoryEntry(b, why='a person chose b.yaml', day='day_00005.csv'),
         HistoryEntry(a, why='a person went back to a.yaml', how='back', day='day_00009.csv'),
     ]
-    ModelStore(tmp_path).activate(history)
+    NodeFolder(tmp_path).activate(history)
     found = {2: 'a.yaml', 11: 'c.yaml'}
     days = (replace(day, better=found.get(int(day.name[4:9]), '')) for day in days)
     diary.save_diary(tmp_path, diary.Diary(tuple(days)))

@@ -19,7 +19,7 @@ from wrist_ft_comp.jobs.job_process import CalibrationJob, encode_job, Learning,
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.node_folder import HistoryEntry
 from wrist_ft_comp.stored.own_file import from_plain, parse_json
 
 OTHER = CalibrationJob(

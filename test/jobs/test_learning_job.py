@@ -13,10 +13,10 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.jobs import entry
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
+from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import diary_path, load_diary
-from wrist_ft_comp.learning.working_day import days, LARGEST_BYTES
 from wrist_ft_comp.stored.model_file import load_model, save_model
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 
 QUICK = CalibrationSettings('payload', identification=IdentificationSettings('pls', degree=1))
 CELLS, PERIOD_S = 300, 4.0
@@ -217,7 +217,7 @@ def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_pat
     assert entry.answer(job_of(tmp_path, 4, *history))['success']
     history.append(HistoryEntry(other, why='other chosen', how='back', day=back))
     assert entry.answer(job_of(tmp_path, 6, *history))['success']
-    ModelStore(tmp_path).activate(history)
+    NodeFolder(tmp_path).activate(history)
     assert main(['show', str(tmp_path), '--json']) == 0
     (said,) = json.loads(capsys.readouterr().out).values()
     assert [day['live'] for day in said['days']] == ['', '', '', first, first, second]

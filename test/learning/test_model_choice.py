@@ -11,7 +11,7 @@ from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, NONE, worthiest
 from wrist_ft_comp.learning.model_choice import Champion, compare, describe_day, reason, take
 from wrist_ft_comp.learning.separated_day import describe, left, look_at
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
-from wrist_ft_comp.stream.offline import streamed_drift
+from wrist_ft_comp.stream.drift_of_recordings import streamed_drift
 
 QUICK = CalibrationSettings(identification=IdentificationSettings('pls', degree=1))
 NAMES = [f'day_{number:05d}.csv' for number in range(20)]

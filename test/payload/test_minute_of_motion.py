@@ -12,7 +12,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.simulation.work import (
+from wrist_ft_comp.simulation.robot_at_work import (
     draw_accelerometer,
     draw_work,
     move,

@@ -7,7 +7,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.compensated_copy import rewrite_recording
 from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
-from wrist_ft_comp.stream.offline import correct_many, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 
 ROWS = 400
 EPOCH = 1_723_248_197_123_456_789

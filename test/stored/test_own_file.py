@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, WristFtCompError
+from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.learning.diary import KIND as DIARY
-from wrist_ft_comp.learning.working_day import DayFiles
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stored import own_file
-from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import FileWriter, HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.own_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.payload_file import load_payloads
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
@@ -89,7 +89,7 @@ def test_a_target_that_cannot_be_written_is_a_sentence(content, target, monkeypa
         ('state.json', lambda folder: save_state(folder / 'state.json', STATE)),
         ('learning.json', lambda folder: save_memory(folder, Memory())),
         ('days/diary.json', lambda folder: save_diary(folder, Diary())),
-        ('active.json', lambda folder: ModelStore(folder).activate([HistoryEntry(None)])),
+        ('active.json', lambda folder: NodeFolder(folder).activate([HistoryEntry(None)])),
     ],
 )
 @pytest.mark.parametrize('foreign', [b'{"format": "other", "of": []}', b'{', bytes(9), 'older'])
@@ -118,7 +118,7 @@ READERS = {
     'state.json': load_state,
     'payloads.json': load_payloads,
     'learning.json': lambda path: load_memory(path.parent),
-    'active.json': lambda path: ModelStore(path.parent).history(),
+    'active.json': lambda path: NodeFolder(path.parent).history(),
     'days/diary.json': lambda path: DIARY.load(Diary, path),
 }
 BROKEN = [

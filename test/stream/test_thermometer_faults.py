@@ -12,9 +12,9 @@ from scipy.signal import lfilter
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream import offline
+from wrist_ft_comp.stream import drift_of_recordings
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.offline import simulate_drift, thermometer_doubts
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 
 SECOND = 1_000_000_000
@@ -233,7 +233,7 @@ def test_one_that_fails_is_found_and_its_prediction_does_less_harm(
 
 def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
     """Also where they are judged in every cell."""
-    monkeypatch.setattr(offline, '_stands_still', lambda *_: True)
+    monkeypatch.setattr(drift_of_recordings, '_stands_still', lambda *_: True)
     for thermometers in (2, 3):
         model = learn(thermometers).model
         for seed in range(10, 15):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from wrist_ft_comp.wire.message_layout import follow
+from wrist_ft_comp.wire.numbers_in_messages import follow
 
 
 @pytest.fixture(scope='session')

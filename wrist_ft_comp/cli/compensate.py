@@ -18,7 +18,7 @@ from wrist_ft_comp.recordings.read import read_recording
 from wrist_ft_comp.report.days import PICTURE
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
 
 _UNTARED = (
     'Nothing was tared: drift is removed, but every axis keeps a constant offset, perhaps of many '

@@ -16,7 +16,7 @@ from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progr
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import Progress
-from wrist_ft_comp.stored.model_store import ModelStore
+from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(mkdtemp(prefix='demo_', dir=arguments.output))
     print_words([filled(_PLOT), ''])
     play(arguments, folder)
-    store = ModelStore(folder)
+    store = NodeFolder(folder)
     model, day_2 = store.history()[-1].path, store.recordings()[-1]
     if model is None:
         raise RecordingError(f'The node did not keep its model; see its log in {folder}.')

@@ -24,7 +24,7 @@ from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
-from wrist_ft_comp.stream.offline import exchange_doubts, thermometer_doubts
+from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts, thermometer_doubts
 
 HELP = 'judge a model on recordings'
 DESCRIPTION = 'Compare raw and compensated wrenches with the reference, both tared first.'

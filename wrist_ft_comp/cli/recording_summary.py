@@ -14,7 +14,7 @@ from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings import bag_topics, read
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
 from wrist_ft_comp.recordings.bag_topics import RAW_WRENCH, TEMPERATURE, TF
-from wrist_ft_comp.recordings.log_proposal import OPEN
+from wrist_ft_comp.recordings.column_proposal import OPEN
 from wrist_ft_comp.recordings.read_options import parse_options
 from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.wire.temperature_source import parse_source

@@ -21,7 +21,7 @@ from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, pa
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
-from wrist_ft_comp.recordings.log_proposal import suffix_of
+from wrist_ft_comp.recordings.column_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report import days as figures
 from wrist_ft_comp.report.advice import run_command

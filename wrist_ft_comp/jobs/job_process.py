@@ -19,7 +19,7 @@ from typing import Any
 from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.node_folder import HistoryEntry
 from wrist_ft_comp.stored.own_file import to_plain
 
 #: A process that was asked to end is killed after this time, s.

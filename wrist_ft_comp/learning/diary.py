@@ -17,9 +17,9 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, LARGEST
 from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
-from wrist_ft_comp.learning.working_day import days, size_of, span_of
+from wrist_ft_comp.learning.day_files import days, size_of, span_of
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.model_store import HistoryEntry, ModelStore
+from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain, writing
 
 KIND = Kind(
@@ -173,7 +173,7 @@ def survey(directory: Path) -> Diary:
         )
     history: list[HistoryEntry] = []
     with suppress(ModelFileError):  # the days can be shown without it
-        history = ModelStore(directory).history()
+        history = NodeFolder(directory).history()
     ordered = tuple(entries[name] for name in sorted(entries))
     return replace(diary, days=ordered, history=tuple(history))
 

@@ -26,7 +26,7 @@ from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LE
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import streamed_drift, thermometer_doubts
+from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 
 #: Added to both errors, as a share of a usual drift: where next to nothing is left, neither of the
 #: two is better.

@@ -18,7 +18,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
-from wrist_ft_comp.stream.offline import simulate_drift
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0

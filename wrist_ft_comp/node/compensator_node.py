@@ -27,7 +27,7 @@ from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
-from wrist_ft_comp.stored.model_store import FileWriter, ModelStore, node_directory
+from wrist_ft_comp.stored.node_folder import FileWriter, node_directory, NodeFolder
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
@@ -109,7 +109,7 @@ class CompensatorNode(Hub):
                     f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
                 )
         name = self.get_fully_qualified_name()
-        self.store = ModelStore(node_directory(chosen['data_directory'], name))
+        self.store = NodeFolder(node_directory(chosen['data_directory'], name))
         self.counts = Counts()
         settings = StreamSettings(
             temperature_timeout_s=chosen['temperature_timeout'], max_drift_n=chosen['max_drift'],

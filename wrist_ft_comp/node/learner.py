@@ -11,8 +11,8 @@ from typing import Any
 from wrist_ft_comp import errors
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.jobs.job_process import Learning
+from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.learning.working_day import DayFiles, SILENCE_NS
 from wrist_ft_comp.node.jobs import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
@@ -22,7 +22,7 @@ from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
-from wrist_ft_comp.stored.model_store import day_of_choice
+from wrist_ft_comp.stored.node_folder import day_of_choice
 
 #: The node looks for an ended day once in this time, s.
 _LOOK_S = 1.0

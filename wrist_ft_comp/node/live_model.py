@@ -16,7 +16,7 @@ from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.model_store import FileWriter, HistoryEntry, How, ModelStore
+from wrist_ft_comp.stored.node_folder import FileWriter, HistoryEntry, How, NodeFolder
 from wrist_ft_comp.stream.compensator import Compensator
 
 
@@ -30,7 +30,7 @@ class LiveModel(Part):
     calibration or a rollback has made live since that start.
     """
 
-    store: ModelStore
+    store: NodeFolder
     sensor: Callable[[], SensorNames]
     compensator: Compensator
     counts: Counts

@@ -19,10 +19,10 @@ from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.model_store import FileWriter, ModelStore
+from wrist_ft_comp.stored.node_folder import FileWriter, NodeFolder
 from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
-from wrist_ft_comp.stream import stream_grid as grid
+from wrist_ft_comp.stream import live_cells as grid
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 
@@ -89,7 +89,7 @@ class Recorder(Part):
     topics = (('wrench_reference', 'true wrench; subscribed to while recording only'),)
 
     def __init__(
-        self, compensator: Compensator, sensor: Callable[[], SensorNames], store: ModelStore,
+        self, compensator: Compensator, sensor: Callable[[], SensorNames], store: NodeFolder,
         writer: FileWriter, *, with_force: bool,
     ) -> None:  # fmt: skip
         self._compensator, self._with_force = compensator, with_force

@@ -32,7 +32,7 @@ from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import opening, SLOW_SENSOR
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.simulation import ft_sensor
-from wrist_ft_comp.simulation import work as robot
+from wrist_ft_comp.simulation import robot_at_work as robot
 
 _RUN = ft_sensor.RunSettings()
 PARAMETERS = (

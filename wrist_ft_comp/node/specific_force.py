@@ -16,7 +16,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
-from wrist_ft_comp.wire.message_layout import Layouts
+from wrist_ft_comp.wire.numbers_in_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.

@@ -18,11 +18,16 @@ from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.recording_cells import why_unusable
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.message_layout import define_installed, Definitions, follow, NumberReader
+from wrist_ft_comp.wire.numbers_in_messages import (
+    define_installed,
+    Definitions,
+    follow,
+    NumberReader,
+)
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 

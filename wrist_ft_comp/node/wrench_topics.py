@@ -14,9 +14,9 @@ from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stream.batch_grid import why_unusable
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.live_cells import ThermalCell
+from wrist_ft_comp.stream.recording_cells import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 

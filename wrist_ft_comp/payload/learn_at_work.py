@@ -30,7 +30,7 @@ from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.steps import find_steps, Step
-from wrist_ft_comp.stream.offline import correct_many, simulate_drift, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, simulate_drift, track_drift
 
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0

@@ -11,10 +11,10 @@ from wrist_ft_comp.channels import is_plausible
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import Bag, Connection, decode
-from wrist_ft_comp.recordings.log_proposal import FAR, TREATED
+from wrist_ft_comp.recordings.column_proposal import FAR, TREATED
 from wrist_ft_comp.series import FloatArray, Progress
 from wrist_ft_comp.wire import cdr
-from wrist_ft_comp.wire.message_layout import follow, NumberReader, Path
+from wrist_ft_comp.wire.numbers_in_messages import follow, NumberReader, Path
 from wrist_ft_comp.wire.temperature_source import path_text, temperatures_in
 
 RAW_WRENCH, TEMPERATURE, IMU, TF = 'raw wrench', 'temperature', 'IMU', 'TF'

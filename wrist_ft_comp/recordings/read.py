@@ -21,13 +21,13 @@ from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings import read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
-from wrist_ft_comp.recordings.log_proposal import Proposal, propose, warn_of_unused
+from wrist_ft_comp.recordings.column_proposal import Proposal, propose, warn_of_unused
 from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions, samples_of
 from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
-from wrist_ft_comp.stream.batch_grid import grid_samples
-from wrist_ft_comp.stream.offline import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
+from wrist_ft_comp.stream.recording_cells import grid_samples
 from wrist_ft_comp.wire.temperature_source import parse_sources
 from wrist_ft_comp.wire.units import STAMP
 

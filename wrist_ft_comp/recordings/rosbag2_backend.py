@@ -11,7 +11,7 @@ import rosbag2_py
 import yaml
 
 from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
-from wrist_ft_comp.wire.message_layout import define_installed
+from wrist_ft_comp.wire.numbers_in_messages import define_installed
 
 #: rosbag2 drops messages that wait for compression when there are more than this.
 _QUEUE = 1 << 40

@@ -16,8 +16,8 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestor
 
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
-from wrist_ft_comp.wire import message_layout
-from wrist_ft_comp.wire.message_layout import Definitions, FieldType
+from wrist_ft_comp.wire import numbers_in_messages
+from wrist_ft_comp.wire.numbers_in_messages import Definitions, FieldType
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _MCAP_DATA_END = b'\x0f'
@@ -134,7 +134,7 @@ def _define(connection: Connection) -> Definitions:
     with suppress(Exception):  # a text that is no definition is none
         types.update(_parse(connection.native))
     if connection.msgtype not in types:
-        return message_layout.define_installed(connection.topic, connection.msgtype)
+        return numbers_in_messages.define_installed(connection.topic, connection.msgtype)
     return {
         name: [(field, _field_type(what)) for field, what in fields]
         for name, (_, fields) in types.items()
@@ -146,5 +146,5 @@ def _field_type(what: FieldDesc) -> FieldType:
     if what[0] is Nodetype.ARRAY or what[0] is Nodetype.SEQUENCE:
         element, size = what[1]
         is_sequence = what[0] is Nodetype.SEQUENCE
-        return _field_type(element)[0], message_layout.SEQUENCE if is_sequence else size
+        return _field_type(element)[0], numbers_in_messages.SEQUENCE if is_sequence else size
     return (what[1] if what[0] is Nodetype.NAME else what[1][0]), None

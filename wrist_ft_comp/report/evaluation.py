@@ -19,7 +19,7 @@ from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.recording import Recording, Reference, require_recordings
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stream.offline import streamed_drift, tare_at_start
+from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, tare_at_start
 
 
 class TaredErrors(NamedTuple):

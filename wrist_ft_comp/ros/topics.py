@@ -20,7 +20,7 @@ from rclpy.serialization import serialize_message
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.wire.message_layout import define_installed, follow, message_class, Path
+from wrist_ft_comp.wire.numbers_in_messages import define_installed, follow, message_class, Path
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, numbers_in, path_text
 
 #: A topic of whatever type is probably meant where its name is as similar as this, 0 to 1.

@@ -15,7 +15,7 @@ from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
-from wrist_ft_comp.stream.stream_grid import ThermalCell
+from wrist_ft_comp.stream.live_cells import ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.

@@ -8,7 +8,7 @@ from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_dr
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import thermal_memory, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
-from wrist_ft_comp.stream.stream_grid import ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.live_cells import ThermalCell, ThermalGrid
 from wrist_ft_comp.stream.thermal_memory import SPAN_S, ThermalMemory, Uncertainty, why_forgotten
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 

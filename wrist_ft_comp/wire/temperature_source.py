@@ -22,7 +22,7 @@ from typing import TypeVar
 
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.wire.message_layout import Layout, Path
+from wrist_ft_comp.wire.numbers_in_messages import Layout, Path
 
 _Number = TypeVar('_Number', float, FloatArray)
 #: Factor and offset to °C of every unit of temperatures.

@@ -17,9 +17,9 @@ import numpy as np
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.wire import message_layout
+from wrist_ft_comp.wire import numbers_in_messages
 from wrist_ft_comp.wire.cdr import TF
-from wrist_ft_comp.wire.message_layout import Definitions, Layouts, Place, Rows, SEQUENCE
+from wrist_ft_comp.wire.numbers_in_messages import Definitions, Layouts, Place, Rows, SEQUENCE
 
 _DEFINITIONS: Definitions = {
     TF: [('transforms', ('TransformStamped', SEQUENCE))],
@@ -92,7 +92,7 @@ def decode_transforms(messages: Sequence[bytes]) -> Iterator[Transforms]:
         raise RecordingError(f'Expected a tf2_msgs/TFMessage. {error}') from error
 
 
-def _lay_out(message: message_layout.Layout) -> Layout:
+def _lay_out(message: numbers_in_messages.Layout) -> Layout:
     """Note the frames of a message, and where its numbers lie."""
     frames, numbers = [], []
     for index in range(message.sizes['transforms',] or 0):

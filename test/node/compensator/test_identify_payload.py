@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node import jobs
-from wrist_ft_comp.simulation.work import (
+from wrist_ft_comp.simulation.robot_at_work import (
     draw_accelerometer,
     draw_work,
     move,

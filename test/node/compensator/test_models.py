@@ -6,7 +6,7 @@ from moments import ERROR, OK, START, WARN
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.stored.model_store import HistoryEntry
+from wrist_ft_comp.stored.node_folder import HistoryEntry
 
 
 def live(node):

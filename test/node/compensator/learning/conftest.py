@@ -7,7 +7,7 @@ import sys
 from moments import SECOND, START
 import pytest
 
-from wrist_ft_comp.learning import working_day
+from wrist_ft_comp.learning import day_files
 
 NEEDED = {'calibration.reference': 'payload', 'gravity.source': 'imu'}
 #: Times of days, which are shorter here by this factor: a day has 144 thermal cells of 1 s.
@@ -92,5 +92,5 @@ def learner(rig, tmp_path, monkeypatch):
     monkeypatch.setattr('wrist_ft_comp.node.jobs.COMMAND', command)
     monkeypatch.setattr('wrist_ft_comp.node.learner._LOOK_S', 0.0)
     for name in TIMES:
-        monkeypatch.setattr(working_day, name, getattr(working_day, name) // SHORTER)
+        monkeypatch.setattr(day_files, name, getattr(day_files, name) // SHORTER)
     return partial(Learner, rig, tmp_path, [0])

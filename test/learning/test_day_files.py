@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.learning.working_day import DayFiles
+from wrist_ft_comp.learning.day_files import DayFiles
 
 DAY, SECOND = 1440, 10**9
 START = 1_700_000_000 * SECOND

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.wire.message_layout import follow, Layouts, NumberReader
+from wrist_ft_comp.wire.numbers_in_messages import follow, Layouts, NumberReader
 
 T0 = 1_723_248_197_000_000_000
 FRAME = """

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored import model_store as stores
-from wrist_ft_comp.stored.model_store import HistoryEntry, MAX_RECORDINGS, ModelStore
+from wrist_ft_comp.stored import node_folder as stores
+from wrist_ft_comp.stored.node_folder import HistoryEntry, MAX_RECORDINGS, NodeFolder
 
 
 def entries(*paths):
@@ -21,7 +21,7 @@ def entries(*paths):
 
 @pytest.fixture
 def store(tmp_path):
-    return ModelStore(tmp_path / 'data')
+    return NodeFolder(tmp_path / 'data')
 
 
 def test_nothing_is_made_before_something_is_written(store):
@@ -36,7 +36,7 @@ def test_history_is_bounded_and_moves_with_its_folder_but_not_with_others(store,
     outside = [tmp_path / f'{k}.yaml' for k in range(100)]
     store.activate(entries(*outside, store.directory / 'models/a.yaml'))
     moved = store.directory.rename(tmp_path / 'moved')
-    assert ModelStore(moved).history() == entries(*outside[1:], moved / 'models/a.yaml')
+    assert NodeFolder(moved).history() == entries(*outside[1:], moved / 'models/a.yaml')
 
 
 @pytest.mark.parametrize('change', [{'path': 'a\0'}, {'path': '\ud800'}, {'how': 'hidden'}])
@@ -150,7 +150,7 @@ def test_a_folder_that_cannot_be_written_is_named(store, tmp_path):
         ('/proc/nowhere/deep', 'No such file'), (tmp_path / 'file', 'File exists'),
         (tmp_path / 'file/inside', 'Not a directory'), (tmp_path / ('x' * 300), 'File name too'),
     ):  # fmt: skip
-        assert f'{folder} cannot be written: {reason}' in ModelStore(Path(folder)).take()
+        assert f'{folder} cannot be written: {reason}' in NodeFolder(Path(folder)).take()
 
 
 @pytest.mark.parametrize(('home', 'base'), [('/somewhere', '/somewhere'), ('', '/home/user/.ros')])

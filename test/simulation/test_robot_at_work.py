@@ -1,6 +1,6 @@
 import numpy as np
 
-from wrist_ft_comp.simulation.work import draw_work, lever, move, WorkSettings
+from wrist_ft_comp.simulation.robot_at_work import draw_work, lever, move, WorkSettings
 
 
 def test_speeds_and_specific_force_are_those_of_the_path():

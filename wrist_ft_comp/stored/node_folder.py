@@ -151,12 +151,12 @@ class FileWriter:
                 self._outcomes += [(then, problem) for then in callers]
 
 
-class ModelStore:
+class NodeFolder:
     """A node's folder, which is made when something is first written."""
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self._lock: finalize[..., ModelStore] | None = None
+        self._lock: finalize[..., NodeFolder] | None = None
 
     def new_model_path(self) -> Path:
         """Name a new model file after the present time (UTC)."""
