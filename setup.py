@@ -74,8 +74,8 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'compensator = wrist_ft_comp.node.executables:compensator',
-            'simulated_sensor = wrist_ft_comp.node.executables:simulated_sensor',
+            'compensator = wrist_ft_comp.__main__:compensator',
+            'simulated_sensor = wrist_ft_comp.__main__:simulated_sensor',
             'wrist_ft_comp = wrist_ft_comp.__main__:main',
         ],
     },

@@ -67,7 +67,7 @@ def test_the_command_line_gives_its_results(site, tmp_path):
     ('words', 'sentence'),
     [
         (
-            ['-c', 'from wrist_ft_comp.node import executables; executables.compensator()'],
+            ['-c', 'from wrist_ft_comp.__main__ import compensator; compensator()'],
             'A node needs ROS 2, but this Python',
         ),
         (['-m', 'wrist_ft_comp', 'demo'], 'The demonstration needs rclpy'),

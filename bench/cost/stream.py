@@ -43,7 +43,7 @@ RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0)
 RELAYS = ('typed', 'bytes')
 NODE = 'compensator'
 #: The compensator, as setup.py installs it.
-START = 'from wrist_ft_comp.node.executables import compensator; compensator()'
+START = 'from wrist_ft_comp.__main__ import compensator; compensator()'
 #: The diagnostics tell within this time what was counted, s.
 DIAGNOSTICS_S = 1.2
 #: Processes that have just met get this time before they are measured, s.

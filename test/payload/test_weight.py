@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.weight import driver_calls, ForceFrame, Payload
+from wrist_ft_comp.payload.driver_commands import driver_calls
+from wrist_ft_comp.payload.weight import ForceFrame, Payload
 
 
 def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():

@@ -17,7 +17,8 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.payload.weight import driver_calls, driver_lines, Payload, payload_line
+from wrist_ft_comp.payload.driver_commands import driver_calls, driver_lines
+from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE

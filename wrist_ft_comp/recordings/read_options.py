@@ -23,7 +23,7 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.recordings.table_form import Header
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stored.own_file import beginning
-from wrist_ft_comp.stream.excerpt import Excerpt, parse_excerpt
+from wrist_ft_comp.stream.part_of_recording import Excerpt, parse_excerpt
 from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import to_celsius
 from wrist_ft_comp.wire.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
