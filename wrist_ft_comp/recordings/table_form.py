@@ -145,8 +145,8 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
     alike = {sign: _of_one_width([cut_line(line, sign) for line in last_lines]) for sign in _SIGNS}
 
+    # How well lines are rows of values, or of anything.
     def fit(delimiter: str) -> float:
-        """Tell how well lines are rows of values, or of anything."""
         cells = [cell for row in alike[delimiter] for cell in row if len(row) > 1]
         width = max(map(len, alike[delimiter]), default=0)
         return sum(map(_is_value, cells)) / max(len(last_lines) * width, 1) or 1e-6 * width
@@ -270,9 +270,8 @@ def unit_behind(cell: str) -> str | None:
 
 def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
-    if not cell.strip('-=:') or cell.lower() in MISSING or unit_behind(cell) is not None:
-        return True
-    return _TIME.fullmatch(cell) is not None
+    is_missing = not cell.strip('-=:') or cell.lower() in MISSING
+    return is_missing or unit_behind(cell) is not None or _TIME.fullmatch(cell) is not None
 
 
 def _units_in(row: Sequence[str]) -> int:
