@@ -155,7 +155,6 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     rows, last = [cut_line(line, delimiter) for line in lines], alike[delimiter]
     columns = list(zip(*last, strict=True))
     width = len(columns)
-    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
     values = [sum(map(_is_value, filter(None, cells))) for cells in columns]
@@ -167,21 +166,9 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
 
     first = next((k for k in at if is_row(rows[k])), len(lines))
 
-    # Above it are rows as wide: of units, of what was done to the samples, and one of names.
-    above: list[list[str]] = []
     lines_above = [line for line in lines[:first] if line.strip('-=+|_ \t')]
     told = _numbered(lines_above, width)
-    for line in reversed([] if told else lines_above):
-        is_comment = line.startswith(COMMENTS)
-        cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
-        # What has fewer cells than the rows have values lacks those of the first columns.
-        cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
-        while cells and not cells[-1]:
-            cells.pop()
-        if cells and len(cells) <= width + 1 and not any(any(row[len(cells) :]) for row in last):
-            above.append(cells)
-        elif cells and (above or not is_comment):
-            break
+    above = _rows_above([] if told else lines_above, columns, delimiter)
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
     said = [
@@ -216,6 +203,26 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
             for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
         },
         decimal=decimal, thousands=thousands)  # fmt: skip
+
+
+def _rows_above(
+    lines: Sequence[str], columns: Sequence[tuple[str, ...]], delimiter: str
+) -> list[list[str]]:
+    """Cut those next to the first row that are as wide: of units, of statistics, and of names."""
+    above: list[list[str]] = []
+    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
+    for line in reversed(lines):
+        is_comment = line.startswith(COMMENTS)
+        cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
+        # What has fewer cells than the rows have values lacks those of the first columns.
+        cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells and filled <= len(cells) <= len(columns) + 1:
+            above.append(cells)
+        elif cells and (above or not is_comment):
+            break
+    return above
 
 
 def _numbered(lines: Sequence[str], width: int) -> dict[int, str]:
