@@ -218,6 +218,11 @@ class ReadOptions:
             else:
                 missing.append(named)
         said = {column.channel for column in mapped.values()}
+        if lost := {c.channel for c in self.columns} - said - {c.channel for c in missing}:
+            raise RecordingError(
+                f'{table} has no column for {listed(sorted(lost))}: the one that is named holds '
+                'another channel, too. Name each column once.'
+            )
         own = {place: column for place, name in enumerate(names) if (column := own_column(name))}
         own = {place: column for place, column in own.items() if column.channel not in said}
         found: dict[str, Column] = {}

@@ -1,6 +1,6 @@
 """Bags by rosbags, which needs no ROS and takes definitions from the bag itself."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, ExitStack, suppress
 import errno
 from functools import partial
@@ -15,7 +15,7 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection, Message
+from wrist_ft_comp.recordings.bag import Bag, BagWriter, Connection
 from wrist_ft_comp.wire import numbers_in_messages
 from wrist_ft_comp.wire.numbers_in_messages import Definitions, FieldType
 
@@ -36,16 +36,12 @@ def open_bag(name: str, chosen: Path, stack: ExitStack) -> Bag:
     return Bag(
         name=name, storage='mcap' if isinstance(storages[0], McapReader) else 'sqlite3',
         compression=reader.compression_mode or '', connections=_connections(reader.connections),
-        span_ns=(reader.start_time, reader.end_time - 1), read=partial(_read, reader.messages),
-        define=_define)  # fmt: skip
+        span_ns=(reader.start_time, reader.end_time - 1), define=_define,
+        read=lambda wanted: iter(reader.messages([c.native for c in wanted])))  # fmt: skip
 
 
 def _connections(found: Iterable[Any]) -> tuple[Connection, ...]:
     return tuple(Connection(c.id, c.topic, c.msgtype, c.msgcount, c) for c in found)
-
-
-def _read(messages: Callable[[Any], Any], wanted: Sequence[Connection]) -> Iterator[Message]:
-    return iter(messages([connection.native for connection in wanted]))
 
 
 def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
@@ -86,8 +82,8 @@ def _salvage(name: str, chosen: Path, stack: ExitStack) -> Bag | None:
     )
     return Bag(
         name=name, storage='mcap', compression='', connections=_connections(counted),
-        span_ns=(statistics.start_time, statistics.end_time),
-        read=partial(_read, reader.messages_scan), define=_define, warnings=(lost,))  # fmt: skip
+        span_ns=(statistics.start_time, statistics.end_time), define=_define, warnings=(lost,),
+        read=lambda wanted: iter(reader.messages_scan([c.native for c in wanted])))  # fmt: skip
 
 
 @contextmanager

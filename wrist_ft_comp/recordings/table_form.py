@@ -145,8 +145,8 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     last_lines = [lines[k] for k in at[-_LIKE_ROWS:]]
     alike = {sign: _of_one_width([cut_line(line, sign) for line in last_lines]) for sign in _SIGNS}
 
+    # How well lines are rows of values, or of anything.
     def fit(delimiter: str) -> float:
-        """Tell how well lines are rows of values, or of anything."""
         cells = [cell for row in alike[delimiter] for cell in row if len(row) > 1]
         width = max(map(len, alike[delimiter]), default=0)
         return sum(map(_is_value, cells)) / max(len(last_lines) * width, 1) or 1e-6 * width
@@ -155,7 +155,6 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     rows, last = [cut_line(line, delimiter) for line in lines], alike[delimiter]
     columns = list(zip(*last, strict=True))
     width = len(columns)
-    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
 
     # The first row is as wide and has a value wherever most of the last lines have one.
     values = [sum(map(_is_value, filter(None, cells))) for cells in columns]
@@ -167,21 +166,9 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
 
     first = next((k for k in at if is_row(rows[k])), len(lines))
 
-    # Above it are rows as wide: of units, of what was done to the samples, and one of names.
-    above: list[list[str]] = []
     lines_above = [line for line in lines[:first] if line.strip('-=+|_ \t')]
     told = _numbered(lines_above, width)
-    for line in reversed([] if told else lines_above):
-        is_comment = line.startswith(COMMENTS)
-        cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
-        # What has fewer cells than the rows have values lacks those of the first columns.
-        cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
-        while cells and not cells[-1]:
-            cells.pop()
-        if cells and len(cells) <= width + 1 and not any(any(row[len(cells) :]) for row in last):
-            above.append(cells)
-        elif cells and (above or not is_comment):
-            break
+    above = _rows_above([] if told else lines_above, columns, delimiter)
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
     said = [
@@ -216,6 +203,26 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
             for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
         },
         decimal=decimal, thousands=thousands)  # fmt: skip
+
+
+def _rows_above(
+    lines: Sequence[str], columns: Sequence[tuple[str, ...]], delimiter: str
+) -> list[list[str]]:
+    """Cut those next to the first row that are as wide: of units, of statistics, and of names."""
+    above: list[list[str]] = []
+    filled = max((place + 1 for place, cells in enumerate(columns) if any(cells)), default=0)
+    for line in reversed(lines):
+        is_comment = line.startswith(COMMENTS)
+        cells = cut_line(line.lstrip('#%/') if is_comment else line, delimiter)
+        # What has fewer cells than the rows have values lacks those of the first columns.
+        cells = cells if len(cells) < 2 else [*[''] * (filled - len(cells)), *cells]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells and filled <= len(cells) <= len(columns) + 1:
+            above.append(cells)
+        elif cells and (above or not is_comment):
+            break
+    return above
 
 
 def _numbered(lines: Sequence[str], width: int) -> dict[int, str]:
@@ -270,9 +277,8 @@ def unit_behind(cell: str) -> str | None:
 
 def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
-    if not cell.strip('-=:') or cell.lower() in MISSING or unit_behind(cell) is not None:
-        return True
-    return _TIME.fullmatch(cell) is not None
+    is_missing = not cell.strip('-=:') or cell.lower() in MISSING
+    return is_missing or unit_behind(cell) is not None or _TIME.fullmatch(cell) is not None
 
 
 def _units_in(row: Sequence[str]) -> int:
