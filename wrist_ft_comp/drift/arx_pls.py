@@ -10,6 +10,7 @@ Outer and inner model together: the paper's ARX-PLS (eq. 15).
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
+import sys
 
 import numpy as np
 
@@ -158,8 +159,12 @@ def _filter(
     """
     Filter a series as scipy.signal.lfilter does; return it and the state.
 
-    lfilter itself would bring most of scipy into the node.
+    lfilter itself would bring most of scipy into the node; where that is loaded, as where models
+    are fitted, it is taken: it is thirty times as fast.
     """
+    if signal := sys.modules.get('scipy.signal'):
+        filtered, after = signal.lfilter(numerator, denominator, t, zi=state)
+        return np.asarray(filtered), np.asarray(after)
     lags = len(state)
     # The state is what inputs and outputs before the series add to its first outputs.
     u = np.asarray(np.convolve(numerator, t)[: len(t)], dtype=np.float64)
