@@ -1,4 +1,4 @@
-"""What a bag is, whichever backend reads it."""
+"""What a bag is, and what is read of it, whichever backend does that."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterator, Sequence
