@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.open_bag import open_bag, read_bag
+from wrist_ft_comp.recordings.bag import read_bag
+from wrist_ft_comp.recordings.open_bag import open_bag
 
 
 def read(path, topics=None):
