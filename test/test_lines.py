@@ -8,8 +8,9 @@ ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
 MOST = {
-    'wrist_ft_comp': 22_495,
-    'test': 19_110,
+    # 30 more: a tare that holds a wrong weight, or what drifted before the model, is said.
+    'wrist_ft_comp': 22_525,
+    'test': 19_145,
     'bench': 5_190,
 }
 

@@ -257,6 +257,19 @@ class TestTare:
         compensator.set_tare(LOAD, (late_s + 10) * SECOND)
         assert compensator.zero_doubts == []
 
+    @pytest.mark.parametrize(('waited_s', 'doubts'), [(20, 0), (60, 1), (None, 1)])
+    def test_a_tare_long_before_the_model_is_doubted(self, model, waited_s, doubts):
+        """It is no zero of what drifted between them; None is a tare from before a restart."""
+        compensator = Compensator(1, StreamSettings())
+        if waited_s is None:
+            compensator.restore_tare(LOAD, LOAD, before_drift=True)
+        stream(compensator, (0, 100))
+        if waited_s:
+            compensator.set_tare(LOAD, (100 - waited_s) * SECOND)
+        compensator.go_live(model, newest_before(100))
+        assert len(compensator.zero_doubts) == doubts
+        assert all('before the model went live' in why for why in compensator.zero_doubts)
+
     def test_a_tare_while_a_thermometer_is_silent_is_doubted(self, make_model):
         compensator = Compensator(
             2, model=make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)

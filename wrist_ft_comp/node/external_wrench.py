@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
+import time
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -37,6 +38,8 @@ _FRESH_NS = 2_000_000
 _APART_S = 5.0
 #: Specific force is judged over this many reports in a row: motion changes it in some of them.
 _REPORTS = 10
+#: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
+_JUDGED_S = 15.0
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
 #: by more to both sides, as motion makes it.
 _NORM_DEVIATION = 0.03
@@ -77,10 +80,12 @@ class ExternalWrench(Part):
     collector: MotionCollector | None = None
     #: Whether the wrench moves with the weight of the payload.
     check: WeightCheck = field(default_factory=WeightCheck)
+    #: Why the weight that is taken off is wrong; '' where nothing says so.
+    wrong: str = ''
+    #: When wrench_external was tared, by the steady clock, s.
+    tared_s: float = -math.inf
     #: The payload before the present one.
     _last: LivePayload | None = None
-    #: Whether a payload was identified, and so carried, while none was active.
-    _unnamed: bool = False
     _growth: Growth = field(default_factory=Growth)
     #: By how much specific force was behind the wrenches since the last report, ns, together.
     _behind_ns: int = 0
@@ -138,7 +143,7 @@ class ExternalWrench(Part):
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
-        self._unnamed |= collector is not None and self.payload is None
+        self.counts.unnamed |= collector is not None and self.payload is None
         self.collector = collector
         self.hub.listen(self, wanted=self.wanted)
 
@@ -205,7 +210,7 @@ class ExternalWrench(Part):
             now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
         self.payload = payload
-        self.check = WeightCheck(payload.name if payload else '')
+        self.check, self.wrong = WeightCheck(payload.name if payload else ''), ''
         self.collect(self.collector)
         if payload is None:
             return
@@ -219,12 +224,12 @@ class ExternalWrench(Part):
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
-        elif tared and self._unnamed and np.allclose(tare, external_tare):
+        elif tared and self.counts.unnamed and np.allclose(tare, external_tare):
             self.compensator.doubt_zero(
                 'the tare was taken while payload.active was empty, and a payload was identified '
                 f'so, too: the weight of {payload.name} may be in the tare; call ~/tare'
             )
-        self._unnamed = False
+        self.counts.unnamed = False
 
     def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
         """Find the payload that parameters name."""
@@ -302,12 +307,21 @@ class ExternalWrench(Part):
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'
         elif payload is not None:
             well = f'subtracting {payload.name}'
-        yield doubtful(self.title, self._doubts(grown), well, numbers)
+        doubts = list(self._doubts(grown))
+        wrong = list(self._weight_doubts(payload)) if self.wanted else []
+        self.wrong = wrong[0] if wrong and payload is not None else ''
+        late = self.check.found or time.monotonic() - self.tared_s < _JUDGED_S
+        if wrong and late and self.compensator.external_tare.any():
+            self.compensator.doubt_zero(
+                'the tare of wrench_external may hold the weight of a payload, or a specific '
+                'force, that did not fit; when the status payload is OK, call ~/tare'
+            )
+        yield doubtful(self.title, doubts + wrong, well, numbers)
 
     def _doubts(self, grown: Mapping[str, int]) -> Iterator[str]:
         """Say what is wrong with payload and specific force, the worst first."""
         yield from filter(None, [self.specific_force.doubt()])
-        forces, payload, wrench = self.specific_force.forces, self.payload, self.counts.newest
+        forces, wrench = self.specific_force.forces, self.counts.newest
         newest = forces.newest
         if not self.wanted:
             return
@@ -334,6 +348,10 @@ class ExternalWrench(Part):
                 f'{math.dist(newest[1], before) / GRAVITY:.0%} of the weight that is taken off is '
                 'wrong in motion; mend its clock, or let it come faster'
             )
+
+    def _weight_doubts(self, payload: LivePayload | None) -> Iterator[str]:
+        """Say why the weight is wrong that is taken off, or is to be identified."""
+        forces, wrench = self.specific_force.forces, self.counts.newest
         frame = ForceFrame() if payload is None else payload.frame
         if len(self._felt) == _REPORTS:
             if len(set(self._felt)) == 1 and self.specific_force.source == 'imu':

@@ -102,7 +102,7 @@ class TareService(Part):
                 'are coarse, raise tare.duration.'
             )
         weights, why, weight = [one for one in self._weights if one is not None], '', None
-        if otherwise := self.external.check.found:
+        if otherwise := self.external.wrong:
             why = f'{otherwise}; when that is mended, turn the tool about until the status says so'
         elif self.external.payload is not payload:
             why = 'payload.active changed meanwhile'
@@ -117,6 +117,7 @@ class TareService(Part):
                 'alone.'
             )
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
+        self.external.tared_s = time.monotonic()
         problems: list[str] = []
         self.state_keeper.save(problems.append)
         asked_s = time.monotonic()

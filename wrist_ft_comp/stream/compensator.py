@@ -82,7 +82,8 @@ class Compensator:
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
         self._moves: dict[int, FloatArray] = {}
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
-        #: output stays. None where none waits, inf where nobody knows, or the model was changed.
+        #: output stays. None where none waits, -inf before a restart; inf where there is no tare,
+        #: but a model that was changed.
         self._waits_since_ns: float | None = None
         self._refresh_correction()
         if model is not None:
@@ -139,12 +140,7 @@ class Compensator:
         target = self.limits.saturate(self.tracker.drift)
         since_ns, self._waits_since_ns = self._waits_since_ns, None
         if since_ns is not None:
-            late_s = (stamp_ns - since_ns) / NANOSECONDS
-            if late_s > _LATE_TEMPERATURE_S:
-                self.doubt_zero(
-                    f'the tare was taken {late_s:.0f} s before the temperatures came, and holds '
-                    'what drifted since; call ~/tare'
-                )
+            self._doubt_tare_before_drift(since_ns, stamp_ns, 'temperatures came')
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
             self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
@@ -197,6 +193,9 @@ class Compensator:
         if model is not None:
             check_fits(model, self.thermometers)
         self.tracker.use(model)
+        if self._waits_since_ns is not None and self.compensating:
+            begun_ns = self.tracker.end_ns
+            self._doubt_tare_before_drift(self._waits_since_ns, begun_ns, 'model went live')
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -312,6 +311,16 @@ class Compensator:
         for spikes in self.tracker.spikes:
             spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 
+    def _doubt_tare_before_drift(self, since_ns: float, begun_ns: int, because: str) -> None:
+        """Say that a tare, which keeps the output now that the drift begins, was taken before."""
+        late_s = (begun_ns - since_ns) / NANOSECONDS
+        if late_s > _LATE_TEMPERATURE_S:
+            before = 'some time' if math.isinf(late_s) else f'{late_s:.0f} s'
+            self.doubt_zero(
+                f'the tare was taken {before} before the {because}, and holds what drifted since; '
+                'call ~/tare'
+            )
+
     def reset_tare(self) -> None:
         """Forget both tares."""
         self._waits_since_ns = None
@@ -330,7 +339,7 @@ class Compensator:
         self.tare, self.external_tare = tare, external
         self.tared = bool(tare.any() or external.any())
         if before_drift:
-            self._waits_since_ns = math.inf
+            self._waits_since_ns = -math.inf
         self._refresh_correction()
 
     def memory(self) -> ThermalMemory | None:

@@ -340,8 +340,10 @@ def tare_at_rest(node):
 def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
     node = holding(**{'tare.duration': 0.2})
     node.node.external.check.found = 'it is turned'
+    assert node.diagnosis('payload').message.endswith('it is turned')
     assert 'cannot be tared: it is turned; when' in tare_at_rest(node).message
     node.node.external.check.found = ''
+    assert 'turned' not in node.diagnosis('payload').message
     answer = tare_at_rest(node)
     assert answer.message.endswith('; wrench_external is tared, too')
     shown = node.diagnosis('payload').values
@@ -381,6 +383,23 @@ def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
         assert compensator.zero_doubts == [], 'nothing was carried since that had no name'
         if name:
             carry(part)
+
+
+@pytest.mark.parametrize('tared', [False, True])
+def test_a_tare_with_a_weight_that_did_not_fit_is_doubted_when_the_payload_is_mended(held, tared):
+    part = held(('day', MOUNTED), **{**BY_HAND, 'payload.mass': 0.7 * PART.mass_kg})
+    compensator = part.part.compensator
+    if tared:
+        compensator.set_tare(PART.weight(UP), START, 0.7 * PART.weight(UP))
+    beside = np.array([0.0, 9.807, 0.0])
+    for k, force in enumerate([UP, ASIDE, beside, -UP, -ASIDE] * 4):
+        part.feel(START + k * SECOND, force)
+        part.ask(START + k * SECOND, PART.weight(force))
+        said = part.status().message
+    assert 'times as much as the weight of manual' in said
+    part.hub.set(part.part, **BY_HAND)
+    doubts = ['that did not fit; when' in why for why in compensator.zero_doubts]
+    assert doubts == [True] * tared
 
 
 @pytest.mark.parametrize(

@@ -168,9 +168,15 @@ def test_a_tare_that_cannot_be_saved_does_not_bring_back_the_one_before(
 
 
 def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
-    restarted = restart(replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',)))
+    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',), unnamed=True)
+    restarted = restart(state)
     assert restarted.compensator.zero_doubts == ['the frame was moved']
     assert restarted.keeper.counts.drivers == {'abc'}
+    assert restarted.keeper.counts.unnamed
+    restarted.keeper.counts.unnamed = False
+    restarted.keeper.save()
+    restarted.keeper.end()
+    assert not load_state(restarted.keeper.path).unnamed
 
 
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
