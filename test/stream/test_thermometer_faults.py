@@ -283,6 +283,9 @@ def test_one_that_freezes_is_doubted_as_soon_as_the_drift_is_off(learn, make_day
         seen = stream(compensator, day, k, k + 1)
         said += compensator.frozen_doubts()
         off_n = max((abs(n - knows[cell]) for cell, n in seen.items()), default=0.0)
+        compensator.set_tare(np.zeros(6), compensator.tracker.end_ns)
+        is_said = ['thermal state was uncertain' in why for why in compensator.zero_doubts]
+        assert any(is_said) == bool(compensator.frozen_doubts()), 'the tare holds it, too'
         off_cells += off_n > 4 * model.deviation['force_z'] and not (said or findings(compensator))
     assert off_cells * PERIOD_S <= 60
     assert all('thermometer 2 has read the same for' in doubt for doubt in said)

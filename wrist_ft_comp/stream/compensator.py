@@ -239,7 +239,7 @@ class Compensator:
                     f'the tare was taken while the model remembers that thermometer {j} jumped; '
                     f'tare again in {wait_s / 60:.0f} min'
                 )
-        if self.gap_doubts():
+        if self.gap_doubts() or self.frozen_doubts():
             self.doubt_zero(
                 'the tare was taken while the thermal state was uncertain; call ~/tare when the '
                 'status temperature is OK'
