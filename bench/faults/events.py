@@ -90,6 +90,15 @@ def driver_again(robot: Robot, *, biased: bool = True, stays: bool = False) -> I
     yield 1.0
 
 
+def driver_zeroed(robot: Robot) -> Iterator[float]:
+    """Let a program zero the sensor in its driver, of a robot at rest."""
+    robot.held_still, robot.fast_until_s = True, robot.elapsed_s + 10
+    yield 4.0
+    robot.bias[:] -= robot.frozen_n if robot.node else 0.0
+    yield 4.0
+    robot.held_still = False
+
+
 def driver_in(unit: float, turn: Any, frame: bytes) -> Script:
     """
     Let the driver come back with another unit or turn, and tare; later it is as before.
@@ -234,6 +243,7 @@ def _events() -> Iterator[tuple[str, Event]]:
     again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
     yield 'sensor biased anew', Event('driver', again, partial(driver_again, stays=True))
+    yield 'driver zeroed', Event('driver', f'zeroed|{again}', driver_zeroed)
     for unit in (0.2248, 4.448, 1000.0):
         script = driver_in(unit, np.eye(6), OWN_FRAME)
         yield f'driver in units of {unit}', Event(weighed, f'unit|the weight|{again}', script)

@@ -257,6 +257,18 @@ class TestTare:
         compensator.set_tare(LOAD, (late_s + 10) * SECOND)
         assert compensator.zero_doubts == []
 
+    def test_a_tare_while_the_drift_moves_at_its_limit_ends_that(self, make_model):
+        model = make_model({'force_z': (0.4, 0.0, 30.0)})
+        compensator = Compensator(1, StreamSettings(max_drift_rate_n_s=0.05), model)
+        for second in range(300):
+            compensator.add_temperature(0, second * SECOND, 20.0 + min(second, 20))
+            raw = LOAD + compensator.tracker.drift.zero
+            off = np.abs(compensator.correct(second * SECOND, raw.tolist())).max()
+            if second == 150:
+                assert abs(off - LOAD.max()) > 0.5
+                compensator.set_tare(raw, second * SECOND)
+            assert second <= 150 or off < 0.01
+
     @pytest.mark.parametrize(('waited_s', 'doubts'), [(20, 0), (60, 1), (None, 1)])
     def test_a_tare_long_before_the_model_is_doubted(self, model, waited_s, doubts):
         """It is no zero of what drifted between them; None is a tare from before a restart."""

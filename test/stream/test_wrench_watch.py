@@ -55,6 +55,31 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
     assert np.mean(found[240:]) == 1.0
 
 
+@pytest.mark.parametrize(
+    ('free_n', 'now_n', 'moves', 'noise', 'found'),
+    [
+        (20.0, 0.0, 0.0, 0.1, 1),
+        (0.2, 0.0, 0.0, 0.1, 0),
+        (20.0, 3.0, 0.0, 0.1, 0),
+        (20.0, 0.0, 1.0, 0.1, 0),
+        (20.0, 0.0, 0.0, 0.0, 0),
+    ],
+    ids=['zeroed', 'a load is let go', 'another load', 'in motion', 'zeros of a broken sensor'],
+)
+def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):  # noqa: PLR0913, PLR0917
+    rng, scale = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3)
+    readings = np.zeros((80, 6))
+    readings[:40] = [20.0, -5.0, 3.0, 0.5, 0.1, 0.2]
+    readings[40:, 1] = now_n
+    readings[:, 0] += moves * np.sin(np.arange(80) / 3)
+    readings += noise * scale * rng.normal(size=(80, 6))
+    watch, times = SensorWatch(), 0
+    for reading in readings:
+        look(watch, reading)
+        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert times == found
+
+
 @pytest.mark.parametrize(('step', 'looks'), [(1e-6, 1), (0.03, 1), (1e-6, 8)])
 def test_a_sensor_with_coarse_steps_or_few_readings_lives(step, looks):
     """Steps of three times the noise, and a reading in 0.8 s; ten minutes of looks."""

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
+from pathlib import Path
 import time
 from typing import Any
 
@@ -38,6 +39,8 @@ _FRESH_NS = 2_000_000
 _APART_S = 5.0
 #: Specific force is judged over this many reports in a row: motion changes it in some of them.
 _REPORTS = 10
+#: As many payloads are judged by turns.
+_CHECKS = 16
 #: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
 _JUDGED_S = 15.0
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
@@ -80,6 +83,8 @@ class ExternalWrench(Part):
     collector: MotionCollector | None = None
     #: Whether the wrench moves with the weight of the payload.
     check: WeightCheck = field(default_factory=WeightCheck)
+    #: That and those of the payloads before, by what was logged of them, the oldest first.
+    _checks: dict[str, WeightCheck] = field(default_factory=dict)
     #: Why the weight that is taken off is wrong; '' where nothing says so.
     wrong: str = ''
     #: When wrench_external was tared, by the steady clock, s.
@@ -120,24 +125,29 @@ class ExternalWrench(Part):
 
     def payloads(self) -> Learnt:
         """Read all payloads, oldest first; of two with the same name, the node's own one."""
-        stored, own = self.live.stored, load_payloads(self.own_path)
-        beside = {} if stored is None else load_payloads(stored.path.parent / PAYLOADS)
-        return {**beside, **own}
+        files = [*(model.with_name(PAYLOADS) for model in self._models()), self.own_path]
+        return {name: one for path in files for name, one in load_payloads(path).items()}
+
+    def _models(self) -> list[Path]:
+        """Find the models of this sensor whose payloads count: model_file, and the live one."""
+        given, stored = self.hub.chosen()['model_file'], self.live.stored
+        models = [self.live.store.locate(given)] if given else []
+        return models if stored is None else [*models, stored.path]
 
     def frames(self) -> dict[str, ForceFrame]:
         """
         Find the frames that were learnt with this source and this sensor, oldest first.
 
-        Those are the frames learnt with the live model, or by this node under the same frame_ids.
-        An empty frame_id is not compared.
+        Those are the frames learnt with the live model, with model_file, or by this node under the
+        same frame_ids. An empty frame_id is not compared.
         """
-        stored, own = self.live.stored, load_payloads(self.own_path)
-        stem, here = '' if stored is None else stored.path.stem, self.specific_force.frames()
+        own, here = load_payloads(self.own_path), self.specific_force.frames()
+        stems = {model.stem for model in self._models()}
         return {
             name: frame
             for name, (_, frame) in self.payloads().items()
             if frame.source == self.specific_force.source
-            and (name.rpartition('-')[0] == stem or (name in own and frame.wrench_frame))
+            and (name.rpartition('-')[0] in stems or (name in own and frame.wrench_frame))
             and not changed_frames(frame, here)
         }
 
@@ -206,11 +216,18 @@ class ExternalWrench(Part):
 
     def _hold(self, payload: LivePayload | None) -> None:
         """Subtract a payload from now on; a tare that was taken with another rotation is reset."""
+        now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
         if payload is not None or self.payload is not None:
-            now = f'{payload}; {payload.turn}' if payload else 'none; wrench_external rests'
             self.hub.log.info(f'payload: {now}')
         self.payload = payload
-        self.check, self.wrong = WeightCheck(payload.name if payload else ''), ''
+        # Poses between two grips are too few to judge one: what is known of a payload stays.
+        check = self._checks.pop(now, None) or WeightCheck(payload.name if payload else '')
+        self._checks[now] = check
+        while len(self._checks) > _CHECKS:
+            del self._checks[next(iter(self._checks))]
+        if check is not self.check:
+            check.begin()
+        self.check, self.wrong = check, check.found
         self.collect(self.collector)
         if payload is None:
             return

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from wrist_ft_comp.channels import SensorNames
+from wrist_ft_comp.channels import AXES, SensorNames
 from wrist_ft_comp.drift.drift_model import check_fits, check_sensor, StoredModel
 from wrist_ft_comp.errors import SettingsError, WristFtCompError
 from wrist_ft_comp.node.wrench_topics import Counts
@@ -238,9 +238,11 @@ class LiveModel(Part):
 
 
 def summary(stored: StoredModel) -> str:
-    """Say how many axes a live model compensates."""
+    """Say how many axes a live model compensates, and which it does not."""
     count = len(stored.model.axes)
-    return f'compensating {count} {"axis" if count == 1 else "axes"}'
+    others = ', '.join(axis for axis in AXES if axis not in stored.model.axes)
+    passing = f'; {others}, which it does not know, pass as they are' if count and others else ''
+    return f'compensating {count} {"axis" if count == 1 else "axes"}{passing}'
 
 
 def warned(message: str, problem: str) -> str:

@@ -123,6 +123,12 @@ class WrenchInput(Part):
         self._frame = self._frame or layout.frame_id(data)
         is_stamped = layout.decode(data)[0] != 0
         self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
+        compensator = self._compensator
+        if self.sensor.zeroed(compensator.compensation.zero + compensator.tare):
+            compensator.doubt_zero(
+                'the raw wrench jumped to zero on all axes at once: a program or the driver may '
+                'have zeroed the sensor; call ~/tare'
+            )
 
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
@@ -172,7 +178,9 @@ class WrenchInput(Part):
             yield doubtful(self.title, self._doubts(topic, ends), well, numbers)
 
     def sickness(self) -> str:
-        """Say that the sensor is frozen, or an axis stuck; empty where it lives."""
+        """Say that readings are mixed, or frozen, or an axis stuck; empty where a sensor lives."""
+        if (count := self.hub.count_publishers(self.hub.resolve_topic_name('wrench_raw'))) > 1:
+            return f'{count} publishers share the topic; their readings are mixed'
         if self.sensor.frozen:
             return 'the reading has not changed by a bit for seconds; is the sensor frozen?'
         if axes := ', '.join(self.sensor.stuck):
@@ -182,8 +190,6 @@ class WrenchInput(Part):
     def _doubts(self, topic: str, publishers: Sequence[Any]) -> Iterator[str]:
         """Say what is suspicious about wrenches that do arrive, the worst first."""
         sensor, lately, model = self.sensor, self._growth.lately(), self._compensator.model
-        if len(publishers) > 1:
-            yield f'{len(publishers)} publishers share the topic; their readings are mixed'
         for end in publishers:
             name = f'{end.node_namespace.rstrip("/")}/{end.node_name}'
             if self.hub.count_publishers(f'{name}/drift'):
@@ -272,7 +278,9 @@ class DriftTopic(Part):
         numbers = {'published': str(counts.published), 'tare': tare}
         columns: dict[str, Any] = {'drift': stream.compensation.zero, 'tare': stream.tare}
         if stream.model is not None and stream.tracker.temperature_c is not None:
-            columns['drift_deviation'] = stream.model.uncertainty(stream.tracker.temperature_c)
+            known = np.array([axis in stream.model.axes for axis in AXES])
+            deviation = stream.model.uncertainty(stream.tracker.temperature_c)
+            columns['drift_deviation'] = np.where(known, deviation, math.nan)
         if (newest := counts.newest) is not None and comes:
             columns |= {'raw': newest[1], 'compensated': stream.correct(*newest[:2])}
         for name, values in columns.items():

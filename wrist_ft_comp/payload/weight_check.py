@@ -24,6 +24,8 @@ _TRIPLES = 40
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
 #: larger or smaller than the weight by as much, as a share of it, is that of another payload.
 _LEAST_TURN_DEG = 8.0
+#: A force that moves by less than this share of the weight is that of an empty sensor.
+_MOUNTED_SHARE = 0.2
 #: A smaller distance is none, m.
 _LEAST_SHIFT_M = 0.01
 #: What is found must explain all but this share of the median difference.
@@ -39,6 +41,10 @@ class WeightCheck:
         self._name = name
         self._before: FloatArray | None = None
         self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
+
+    def begin(self) -> None:
+        """Begin anew after another payload was mounted: the change to it is not one of a pose."""
+        self._before = None
 
     def add(self, wrench: FloatArray, weight: FloatArray) -> None:
         """Take a wrench before the payload is taken off, and the weight, N and N m, (6,) each."""
@@ -82,6 +88,11 @@ class WeightCheck:
         limit_n = np.radians(_LEAST_TURN_DEG) * reach
         # Half of it: where the weight points along the axis of a turn it does not move.
         if off_n > limit_n / 2 and rest < _UNEXPLAINED_SHARE * off_n:
+            if abs(scale) < _MOUNTED_SHARE:
+                return (
+                    f'the force hardly moves with the weight of {self._name}; is it mounted? Set '
+                    'payload.active to what is, or check the unit of the wrench'
+                )
             cosine = (np.trace(turn) / scale - 1) / 2
             turn_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
             if scale < 0 or turn_deg > _LEAST_TURN_DEG:

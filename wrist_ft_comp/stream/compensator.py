@@ -20,6 +20,8 @@ from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0
+#: A tare jumps to the end of a ramp that moves the drift by more than this, N.
+_RAMP_N = 0.1
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0
 
@@ -211,7 +213,11 @@ class Compensator:
         The external wrench reads zero, too: of a sensor that carries the payload's mean weight,
         N and N m, or nothing.
         """
-        drift = self.compensation_at(stamp_ns)
+        drift, target = self.compensation_at(stamp_ns), self.limits.saturate(self.tracker.drift)
+        if (np.abs(target.zero - drift.zero) > axis_limits(_RAMP_N)).any():
+            # As after a night: later, the output would move by the rest of the ramp.
+            self._settle(target, None)
+            drift = target
         self.tare = np.nan_to_num(raw - drift.zero)  # axes that the sensor has not
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried

@@ -1,5 +1,6 @@
 """Finds wrenches that no healthy sensor gives: frozen, stuck on an axis, stamped strangely."""
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.stream.clock import leaps
+from wrist_ft_comp.stream.limits import axis_limits
 
 #: A reading is frozen after about this many looks with the same value, 5 s of ten looks a second.
 LOOKS = 50
@@ -21,6 +23,10 @@ _RECOVERY = 0.2
 _LIVELY_SHARE = 0.8
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
+#: A load at rest scatters by less than this, N, and a sensor reads less right after it was zeroed.
+_REST_N = 0.5
+#: A jump of less than this, N, is none.
+_JUMP_N = 1.0
 
 
 class SensorWatch:
@@ -36,6 +42,8 @@ class SensorWatch:
         #: Per axis: the newest reading, its least and its largest, and how often it was the same.
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
+        #: The readings of the last two seconds.
+        self._lately: deque[FloatArray] = deque(maxlen=2 * _RUN_LOOKS)
         #: Share of the last looks that showed a new value, per axis.
         self._lively: FloatArray = np.zeros(len(AXES))
         #: Looks at an axis that stood still while others moved; the last, at all that stood still.
@@ -44,6 +52,7 @@ class SensorWatch:
     def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
         """Look at another wrench, N and N m, and its stamp, ns; 0 when it has none."""
         before, self._raw = self._raw, np.array(raw)
+        self._lately.append(self._raw)
         is_same = self._raw == before
         self._same = np.where(is_same, self._same + 1, 0)
         self._lively += (~is_same - self._lively) / LOOKS
@@ -68,6 +77,22 @@ class SensorWatch:
             self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
             self._step_ns = max(step_ns, 1)
         self._stamp_ns = stamp_ns
+
+    def zeroed(self, free: FloatArray) -> bool:
+        """
+        Whether a reading at rest jumped to zero on all axes between two looks, a second ago.
+
+        ``free`` is what the sensor is to read without a load, N and N m, (6,): where that is near
+        zero, a load was let go.
+        """
+        if len(self._lately) < 2 * _RUN_LOOKS:
+            return False
+        parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES)) / axis_limits(1.0)
+        (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
+        jumped = min(np.abs(before).max(), np.abs(free / axis_limits(1.0)).max()) > _JUMP_N
+        # Zeros to the last bit are those of a broken sensor.
+        at_rest = bool((scatter < _REST_N).all() and scatter[1].any())
+        return at_rest and jumped and bool((np.abs(now) < _REST_N).all())
 
     @property
     def stamps_stand_still(self) -> bool:

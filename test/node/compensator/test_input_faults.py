@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import no_drift
 from wrist_ft_comp.node import wrench_topics
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
@@ -117,7 +118,8 @@ LOOKED_AT = {
 def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # noqa: ARG001
     wrenches, stamps, frame, level, words = LOOKED_AT[name]
     counts = Counts()
-    part = WrenchInput(counts, SimpleNamespace(model=SimpleNamespace(axes={'force_z': 1})))
+    model = SimpleNamespace(axes={'force_z': 1})
+    part = WrenchInput(counts, SimpleNamespace(model=model, compensation=no_drift(), tare=0.0))
     hub = fake_hub(part)
     hub.types['/wrench_raw'] = [WRENCH] * (2 if name == 'two drivers' else 1)
     hub.types['/driver/drift'], hub.types['/a/wrist_ft_comp/drift'] = [], [WRENCH]
@@ -152,7 +154,8 @@ def test_a_sensor_that_was_silent_may_have_another_zero(
     """A simulation that was held up goes on with the next stamp; a node may be held up itself."""
     clock, counts, said = [0.0], Counts(), []
     monkeypatch.setattr(wrench_topics, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
-    part = WrenchInput(counts, SimpleNamespace(doubt_zero=said.append))
+    stream = SimpleNamespace(doubt_zero=said.append, compensation=no_drift(), tare=0.0)
+    part = WrenchInput(counts, stream)
     fake_hub(part)
     for at_s, stamp_s in ((0, 0), (1, 1), (21, 1 + stamped_s)):
         for look_s in np.linspace(clock[0], at_s, looks, endpoint=False):
