@@ -147,9 +147,7 @@ def compensated(model_path, rows, folder):
     phases=[Phase.generate],  # to make an example smaller takes minutes
 )
 @given(rows=days(), kills=st.lists(st.integers(3, 400), max_size=3))
-def test_stream_restarted_stream_and_file_give_the_same_drift(
-    hasty, tmp_path, monkeypatch, rows, kills
-):
+def test_stream_restart_and_file_give_the_same_drift(hasty, tmp_path, monkeypatch, rows, kills):
     """In every cell in which a thermometer reports: within a gap only a file knows its end."""
     for name, time_s in (('STILL_S', 15.0), ('AGREED_S', 30.0)):
         monkeypatch.setattr(thermometer_faults, name, time_s)

@@ -102,9 +102,7 @@ def follow(said):
 
 
 @pytest.mark.parametrize('name', FORMS)
-def test_what_is_printed_leads_to_the_right_channels_units_and_times(
-    name, run, tmp_path, monkeypatch
-):
+def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_path, monkeypatch):
     """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
@@ -201,9 +199,7 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
 
 
 @pytest.mark.parametrize('block', [1234, table.BLOCK])
-def test_where_a_clock_begins_anew_a_file_is_cut_as_the_sentence_says(
-    block, run, tmp_path, monkeypatch
-):
+def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path, monkeypatch):
     monkeypatch.setattr(table, 'BLOCK', block)
     monkeypatch.chdir(tmp_path)
     form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}

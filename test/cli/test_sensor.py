@@ -119,9 +119,7 @@ def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_
     assert 'right_ft in recording 2, other' in warning
 
 
-def test_a_copy_is_found_under_another_name_and_another_day_of_that_name_is_none(
-    learnt, day, bag, run, tmp_path
-):
+def test_a_copy_is_found_by_any_name_and_another_day_is_none(learnt, day, bag, run, tmp_path):
     shutil.copytree(day, tmp_path / 'wednesday')
     (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
     for path, marked in (

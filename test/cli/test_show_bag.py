@@ -228,9 +228,7 @@ def test_one_of_two_arms_is_proposed_with_its_own_thermometers(done, messages, t
         assert f'by its name it is most probably {inside}:' in out
 
 
-def test_a_thermometer_without_stamps_is_proposed_in_a_form_that_calibrate_takes(
-    done, messages, tmp_path, monkeypatch
-):
+def test_an_unstamped_thermometer_is_proposed_as_it_is_read(done, messages, tmp_path, monkeypatch):
     def day():
         for k in range(600):
             at = T0 + k * 10**9

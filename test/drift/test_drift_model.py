@@ -29,7 +29,7 @@ def temperature_c():
     return 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
 
 
-def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
+def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_others(
     model, temperature_c, lagged
 ):
     _, track = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)

@@ -47,9 +47,7 @@ class TestPayloads:
         shares = [payload.share for payload in learnt.payloads.payloads.values()]
         np.testing.assert_allclose(shares, 0.5, atol=0.05)
 
-    def test_neither_the_frame_of_the_specific_force_matters_nor_a_missing_gyroscope(
-        self, days, learnt
-    ):
+    def test_neither_the_frame_of_the_force_nor_a_missing_gyroscope_matters(self, days, learnt):
         turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
         turned = [
             replace(day, specific_force=day.specific_force @ turn, rotation_speed=None)

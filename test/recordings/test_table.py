@@ -166,9 +166,7 @@ def test_a_parquet_file_holds_the_same(make_csv, monkeypatch):
 
 
 @pytest.mark.parametrize(('name', 'library'), [('a.xlsx', 'openpyxl'), ('a.parquet', 'pyarrow')])
-def test_what_a_library_reads_that_is_not_there_is_a_sentence(
-    make_csv, monkeypatch, name, library
-):
+def test_what_a_missing_library_reads_is_a_sentence(make_csv, monkeypatch, name, library):
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
     with pytest.raises(

@@ -185,7 +185,7 @@ def judge(make, stored):
     return build
 
 
-def test_an_evaluation_of_four_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
+def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_their_own_numbers(
     make, stored, judge
 ):
     recording = make.recording('other.csv', 5, cells=14_400, axes=6)

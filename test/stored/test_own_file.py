@@ -52,9 +52,7 @@ def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(targe
 
 
 @pytest.mark.parametrize(('fails', 'content'), [(os.path.isdir, 'new'), (os.path.isfile, 'old')])
-def test_only_a_file_has_to_reach_the_disk_or_the_old_one_stays(
-    target, monkeypatch, fails, content
-):
+def test_only_a_file_must_reach_the_disk_or_the_old_one_stays(target, monkeypatch, fails, content):
     def sync(handle):
         if fails(f'/proc/self/fd/{handle}'):
             raise OSError(errno.EINVAL, 'Invalid argument')

@@ -54,9 +54,7 @@ def restarted(model, before, by_clock_s=0.0):
         (10, 100, 'while 100 s passed since the thermal state was saved'),
     ],
 )
-def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
-    model, gap_s, by_clock_s, words
-):
+def test_an_impossible_gap_starts_at_steady_state_and_says_why(model, gap_s, by_clock_s, words):
     fast = StreamSettings(max_drift_rate_n_s=1e3)
     killed, again = (Compensator(1, fast, model) for _ in range(2))
     feed(killed, 0, 400)

@@ -292,9 +292,7 @@ def turned_by(axis, degrees):
     ],
     ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'heavier', 'other TCP'],
 )
-def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
-    held, felt_turn, shift_m, contact_n, words
-):
+def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, contact_n, words):
     """An arm that turns and comes back, and a noise of 0.05 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
     mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
@@ -363,9 +361,7 @@ def carry(part):
 
 
 @pytest.mark.parametrize(('carried', 'tared_with'), [(False, ''), (True, ''), (True, 'day-1')])
-def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
-    held, carried, tared_with
-):
+def test_a_payload_carried_but_not_named_while_taring_is_a_warning(held, carried, tared_with):
     """The tare of the empty sensor is its zero under every payload."""
     part = held(**{'payload.active': tared_with})
     compensator, weight = part.part.compensator, TOOL.weight(UP)

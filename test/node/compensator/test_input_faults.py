@@ -136,7 +136,7 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
-    ('stamped_s', 'looks', 'doubts_and_leaps'),
+    ('stamped_s', 'looks', 'expected'),
     [
         (20, 40, (1, 0)),
         (1, 40, (0, 0)),
@@ -146,9 +146,7 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
         (20, 0, (0, 0)),
     ],
 )
-def test_a_sensor_that_was_silent_may_have_another_zero(
-    fake_hub, monkeypatch, stamped_s, looks, doubts_and_leaps
-):
+def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s, looks, expected):
     """A simulation that was held up goes on with the next stamp; a node may be held up itself."""
     clock, counts, said = [0.0], Counts(), []
     monkeypatch.setattr(wrench_topics, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
@@ -162,7 +160,7 @@ def test_a_sensor_that_was_silent_may_have_another_zero(
         counts.newest = stamp, RAW, serialize_message(wrench_message(stamp, 'tool0', RAW))
         counts.wrenches += 1
         part.poll()
-    assert (len(said), part.sensor.leapt) == doubts_and_leaps
+    assert (len(said), part.sensor.leapt) == expected
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
 
 

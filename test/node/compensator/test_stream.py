@@ -20,9 +20,7 @@ def hear_bytes(rig):
 
 
 @executors
-def test_the_header_goes_out_byte_for_byte_in_both_byte_orders(
-    wired, make_model, messages, executor
-):
+def test_the_header_goes_out_byte_for_byte_in_either_order(wired, make_model, messages, executor):
     node = wired(executor=executor, model=make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)}))
     node.warm_up(30.0)
     heard = hear_bytes(node)

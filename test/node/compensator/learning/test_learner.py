@@ -32,9 +32,7 @@ def models(make_model):
         ({'calibration.reference': 'constant'}, {}, WARN, 'they are constant and imu'),
     ],
 )
-def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
-    fake_hub, tmp_path, chosen, state, level, words
-):
+def test_the_worst_is_said_first(fake_hub, tmp_path, chosen, state, level, words):  # noqa: PLR0913, PLR0917
     given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
     live = SimpleNamespace(
         history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
