@@ -155,25 +155,19 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
 
 def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
     t, channels = hour()
-    at = [BEGIN + timedelta(seconds=s) for s in t.tolist()]
-    force = [
-        f'{a.timestamp() * 1e3:.0f};{n / 1e3:.7f}'
-        for a, n in zip(at, channels['force_z'], strict=True)
-    ]
-    heat = [
-        f'{a:%d.%m.%Y %H:%M:%S},{T:.2f}'
-        for a, T in zip(at, channels['temperature_c'], strict=True)
-    ]
-    (tmp_path / 'force.csv').write_text('\n'.join(['t;Kraft [kN]', *force, '']))
-    (tmp_path / 'heat.csv').write_text('\n'.join(['Datum,Temp', *heat, '']))
+    celsius, force, heat = channels['temperature_c'], ['t;Kraft [kN]'], ['Datum,Temp']
+    for second, n, warm in zip(t.tolist(), channels['force_z'], celsius, strict=True):
+        at = BEGIN + timedelta(seconds=second)
+        force.append(f'{at.timestamp() * 1e3:.0f};{n / 1e3:.7f}')
+        heat.append(f'{at:%d.%m.%Y %H:%M:%S},{warm:.2f}')
+    (tmp_path / 'force.csv').write_text('\n'.join([*force, '']))
+    (tmp_path / 'heat.csv').write_text('\n'.join([*heat, '']))
     assert 'join both' in run('show', tmp_path / 'force.csv').out
     joined = tmp_path / 'force.csv+heat.csv'
     (command, _) = json.loads(done('show', joined, '--json'))['commands']
     recording = read_recording(joined, topics=told(command))
     np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-3)
-    np.testing.assert_allclose(
-        recording.temperature_c[::10, 0], channels['temperature_c'], atol=0.01
-    )
+    np.testing.assert_allclose(recording.temperature_c[::10, 0], celsius, atol=0.01)
     words = shlex.split(command)[1:]
     words[words.index('force.yaml')] = str(tmp_path / 'model.yaml')
     done(*words, '--method', 'pls')

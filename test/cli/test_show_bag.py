@@ -189,9 +189,7 @@ def test_named_topics_are_taken_before_likely_ones(done, drivers, messages, tmp_
     assert calibrate[-2:] == given
     assert '/tool_data:tool_temperature' not in calibrate
     out = done('show', bag, '--temperature-topic', '/typo:heat')
-    assert out.endswith(
-        'It holds no temperature of that name, so nothing can be learnt from it.\n'
-    )
+    assert out.endswith('no temperature of that name, so nothing can be learnt from it.\n')
 
 
 def test_tenths_kelvins_and_temperatures_that_stand_still_are_named(done, messages, tmp_path):

@@ -185,9 +185,7 @@ def judge(make, stored):
     return build
 
 
-def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_their_own_numbers(
-    make, stored, judge
-):
+def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, stored, judge):
     recording = make.recording('other.csv', 5, cells=14_400, axes=6)
     view = judge(recording)
     assert len(page(view).encode()) < MAX_BYTES

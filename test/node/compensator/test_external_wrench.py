@@ -105,9 +105,7 @@ def holding(rig, tmp_path):
 def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messages, tmp_path):
     add_payloads(tmp_path / 'data/models/payloads.json', 'day', [TOOL], FRAME)
     node = wired(parameters={**IMU, 'payload.active': 'day-1'})
-    externals = node.bench.listen(
-        WrenchStamped, node.topic('wrench_external'), QoSProfile(depth=9)
-    )
+    external = node.bench.listen(WrenchStamped, node.topic('wrench_external'), QoSProfile(depth=9))
     imu = node.bench.publisher(Imu, node.topic('imu'))
     imu.publish(messages.imu(START, (FRAME.rotation.T @ ASIDE).tolist(), [0.0, 0.1, 0.0]))
     forces = node.node.specific_force.forces
@@ -115,7 +113,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     node.wait_until(node.node.external.output.get_subscription_count, 'the listener')
     raw = TOOL.weight(ASIDE) + CONSTANT
     assert node.ask_output(START + SECOND // 10, raw) == tuple(raw)
-    message = externals.get(timeout=20.0)
+    message = external.get(timeout=20.0)
     assert stamp_of(message) == START + SECOND // 10
     assert message.header.frame_id == 'tool0'
     np.testing.assert_allclose(six_of(message), CONSTANT, atol=1e-12)
