@@ -133,9 +133,9 @@ def compensated(model_path, rows, folder):
         writer.writerows((START + second, *rest) for second, *rest in sorted(lines))
     assert main(['compensate', str(model_path), str(path), '-o', str(out)]) == 0
     with out.open(newline='') as file:
-        written = [row for row in csv.DictReader(file) if row['force_z']]
+        found = [row for row in csv.DictReader(file) if row['force_z']]
     return {
-        round(int(row['stamp_ns']) / 10**9) - START - 2: -float(row['force_z']) for row in written
+        round(int(row['stamp_ns']) / 10**9) - START - 2: -float(row['force_z']) for row in found
     }
 
 

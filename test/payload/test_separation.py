@@ -199,10 +199,8 @@ class TestDoubts:
             calibrate(wrong, AT_WORK)
 
     def test_one_pose_gives_the_drift_and_no_payload(self, make_working_day):
-        still = [
-            make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
-            for n in range(2)
-        ]
+        up = np.array([[0.0, 0, 1]])
+        still = [make_working_day(n, poses=up, part=False, contacts=0.0) for n in range(2)]
         calibration = calibrate(still, AT_WORK)
         assert calibration.payloads is None
         warnings = '\n'.join(calibration.warnings)

@@ -169,9 +169,8 @@ def test_a_parquet_file_holds_the_same(make_csv, monkeypatch):
 def test_what_a_missing_library_reads_is_a_sentence(make_csv, monkeypatch, name, library):
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
-    with pytest.raises(
-        RecordingError, match=f"cannot be read by {library} .* 'pip install {library}' if"
-    ):
+    remedy = f"cannot be read by {library} .* 'pip install {library}' if"
+    with pytest.raises(RecordingError, match=remedy):
         all_samples(make_csv(b'PK', name))
 
 

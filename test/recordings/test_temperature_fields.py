@@ -164,11 +164,8 @@ def test_times_of_arrival_are_not_compared_with_another_clock_s_stamps(driver, m
 @pytest.mark.usefixtures('driver')
 def test_a_type_that_nobody_can_describe_is_named(backend, messages, tmp_path, monkeypatch):
     frame, content = messages.learn('gone_msgs/msg/Heat', 'float64 temperature'), b'\0\1\0\0' * 3
-    parts = [
-        ('/wrench_raw', messages.wrench_type, 1, messages.wrench(1, range(6))),
-        ('/heat', frame, 1, content),
-    ]
-    path = messages.write(tmp_path / 'bag', parts)
+    wrench = '/wrench_raw', messages.wrench_type, 1, messages.wrench(1, range(6))
+    path = messages.write(tmp_path / 'bag', [wrench, ('/heat', frame, 1, content)])
     if backend == 'rosbags':  # as if the recorder had not known the type either
         rosbags_backend = import_module(f'{BAGS}.rosbags_backend')
         monkeypatch.setattr(rosbags_backend, '_parse', lambda _: {})

@@ -190,10 +190,7 @@ def test_a_record_comes_back_from_plain_values():
     assert (back.pairs, back.ends, back.cells) == (SHEET.pairs, SHEET.ends, SHEET.cells)
     assert (back.by_name, back.path) == ({'x': True}, Path('a/b'))
     assert from_plain(Sheet, PLAIN).path is None
-    for known, sentence in (
-        (None, 'share must be a finite number'),
-        (1.0, 'named values with text'),
-    ):
+    for known, sentence in ((None, 'share must be a finite'), (1.0, 'named values with text')):
         with pytest.raises(ValueError, match=sentence):
             from_plain(Sheet, {**PLAIN, 'share': known}, whole=True)
 

@@ -10,9 +10,7 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stored.payload_file import add_payloads, load_payloads, PAYLOADS
 
-FRAME = ForceFrame(
-    np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.9, 1.1]), 'imu'
-)
+FRAME = ForceFrame(np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1, 0.9, 1.1]), 'imu')
 TOOL = Payload(1.25, np.array([0.01, 0.02, 0.06]), 0.01, np.array([1e-3, 2e-3, 3e-3]), 0.5)
 BARE = Payload(2.5, np.zeros(3))
 

@@ -58,12 +58,7 @@ def plain(state):
         return json.loads(path.read_text())
 
 
-@settings(
-    deadline=None,
-    max_examples=100,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(state=states)
 def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
     path = tmp_path / 'new/state.json'

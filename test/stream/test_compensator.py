@@ -61,9 +61,8 @@ def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     temperatures = np.arange(240) * SECOND // 2
     celsius = np.array([[warming(stamp)] for stamp in temperatures.tolist()])
     raw = np.tile(LOAD, (len(stamps), 1))
-    recording = grid_samples(
-        [Samples(('temperature_c',), temperatures, celsius), Samples(AXES, stamps, raw)]
-    )
+    both = Samples(('temperature_c',), temperatures, celsius), Samples(AXES, stamps, raw)
+    recording = grid_samples(both)
     expected = correct_many(track_drift(model, recording), stamps, raw)
     settled = stamps >= 2 * SECOND
     np.testing.assert_allclose(outputs[settled], expected[settled], atol=1e-6)
@@ -263,9 +262,8 @@ class TestTare:
         assert all('before the model went live' in why for why in compensator.zero_doubts)
 
     def test_a_tare_while_a_thermometer_is_silent_is_doubted(self, make_model):
-        compensator = Compensator(
-            2, model=make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
-        )
+        model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
+        compensator = Compensator(2, model=model)
         for second in range(500):
             for j in (0,) if 100 <= second < 400 else (0, 1):
                 compensator.add_temperature(j, second * SECOND, 20.0 + second / 100)

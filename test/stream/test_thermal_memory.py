@@ -142,9 +142,8 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 apart = knows.compensation.zero - compensator.compensation.zero
                 assert abs(apart[2]) <= 1.05 * off_n  # which is rounded
                 compensator.set_tare(np.zeros(6), second * SECOND)
-                assert ['uncertain; call ~/tare' in d for d in compensator.zero_doubts] == [
-                    True
-                ] * len(doubts)
+                said = ['uncertain; call ~/tare' in doubt for doubt in compensator.zero_doubts]
+                assert said == [True] * len(doubts)
         assert compensator.gap_doubts() == []
     assert stated == {True, False}
 

@@ -259,10 +259,8 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
     assert len(findings(compensator)) == 1
     seen |= stream(compensator, day, 870)
     assert findings(compensator) == []
-    uncertainty = compensator.tracker.uncertainty
-    assert uncertainty.left(compensator.tracker.end_ns, 9000.0)[FORCE_Z] > 0.05, (
-        'what was predicted'
-    )
+    tracker = compensator.tracker
+    assert tracker.uncertainty.left(tracker.end_ns, 9000.0)[FORCE_Z] > 0.05, 'what was predicted'
     ((_, share),) = thermometer_doubts(model, day).items()
     assert 480 / CELLS > share > 400 / CELLS
     usual = simulate_drift(model, healthy).zero[:, FORCE_Z]

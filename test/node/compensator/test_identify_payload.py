@@ -77,9 +77,8 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in bare.refusal('identify_payload')
     bare.node.broadcast('on_specific_force', START, (0.0, 0.0, 9.8), None)
-    assert 'No drift model runs, and drift would be taken for weight' in bare.refusal(
-        'identify_payload'
-    )
+    said = bare.refusal('identify_payload')
+    assert 'No drift model runs, and drift would be taken for weight' in said
     assert working.node.external.collector is None
 
 

@@ -88,9 +88,8 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
 def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
-    assert node.rig.refusal('adopt') == (
-        'No better model is offered: no day is judged yet. The running model stays.'
-    )
+    said = 'No better model is offered: no day is judged yet. The running model stays.'
+    assert node.rig.refusal('adopt') == said
     node.find(new, message='leaves half')
     node.a_day()
     status = node.rig.diagnosis('learning', 'a better model is offered')
