@@ -140,7 +140,6 @@ def compensated(model_path, rows, folder):
 
 
 @settings(
-    deadline=None,
     max_examples=25,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

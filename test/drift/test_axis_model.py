@@ -99,7 +99,7 @@ def test_a_run_is_the_textbook_loop(temperature_c, filters, latents, outputs):
 
 
 @every_form
-@settings(deadline=None, max_examples=15, derandomize=True)
+@settings(max_examples=15, derandomize=True)
 @given(cuts=st.sets(st.integers(1, 119), max_size=4))
 def test_a_run_split_anywhere_is_the_fold_of_cells(temperature_c, filters, latents, cuts):
     axis = make_axis(filters, latents)

@@ -149,16 +149,11 @@ def process_of(asked, parent):
     return subprocess.run(command, input=line, capture_output=True, text=True, check=False)
 
 
-def answer(asked):
-    """What the process answers to a job; it ends well, and says nothing besides."""
-    process = process_of(asked, os.getpid())
-    assert (process.returncode, process.stderr) == (0, '')
-    return json.loads(process.stdout)
-
-
 def test_the_process_gives_the_model_as_json_even_where_the_report_fails(good, two, tmp_path):
     report = good / 'report.html'
-    outcome = answer(job(tmp_path, good, two, skip_unusable=True, report=report))
+    ended = process_of(job(tmp_path, good, two, skip_unusable=True, report=report), os.getpid())
+    assert (ended.returncode, ended.stderr) == (0, '')
+    outcome = json.loads(ended.stdout)
     assert outcome['success']
     assert 'force_z: ' in outcome['message']
     assert '\nwarning: two.csv was left out: ' in outcome['message']

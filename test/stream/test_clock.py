@@ -21,7 +21,7 @@ def feed(clocks, stamps, source=0):
     return [given.stamp_ns for sample in samples for given in clocks.admit(sample)]
 
 
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(steps=st.lists(st.integers(-5 * SECOND, 60 * SECOND), min_size=1, max_size=50))
 def test_steps_that_are_no_leaps_pass_at_once_if_they_are_later(steps):
     clocks, last = make(), 0

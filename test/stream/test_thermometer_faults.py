@@ -117,7 +117,7 @@ def test_first_readings_are_wrong_where_others_agree_for_longer(wrong_c, wrong_s
     assert spikes.dropped == 2 * wrong_s
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(
     steps=st.lists(st.tuples(st.integers(1, 9 * SECOND), st.floats(-50, 150)), max_size=40),
     cuts=st.sets(st.integers(1, 39)),

@@ -85,10 +85,8 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
 @pytest.mark.parametrize(
     ('patience_s', 'happens', 'words'),
     [
-        (
-            60.0, lambda node: node.compensator.reset_tare(),
-            'The tare or the model changed meanwhile. Call again.',
-        ),
+        (60.0, lambda node: node.compensator.reset_tare(),
+         'The tare or the model changed meanwhile. Call again.'),
         (0.05, lambda _: None, 'Wrenches with specific force have stayed away for 0.05 s'),
     ],
     ids=['tare', 'silence'],

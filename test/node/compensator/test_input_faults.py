@@ -138,14 +138,10 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
 @pytest.mark.parametrize(
     ('stamped_s', 'looks', 'expected'),
     [
-        (20, 40, (1, 0)),
-        (1, 40, (0, 0)),
-        (0, 40, (1, 0)),
-        (-1, 40, (1, 0)),
-        (4000, 40, (1, 1)),
+        (20, 40, (1, 0)), (1, 40, (0, 0)), (0, 40, (1, 0)), (-1, 40, (1, 0)), (4000, 40, (1, 1)),
         (20, 0, (0, 0)),
     ],
-)
+)  # fmt: skip
 def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s, looks, expected):
     """A simulation that was held up goes on with the next stamp; a node may be held up itself."""
     clock, counts, said = [0.0], Counts(), []

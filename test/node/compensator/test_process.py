@@ -15,13 +15,16 @@ def start(bench, executable, tmp_path):
     """Start the executable under a name of its own, and wait until it is up."""
 
     def launch(name, *arguments):
-        process = executable(
-            MODULE,
-            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}'),
-            *('-p', f'data_directory:={tmp_path / "data"}'),
-            *arguments,
-            may_be_killed=True,
-        )
+        folder = tmp_path / 'data'
+        words = [
+            '-r',
+            f'__ns:=/{name}',
+            '-r',
+            f'__node:={name}',
+            '-p',
+            f'data_directory:={folder}',
+        ]
+        process = executable(MODULE, *words, *arguments, may_be_killed=True)
         bench.wait_for_node(name)
         return process
 
