@@ -385,5 +385,4 @@ def without_pictures():
 
 @pytest.fixture(scope='session')
 def messages():
-    """Build ROS messages and bags."""
     return Messages()

@@ -184,7 +184,8 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
         'sensor': Sensor(5, force_z=7.0),
         'controller': SimpleNamespace(use=used.append),
     }
-    for block in examples('docs/python.md'):
+    document = (Path(__file__).parents[1] / 'docs/python.md').read_text('utf-8')
+    for block in re.findall(r'^```python\n(.*?)^```', document, re.M | re.S):
         if 'rclpy' not in block:
             exec(block, names)  # noqa: S102 -- the document's own words
     printed = capsys.readouterr().out
@@ -207,12 +208,6 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     assert pressed == pytest.approx([1.0, 0.0, 5.0, 0.0, 0.0, 0.0])
     assert names['thursday'].name == 'thursday'
     assert f'{names["thursday"].duration_s} ()' in printed
-
-
-def examples(document):
-    """Python blocks of a document, in their order."""
-    text = (Path(__file__).parents[1] / document).read_text('utf-8')
-    return re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)
 
 
 @pytest.mark.parametrize('given', ['monday.csv', [Path('monday.csv')], None])

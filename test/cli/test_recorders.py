@@ -52,7 +52,6 @@ def c(number, digits):
 
 
 def write(form, folder, seed=0):
-    """Write the table of a form; gives its path."""
     t, channels = hour(seed)
     row = compile(f'f{form["row"]!r}', form['name'], 'eval')
     short = ['fx', 'fy', 'fz', 'tx', 'ty', 'tz', 'T', 'T2']

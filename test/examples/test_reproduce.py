@@ -50,7 +50,6 @@ def said(tmp_path_factory):
 
 
 def test_the_published_model_is_in_its_file_as_it_is_printed():
-    """Against the paper's section 4.2."""
     printed = yaml.safe_load((PAPER / 'published_model.yaml').read_text(encoding='utf-8'))
     assert printed == {
         'P': P,

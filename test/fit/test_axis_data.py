@@ -5,8 +5,6 @@ import pytest
 
 CELLS = 240
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
-
-
 NOISE = np.random.default_rng(1).standard_normal(CELLS)
 
 

@@ -143,7 +143,6 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
 
 
 def process_of(asked, parent):
-    """Run the process of a job to its end."""
     command = [sys.executable, '-m', 'wrist_ft_comp.jobs.entry', str(parent)]
     line = encode_job(asked)
     return subprocess.run(command, input=line, capture_output=True, text=True, check=False)

@@ -102,7 +102,6 @@ ROWS = [(0, 1.5, 20.25), (1, -2.5, 20.5), (2, 1e-3, 20.75), (3, 4.0, 21.0), (4, 
 def lines(  # noqa: PLR0913 -- it names what can vary
     delimiter=',', *, above='t,Fz,T', behind='', comma=False, end='\n', quote=''
 ):
-    """Write the rows."""
     sign = ',' if comma else '.'
     rows = [[f'{quote}{value}{quote}'.replace('.', sign) for value in row] for row in ROWS]
     text = [above.replace(',', delimiter), *(delimiter.join(row) + behind for row in rows), '']

@@ -27,7 +27,6 @@ def abc(rig, make_model):
 
 
 def choose(node, *names):
-    """Make models live at run time."""
     for name in names:
         assert node.set('model_file', f'models/{name}.yaml').successful
 

@@ -7,8 +7,6 @@ import signal
 import pytest
 from std_srvs.srv import Trigger
 
-MODULE = 'wrist_ft_comp.node.compensator_node'
-
 
 @pytest.fixture
 def start(bench, executable, tmp_path):
@@ -24,7 +22,8 @@ def start(bench, executable, tmp_path):
             '-p',
             f'data_directory:={folder}',
         ]
-        process = executable(MODULE, *words, *arguments, may_be_killed=True)
+        module = 'wrist_ft_comp.node.compensator_node'
+        process = executable(module, *words, *arguments, may_be_killed=True)
         bench.wait_for_node(name)
         return process
 

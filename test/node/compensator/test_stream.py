@@ -10,7 +10,6 @@ executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 def hear_bytes(rig):
-    """Listen to the node's output as bytes."""
     messages, topic = [], rig.topic('wrench')
     rig.bench.helper.create_subscription(WrenchStamped, topic, messages.append, 100, raw=True)
     rig.bench.wait_until(lambda: rig.node._output.get_subscription_count() > 1, 'both listeners')
