@@ -246,32 +246,21 @@ def make_model():
         axes, *, period_s=1.0, thermometers=1, reference_c=20.0, range_c=(-100.0, 200.0),
         prediction=None,
     ):  # fmt: skip
-        ones = np.ones(thermometers)
-        return DriftModel(
-            period_ns=round(period_s * 1e9),
-            thermometers=thermometers,
-            axes={
-                axis: AxisModel(
-                    Features('powers', reference_c * ones, range_c[0] * ones, range_c[1] * ones),
-                    ArxPls(
-                        input_mean=np.zeros(thermometers),
-                        input_weight=ones,
-                        rotations=ones[:, np.newaxis] / thermometers,
-                        latents=(
-                            Arx(
-                                np.array([-np.exp(-period_s / tau)]),
-                                np.array([1 - np.exp(-period_s / tau)]),
-                            ),
-                        ),
-                        output_loadings=np.array([[zero], [sensitivity]]),
-                        output_weight=np.ones(2),
-                        output_mean=np.zeros(2),
-                    ),
-                )
-                for axis, (zero, sensitivity, tau) in axes.items()
-            },
-            prediction=prediction,
-        )
+        ones, made = np.ones(thermometers), {}
+        celsius = Features('powers', reference_c * ones, range_c[0] * ones, range_c[1] * ones)
+        for axis, (zero, sensitivity, tau) in axes.items():
+            pole = np.exp(-period_s / tau)
+            dynamics = ArxPls(
+                input_mean=np.zeros(thermometers),
+                input_weight=ones,
+                rotations=ones[:, np.newaxis] / thermometers,
+                latents=(Arx(np.array([-pole]), np.array([1 - pole])),),
+                output_loadings=np.array([[zero], [sensitivity]]),
+                output_weight=np.ones(2),
+                output_mean=np.zeros(2),
+            )
+            made[axis] = AxisModel(celsius, dynamics)
+        return DriftModel(round(period_s * 1e9), thermometers, made, prediction=prediction)
 
     return make
 
@@ -326,9 +315,8 @@ class Messages:
 
     def imu(self, stamp_ns, force, rotation, little=True):
         """Serialize an Imu of a driver that knows no orientation and no covariance."""
-        rotation, force = (
-            self._make('geometry_msgs/msg/Vector3', *map(float, v)) for v in (rotation, force)
-        )
+        kind = 'geometry_msgs/msg/Vector3'
+        rotation, force = (self._make(kind, *map(float, v)) for v in (rotation, force))
         unknown, none = np.array([-1.0] + 8 * [0.0]), np.zeros(9)
         turn = self._make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 1.0)
         fields = stamp_ns, turn, none, rotation, none, force, unknown
@@ -397,5 +385,4 @@ def without_pictures():
 
 @pytest.fixture(scope='session')
 def messages():
-    """Build ROS messages and bags."""
     return Messages()

@@ -19,9 +19,7 @@ CODE = [
     'wrist_ft_comp', 'bench', 'docs', 'examples', 'test', 'requirements', 'config', 'data', '.ci',
     '.github',
 ]  # fmt: skip
-every_document = pytest.mark.parametrize(
-    'document', DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT))
-)
+every_document = pytest.mark.parametrize('document', DOCUMENTS, ids=str)
 
 
 def outside_blocks(document):
@@ -152,9 +150,8 @@ def test_hooks_before_a_commit_run_what_make_lint_runs():
 
 
 def test_the_figures_of_the_readme_stand_in_accuracy():
-    readme, accuracy = (
-        (ROOT / name).read_text('utf-8') for name in ('README.md', 'docs/accuracy.md')
-    )
+    names = 'README.md', 'docs/accuracy.md'
+    readme, accuracy = ((ROOT / name).read_text('utf-8') for name in names)
     table = readme.partition('| drift that is left')[2].partition('\n\n')[0]
     shares, errors = (re.findall(rf'([\d.]+) {unit} (?=\|)', table) for unit in ('%', 'N'))
     texts = [f'{float(share) / 100:.3f}' for share in shares if share != '100']

@@ -64,10 +64,8 @@ def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys)
     by_hand = shutil.copytree(robots / 'SN-0', tmp_path / 'SN-0')
     script.judge(by_hand)
     options = {'n_workers': 1, 'threads_per_worker': 1, 'dashboard_address': None}
-    with (
-        distributed.LocalCluster(host='127.0.0.1', **options) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    cluster = distributed.LocalCluster(host='127.0.0.1', **options)
+    with cluster, distributed.Client(cluster) as client:
         script.fleet(client.get_executor(), robots)
     assert capsys.readouterr().out.startswith('SN-2')
     learnt = [load_model(folder / 'model.yaml') for folder in (robots / 'SN-0', by_hand)]

@@ -133,23 +133,20 @@ def compensated(model_path, rows, folder):
         writer.writerows((START + second, *rest) for second, *rest in sorted(lines))
     assert main(['compensate', str(model_path), str(path), '-o', str(out)]) == 0
     with out.open(newline='') as file:
-        written = [row for row in csv.DictReader(file) if row['force_z']]
+        found = [row for row in csv.DictReader(file) if row['force_z']]
     return {
-        round(int(row['stamp_ns']) / 10**9) - START - 2: -float(row['force_z']) for row in written
+        round(int(row['stamp_ns']) / 10**9) - START - 2: -float(row['force_z']) for row in found
     }
 
 
 @settings(
-    deadline=None,
     max_examples=25,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     phases=[Phase.generate],  # to make an example smaller takes minutes
 )
 @given(rows=days(), kills=st.lists(st.integers(3, 400), max_size=3))
-def test_stream_restarted_stream_and_file_give_the_same_drift(
-    hasty, tmp_path, monkeypatch, rows, kills
-):
+def test_stream_restart_and_file_give_the_same_drift(hasty, tmp_path, monkeypatch, rows, kills):
     """In every cell in which a thermometer reports: within a gap only a file knows its end."""
     for name, time_s in (('STILL_S', 15.0), ('AGREED_S', 30.0)):
         monkeypatch.setattr(thermometer_faults, name, time_s)

@@ -32,11 +32,8 @@ def imported(folder):
                 roots |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 roots.add(str(node.module).split('.')[0])
-    ours = {
-        'wrist_ft_comp',
-        *(path.stem for of in ('test', 'examples') for path in (ROOT / of).rglob('*.py')),
-    }
-    foreign = roots - set(sys.stdlib_module_names) - ours - NOT_DECLARED
+    ours = {path.stem for of in ('test', 'examples') for path in (ROOT / of).rglob('*.py')}
+    foreign = roots - set(sys.stdlib_module_names) - ours - NOT_DECLARED - {'wrist_ft_comp'}
     return {f'python3-{root}' if root in PREFIXED else root for root in foreign}
 
 

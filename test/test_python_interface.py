@@ -119,9 +119,8 @@ def loaded_by(statement):
     """Modules that a statement loads in a fresh process, beside those of numpy."""
     program = f'import sys\nbefore = set(sys.modules)\n{statement}\n'
     program += 'print(*(set(sys.modules) - before))'
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, check=False
-    )
+    words = [sys.executable, '-c', program]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
@@ -185,7 +184,8 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
         'sensor': Sensor(5, force_z=7.0),
         'controller': SimpleNamespace(use=used.append),
     }
-    for block in examples('docs/python.md'):
+    document = (Path(__file__).parents[1] / 'docs/python.md').read_text('utf-8')
+    for block in re.findall(r'^```python\n(.*?)^```', document, re.M | re.S):
         if 'rclpy' not in block:
             exec(block, names)  # noqa: S102 -- the document's own words
     printed = capsys.readouterr().out
@@ -199,11 +199,8 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     assert np.std(compensated) < 0.1 * np.std(day(2)['force_z'])
     assert len(used) == 1000
     stamps_ns = 10**18 + 5_000_000 * np.arange(1, 1001)
-    batch = {
-        'stamp_ns': stamps_ns,
-        'force_z': np.full(1000, 7.0),
-        'temperature_c': 30.0 + 0 * stamps_ns,
-    }
+    force, celsius = np.full(1000, 7.0), np.full(1000, 30.0)
+    batch = {'stamp_ns': stamps_ns, 'force_z': force, 'temperature_c': celsius}
     expected = wrist_ft_comp.compensate(names['model'], batch)['force_z'][-1]
     assert expected != 7.0
     assert used[-1] == pytest.approx([0.0, 0.0, expected, 0.0, 0.0, 0.0])
@@ -211,12 +208,6 @@ def test_the_documented_examples_run(day, tmp_path, monkeypatch, capsys):
     assert pressed == pytest.approx([1.0, 0.0, 5.0, 0.0, 0.0, 0.0])
     assert names['thursday'].name == 'thursday'
     assert f'{names["thursday"].duration_s} ()' in printed
-
-
-def examples(document):
-    """Python blocks of a document, in their order."""
-    text = (Path(__file__).parents[1] / document).read_text('utf-8')
-    return re.findall(r'^```python\n(.*?)^```', text, re.M | re.S)
 
 
 @pytest.mark.parametrize('given', ['monday.csv', [Path('monday.csv')], None])

@@ -26,9 +26,7 @@ FILE_CALLS = {
 BESIDE_THE_MATHEMATICS = {
     'time', 'datetime', 'logging', 'io', 'os', 'shutil', 'sqlite3', 'subprocess', 'tempfile',
 }  # fmt: skip
-ROS_PACKAGES = re.compile(
-    r'rcl|ros|ament|builtin_interfaces$|launch|tf2|\w+_(msgs|srvs|interfaces)$'
-)
+ROS = re.compile(r'rcl|ros|ament|builtin_interfaces$|launch|tf2|\w+_(msgs|srvs|interfaces)$')
 
 
 def read_modules():
@@ -127,7 +125,7 @@ def test_files_are_opened_in_few_places():
 def test_ros_is_imported_in_few_places():
     for module in outside(OF_ROS):
         roots = {name.split('.')[0] for name in imported(MODULES[module])} - {'rosbags'}
-        assert not list(filter(ROS_PACKAGES.match, roots)), module
+        assert not list(filter(ROS.match, roots)), module
 
 
 def test_only_the_command_line_prints_and_only_programs_leave_the_process():

@@ -28,14 +28,9 @@ BAGS = ('mcap',)
 def good():
     """A warm-up of ten minutes at 1 Hz, unloaded."""
     t = np.arange(ROWS, dtype=float)
-    temperature_c = 21 + 12 * (1 - np.exp(-t / 150)) + 2 * np.sin(t / 40)
-    force = 1.5 * (temperature_c - 21) + np.random.default_rng(0).normal(0, 0.02, ROWS)
-    return {
-        'stamp_s': EPOCH_S + t,
-        'force_x': force / 2,
-        'force_z': force,
-        'temperature_c': temperature_c,
-    }
+    warm = 21 + 12 * (1 - np.exp(-t / 150)) + 2 * np.sin(t / 40)
+    force = 1.5 * (warm - 21) + np.random.default_rng(0).normal(0, 0.02, ROWS)
+    return {'stamp_s': EPOCH_S + t, 'force_x': force / 2, 'force_z': force, 'temperature_c': warm}
 
 
 def put(channel, value, *places):
@@ -74,9 +69,7 @@ def plus(offset):
 
 def frozen(first, last):
     """Let force z keep its value for some rows."""
-    return lambda table: table['force_z'].__setitem__(
-        slice(first, last + 1), table['force_z'][first]
-    )
+    return put('force_z', lambda values: values[0], *range(first, last + 1))
 
 
 EVERY_TENTH = range(0, ROWS, 10)
@@ -182,11 +175,7 @@ UNSEEN = (
 
 
 def cases(rows):
-    return [
-        pytest.param(kind, door, id=f'{kind}, {door}')
-        for kind, (_, _, doors) in rows.items()
-        for door in doors
-    ]
+    return [(kind, door) for kind, (_, _, doors) in rows.items() for door in doors]
 
 
 class Door:

@@ -90,10 +90,8 @@ def test_a_day_is_as_long_as_the_node_says_and_one_without_end_is_a_sentence():
 
 
 def test_a_program_that_ends_early_is_named_and_what_runs_is_ended(tmp_path):
-    with (
-        (tmp_path / 'log').open('wb') as log,
-        demo.process('no_such_node', {'a': 1}, log) as failing,
-    ):
+    log = (tmp_path / 'log').open('wb')
+    with log, demo.process('no_such_node', {'a': 1}, log) as failing:
         failing.wait(60)
         with pytest.raises(RecordingError, match=r'sensor of .* ended early'):
             listen('99', sensor=failing)

@@ -37,9 +37,7 @@ def test_a_device_is_refused_at_once(run, tmp_path):
 
 
 @pytest.mark.parametrize('command', ['evaluate', 'compensate'])
-def test_model_and_recording_in_the_place_of_the_other_are_refused(  # noqa: PLR0913, PLR0917
-    command, run, model, drift_csv, bags, tmp_path
-):
+def test_model_and_recording_exchanged_are_refused(command, run, model, drift_csv, bags, tmp_path):  # noqa: PLR0913, PLR0917
     more = ['-o', tmp_path / 'out'] if command == 'compensate' else []
     assert f'{drift_csv} is not a model file' in run(command, drift_csv, model, *more).sentence
     (tmp_path / 'empty').touch()

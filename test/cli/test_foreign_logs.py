@@ -103,9 +103,8 @@ def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
 
 
 def test_a_part_is_chosen_in_every_way_of_writing_a_time(logs, run):
-    assert parse_excerpt('80min', '1.5h', ['1:20:00..81min']) == Excerpt(
-        4800, 5400, ((4800, 4860),)
-    )
+    parts = Excerpt(4800, 5400, ((4800, 4860),))
+    assert parse_excerpt('80min', '1.5h', ['1:20:00..81min']) == parts
     part = Topics(columns=GIVEN[1], begin='600', end='0:30:00', exclude=('700..800',))
     recording = read_recording(logs[0], topics=part)
     assert recording.duration_s == pytest.approx(1201, abs=1)
@@ -226,16 +225,14 @@ def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_pat
 
 
 def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
-    table = {
+    log = {
         'stamp_s': [0, 1, 2],
         'force_z': [1, 2, 3],
         'cell': [4, 5, 6],
         'temperature_c': 3 * [20],
     }
-    path = make.csv(tmp_path / 'log.csv', table)
-    recording = read_recording(
-        path, topics=Topics(columns='force_z=cell', time='min'), period_s=60
-    )
+    path, topics = make.csv(tmp_path / 'log.csv', log), Topics(columns='force_z=cell', time='min')
+    recording = read_recording(path, topics=topics, period_s=60)
     assert recording.wrench[:, 2].tolist() == [4, 5, 6]
 
 

@@ -83,9 +83,7 @@ def test_values_below_zero_and_beginnings_of_options_are_understood():
         (KeyboardInterrupt(), 130, 'interrupted', 'interrupted; nothing was left half-written.'),
     ],
 )
-def test_an_error_is_one_line_and_in_json(  # noqa: PLR0913, PLR0917
-    error, code, kind, sentence, run, drift_csv, monkeypatch
-):
+def test_an_error_is_a_line_and_in_json(error, code, kind, sentence, run, drift_csv, monkeypatch):  # noqa: PLR0913, PLR0917
     def fail(*_):
         raise error
 
@@ -203,9 +201,7 @@ def contents(folder):
 
 
 @pytest.mark.parametrize('kind', ['model', 'report', 'csv', 'mcap'])
-def test_ctrl_c_while_saving_leaves_what_was_there(  # noqa: PLR0913, PLR0917
-    kind, drift_csv, bags, model, report, tmp_path
-):
+def test_ctrl_c_while_saving_leaves_what_was_there(kind, drift_csv, bags, model, report, tmp_path):  # noqa: PLR0913, PLR0917
     old = tmp_path / ('r.html' if kind == 'report' else 'm.yaml')
     shutil.copy(report if kind == 'report' else model, old)
     before = contents(tmp_path)

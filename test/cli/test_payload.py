@@ -71,9 +71,7 @@ def test_payloads_are_printed_and_kept_beside_the_model(days, done, learnt):
     assert {frame.wrench_frame for _, frame in kept.values()} == {'left_ft'}
 
 
-def test_payloads_are_kept_only_with_their_model_and_a_model_goes_without_them(
-    days, run, tmp_path, monkeypatch
-):
+def test_payloads_need_their_model_and_a_model_goes_without_them(days, run, tmp_path, monkeypatch):
     argv = 'calibrate', days[3], '--reference', 'payload', '--method', 'pls', '-o'
     kept, save = tmp_path / 'payloads.json', calibration_job.save_model
 

@@ -52,7 +52,6 @@ def c(number, digits):
 
 
 def write(form, folder, seed=0):
-    """Write the table of a form; gives its path."""
     t, channels = hour(seed)
     row = compile(f'f{form["row"]!r}', form['name'], 'eval')
     short = ['fx', 'fy', 'fz', 'tx', 'ty', 'tz', 'T', 'T2']
@@ -102,9 +101,7 @@ def follow(said):
 
 
 @pytest.mark.parametrize('name', FORMS)
-def test_what_is_printed_leads_to_the_right_channels_units_and_times(
-    name, run, tmp_path, monkeypatch
-):
+def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_path, monkeypatch):
     """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
@@ -157,25 +154,19 @@ def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypat
 
 def test_two_files_with_one_clock_are_one_recording(done, run, tmp_path):
     t, channels = hour()
-    at = [BEGIN + timedelta(seconds=s) for s in t.tolist()]
-    force = [
-        f'{a.timestamp() * 1e3:.0f};{n / 1e3:.7f}'
-        for a, n in zip(at, channels['force_z'], strict=True)
-    ]
-    heat = [
-        f'{a:%d.%m.%Y %H:%M:%S},{T:.2f}'
-        for a, T in zip(at, channels['temperature_c'], strict=True)
-    ]
-    (tmp_path / 'force.csv').write_text('\n'.join(['t;Kraft [kN]', *force, '']))
-    (tmp_path / 'heat.csv').write_text('\n'.join(['Datum,Temp', *heat, '']))
+    celsius, force, heat = channels['temperature_c'], ['t;Kraft [kN]'], ['Datum,Temp']
+    for second, n, warm in zip(t.tolist(), channels['force_z'], celsius, strict=True):
+        at = BEGIN + timedelta(seconds=second)
+        force.append(f'{at.timestamp() * 1e3:.0f};{n / 1e3:.7f}')
+        heat.append(f'{at:%d.%m.%Y %H:%M:%S},{warm:.2f}')
+    (tmp_path / 'force.csv').write_text('\n'.join([*force, '']))
+    (tmp_path / 'heat.csv').write_text('\n'.join([*heat, '']))
     assert 'join both' in run('show', tmp_path / 'force.csv').out
     joined = tmp_path / 'force.csv+heat.csv'
     (command, _) = json.loads(done('show', joined, '--json'))['commands']
     recording = read_recording(joined, topics=told(command))
     np.testing.assert_allclose(recording.wrench[::10, 2], channels['force_z'], atol=1e-3)
-    np.testing.assert_allclose(
-        recording.temperature_c[::10, 0], channels['temperature_c'], atol=0.01
-    )
+    np.testing.assert_allclose(recording.temperature_c[::10, 0], celsius, atol=0.01)
     words = shlex.split(command)[1:]
     words[words.index('force.yaml')] = str(tmp_path / 'model.yaml')
     done(*words, '--method', 'pls')
@@ -201,9 +192,7 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
 
 
 @pytest.mark.parametrize('block', [1234, table.BLOCK])
-def test_where_a_clock_begins_anew_a_file_is_cut_as_the_sentence_says(
-    block, run, tmp_path, monkeypatch
-):
+def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path, monkeypatch):
     monkeypatch.setattr(table, 'BLOCK', block)
     monkeypatch.chdir(tmp_path)
     form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}

@@ -99,9 +99,8 @@ def test_the_model_s_topics_are_the_defaults_and_options_override(apply_model, b
 def test_another_day_is_run_as_show_says_and_the_day_of_the_model_is_not(learnt, day, bag, done):
     another = bag('another', 1)
     said = done('evaluate', learnt, another)
-    (shown,) = (
-        line for line in done('show', another, *named()).splitlines() if '--ros-args' in line
-    )
+    lines = done('show', another, *named()).splitlines()
+    (shown,) = (line for line in lines if '--ros-args' in line)
     assert shown.replace('model_file:=another.yaml', f'model_file:={learnt}') in said
     assert '--ros-args' not in done('evaluate', learnt, day)
 
@@ -119,9 +118,7 @@ def test_recordings_of_two_sensors_in_one_fit_are_a_warning(day, bag, done, tmp_
     assert 'right_ft in recording 2, other' in warning
 
 
-def test_a_copy_is_found_under_another_name_and_another_day_of_that_name_is_none(
-    learnt, day, bag, run, tmp_path
-):
+def test_a_copy_is_found_by_any_name_and_another_day_is_none(learnt, day, bag, run, tmp_path):
     shutil.copytree(day, tmp_path / 'wednesday')
     (tmp_path / 'wednesday/notes.txt').write_text('a wednesday')
     for path, marked in (

@@ -85,9 +85,8 @@ def test_payloads_are_listed_by_name_and_an_error_that_is_unknown_is_null(run, t
     tool = Payload(1.4, np.array([0.0, 0.01, 0.1]), 0.01, np.full(3, 0.001), 0.5)
     add_payloads(file, 'tool', [tool, Payload(2.0, np.zeros(3))], ForceFrame())
     shown = run('show', file).out
-    assert (
-        'tool-1: 1.400 ± 0.01 kg, centre of mass at 0.0, 10.0, 100.0 mm (± 1), on for 50%' in shown
-    )
+    said = 'tool-1: 1.400 ± 0.01 kg, centre of mass at 0.0, 10.0, 100.0 mm (± 1), on for 50%'
+    assert said in shown
     assert 'of the time' not in shown.partition('tool-2')[2]
     one, two = json.loads(run('show', file, '--json').out)['payloads']
     assert (one['name'], one['mass_kg'], two['mass_error_kg']) == ('tool-1', 1.4, None)
@@ -197,9 +196,7 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     days = (replace(day, better=found.get(int(day.name[4:9]), '')) for day in days)
     diary.save_diary(tmp_path, diary.Diary(tuple(days)))
     (document,) = json.loads(done('show', tmp_path, '--json')).values()
-    happened = [
-        (event['name'], event['first'][4:9], event['last'][4:9]) for event in document['events']
-    ]
+    happened = [(one['name'], one['first'][4:9], one['last'][4:9]) for one in document['events']]
     assert happened == [
         ('new model learnt', '00002', '00002'),
         ('thermometer out', '00003', '00005'),

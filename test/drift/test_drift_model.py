@@ -12,11 +12,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError
 
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.
-TRUTH = {
-    'force_x': (0.5, 1e-3, 40.0),
-    'force_z': (-2.0, 0.0, 300.0),
-    'torque_y': (0.03, 2e-3, 9.0),
-}
+TRUTH = {'force_x': (0.5, 1e-3, 40.0), 'force_z': (-2.0, 0.0, 300.0), 'torque_y': (0.03, 2e-3, 9)}
 
 
 @pytest.fixture(scope='module')
@@ -29,9 +25,7 @@ def temperature_c():
     return 20 + np.cumsum(np.random.default_rng(0).standard_normal((80, 2)), axis=0)
 
 
-def test_the_drift_is_the_textbook_lag_on_its_axes_and_zero_on_the_others(
-    model, temperature_c, lagged
-):
+def test_drift_is_the_textbook_lag_on_its_axes_and_zero_on_others(model, temperature_c, lagged):
     _, track = drift_model.run(model, drift_model.start(model, temperature_c[0]), temperature_c)
     mean_theta = temperature_c.mean(axis=1) - 20
     for i, axis in enumerate(AXES):

@@ -37,9 +37,7 @@ def figures(path):
 
 @pytest.mark.parametrize('method', ['auto', 'pls'])
 @pytest.mark.parametrize(('table', 'columns'), TABLES.items())
-def test_a_table_becomes_a_recording_that_is_learnt_on_its_plateaus(
-    table, columns, method, tmp_path
-):
+def test_a_table_becomes_a_recording_learnt_on_its_plateaus(table, columns, method, tmp_path):
     """By default the gain is left alone; pls meets what the paper's sensors are required to."""
     raw, model, out = (tmp_path / name for name in ('raw.csv', 'model.yaml', 'out.csv'))
     printed, refused = convert(KELLER / table, '-o', raw)

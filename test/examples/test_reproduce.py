@@ -50,7 +50,6 @@ def said(tmp_path_factory):
 
 
 def test_the_published_model_is_in_its_file_as_it_is_printed():
-    """Against the paper's section 4.2."""
     printed = yaml.safe_load((PAPER / 'published_model.yaml').read_text(encoding='utf-8'))
     assert printed == {
         'P': P,
@@ -98,9 +97,7 @@ def test_k_s_and_a_stand_beside_those_of_the_papers_tables(said):
     assert found['A', "the paper's result"][:2] == (0.0206, 0.237)
     assert found['B', "the paper's result"][:2] == (0.0137, 0.206)
     for sensor in 'AB':
-        assert found[sensor, 'pls'] == found[sensor, 'pcr'], (
-            'with all latents both are least squares'
-        )
+        assert found[sensor, 'pls'] == found[sensor, 'pcr'], 'by all latents both are the same'
         assert found[sensor, 'pls'][0] < found[sensor, "the paper's result"][0] / 1.5
         assert found[sensor, 'pls'][2] < found[sensor, 'raw'][2] / 4
 

@@ -12,16 +12,10 @@ def make_axis_data(make_recording):
 
     def make(temperatures, raws, loads=None, *, folds=None, period_s=10.0):
         reference = 'unloaded' if loads is None else 'recorded'
+        known = [{}] * len(raws) if loads is None else [{'force_z': load} for load in loads]
         recordings = [
-            make_recording(
-                temperature_c,
-                {'force_z': raw},
-                {} if load is None else {'force_z': load},
-                period_s=period_s,
-            )
-            for temperature_c, raw, load in zip(
-                temperatures, raws, loads or [None] * len(raws), strict=True
-            )
+            make_recording(temperature_c, {'force_z': raw}, load, period_s=period_s)
+            for temperature_c, raw, load in zip(temperatures, raws, known, strict=True)
         ]
         folds = assign_folds(recordings) if folds is None else folds
         return build_axis_data(recordings, 'force_z', reference, folds)

@@ -5,8 +5,6 @@ import pytest
 
 CELLS = 240
 LOAD = 30 * np.random.default_rng(0).standard_normal(CELLS)
-
-
 NOISE = np.random.default_rng(1).standard_normal(CELLS)
 
 
@@ -19,9 +17,7 @@ NOISE = np.random.default_rng(1).standard_normal(CELLS)
         (LOAD, np.nan * LOAD, 'no reference wrench was recorded for this axis'),
     ],
 )
-def test_sensitivity_is_learnt_where_the_load_varies_by_more_than_noise(
-    make_axis_data, raw, load, reason
-):
+def test_sensitivity_is_learnt_if_load_varies_more_than_noise(make_axis_data, raw, load, reason):
     """A gain error is not mistaken for noise."""
     data = make_axis_data([np.linspace(20, 40, CELLS)], [raw], [load])
     assert (data.load is None) == bool(reason)

@@ -56,11 +56,6 @@ def textbook(block, time_constants_s):
     return explained * y.std(axis=0)
 
 
-def explained_by(model, block):
-    runs = [model.run(model.start(part[0]), part)[1] for part in block[0]]
-    return centred(runs)
-
-
 @pytest.mark.parametrize('constants', [(300.0,), (0.0, 200.0), (1000.0, 0.0, 50.0, 200.0)])
 @pytest.mark.parametrize('outputs', [1, 2])
 def test_the_model_is_that_of_the_textbook(constants, outputs):
@@ -69,7 +64,8 @@ def test_the_model_is_that_of_the_textbook(constants, outputs):
     expected = textbook(block, constants)
     size = np.abs(expected).max()
     assert size > 1.0
-    np.testing.assert_allclose(explained_by(model, block), expected, rtol=0, atol=1e-10 * size)
+    explained = centred([model.run(model.start(part[0]), part)[1] for part in block[0]])
+    np.testing.assert_allclose(explained, expected, rtol=0, atol=1e-10 * size)
     assert len(notes) == np.count_nonzero(constants)
     for latent, tau_s in zip(model.latents, constants, strict=True):
         poles = relaxation(tau_s, PERIOD_S).poles

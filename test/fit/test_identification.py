@@ -112,9 +112,7 @@ class TestEveryMethod:
         dynamic = method in ('filtered_pls', 'arx_pls_oe', 'auto') and not hats_by_auto
         assert judged.rms_after < (0.35 if dynamic else 0.9) * judged.rms_before
 
-    def test_loads_that_differ_only_between_recordings_give_no_wild_gain(
-        self, make_recording, warm_up, method
-    ):
+    def test_loads_of_whole_recordings_give_no_wild_gain(self, make_recording, warm_up, method):
         """The gain error at T_ref cannot be separated from the constants then."""
         runs = []
         for i, payload in enumerate((0.0, 50.1, 20.3)):

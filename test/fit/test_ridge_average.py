@@ -81,9 +81,8 @@ class TestWhatIsFound:
 
 def test_the_model_is_anchored_at_rest(pose):
     """No drift at rest at T_ref but the gain error of the loaded axis."""
-    loaded, plain = (
-        identify_auto(data, LINE) for data in (pose(0.5, load_n=20.0), pose(-1.0, seed=1))
-    )
+    loaded = identify_auto(pose(0.5, load_n=20.0), LINE)
+    plain = identify_auto(pose(-1.0, seed=1), LINE)
     for fit in (loaded, plain):
         at_rest = run(fit.model, fit.model.reference_c[np.newaxis])[0]
         assert at_rest[0] == pytest.approx(0.0, abs=1e-12)

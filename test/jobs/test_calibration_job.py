@@ -96,9 +96,8 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
     copy = tmp_path / 'copy.csv'
     empty.write_text('stamp_ns,force_x,temperature_c\n')
     copy.write_bytes(good.read_bytes())
-    calibration, content = run_job(
-        job(tmp_path, empty, missing, good, two, copy, skip_unusable=True)
-    )
+    asked = job(tmp_path, empty, missing, good, two, copy, skip_unusable=True)
+    calibration, content = run_job(asked)
     left_out = [said for said in calibration.warnings if 'was left out' in said]
     names = [sentence.split()[0] for sentence in left_out]
     assert names == ['empty.csv', 'gone.csv', 'two.csv', 'copy.csv']
@@ -114,10 +113,7 @@ def test_unusable_recordings_are_left_out_when_that_is_wanted(good, two, tmp_pat
 
 
 def test_a_false_start_beside_a_day_is_left_out(make, tmp_path):
-    day, start = (
-        make.csv(tmp_path / f'{seconds}.csv', make.drifting(seconds, both=True))
-        for seconds in (4000, 15)
-    )
+    day, start = (make.csv(tmp_path / f'{s}.csv', make.drifting(s, both=True)) for s in (4000, 15))
     calibration, content = run_job(job(tmp_path, day, start))
     assert '15.csv was left out: it lasts 15 s' in calibration.warnings[0]
     (source,) = content.stored.document['provenance']['recordings']
@@ -147,23 +143,16 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
 
 
 def process_of(asked, parent):
-    """Run the process of a job to its end."""
     command = [sys.executable, '-m', 'wrist_ft_comp.jobs.entry', str(parent)]
-    return subprocess.run(
-        command, input=encode_job(asked), capture_output=True, text=True, check=False
-    )
-
-
-def answer(asked):
-    """What the process answers to a job; it ends well, and says nothing besides."""
-    process = process_of(asked, os.getpid())
-    assert (process.returncode, process.stderr) == (0, '')
-    return json.loads(process.stdout)
+    line = encode_job(asked)
+    return subprocess.run(command, input=line, capture_output=True, text=True, check=False)
 
 
 def test_the_process_gives_the_model_as_json_even_where_the_report_fails(good, two, tmp_path):
     report = good / 'report.html'
-    outcome = answer(job(tmp_path, good, two, skip_unusable=True, report=report))
+    ended = process_of(job(tmp_path, good, two, skip_unusable=True, report=report), os.getpid())
+    assert (ended.returncode, ended.stderr) == (0, '')
+    outcome = json.loads(ended.stdout)
     assert outcome['success']
     assert 'force_z: ' in outcome['message']
     assert '\nwarning: two.csv was left out: ' in outcome['message']

@@ -194,9 +194,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
     ('parked_s', 'kind', 'said'),
     [(900, '', ''), (9900, 'contacts', 'is parked with a part')],
 )
-def test_a_robot_that_is_parked_with_a_part_has_no_jump_of_its_zero(
-    tmp_path, parked_s, kind, said
-):
+def test_a_robot_parked_with_a_part_has_no_jump_of_its_zero(tmp_path, parked_s, kind, said):
     write_day(tmp_path, 1, 2700, parked_s=parked_s)
     answer = entry.answer(job_of(tmp_path, 1))
     assert said in answer['incident']

@@ -79,9 +79,8 @@ def _reserve_domain(stack):
     # Taken is what has a socket name of the kernel, which leaves nothing behind.
     for domain in range(1, 101):
         try:
-            stack.enter_context(socket.socket(socket.AF_UNIX)).bind(
-                f'\0wrist_ft_comp_test_domain_{domain}'
-            )
+            name = f'\0wrist_ft_comp_test_domain_{domain}'
+            stack.enter_context(socket.socket(socket.AF_UNIX)).bind(name)
         except OSError:
             continue
         return domain
@@ -109,9 +108,8 @@ class FakeHub:
         #: What is published on topics, by full name; of others, ``publishers`` are counted.
         self.types = {}
         note = self.logged.append
-        self.log = SimpleNamespace(
-            info=note, warning=note, error=note, write=lambda _, line: note(line)
-        )
+        write = {'write': lambda _, line: note(line)}
+        self.log = SimpleNamespace(info=note, warning=note, error=note, **write)
         part.hub = self
 
     def chosen(self):

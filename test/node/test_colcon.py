@@ -21,10 +21,8 @@ colcon = shutil.which('colcon')
 pytestmark = pytest.mark.skipif(colcon is None, reason='colcon is not on the PATH: make colcon')
 
 
-def run(words, folder, environment):
-    done = subprocess.run(
-        words, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+def run(words, folder, env):
+    done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f'{words}\n{done.stdout}{done.stderr}'
     return done.stdout
 

@@ -15,10 +15,8 @@ SILENT = Status('input', STALE, 'no raw wrenches arrive')
 def logged():
     """Report statuses one after the other; give the log's lines."""
     lines = []
-    note = {
-        level: lambda line, level=level: lines.append((level, line))
-        for level in ('info', 'warning', 'error')
-    }
+    levels = 'info', 'warning', 'error'
+    note = {level: lambda line, level=level: lines.append((level, line)) for level in levels}
     log = NodeLog(SimpleNamespace(**note))
 
     def tell(*statuses):

@@ -29,7 +29,6 @@ class Example(Node):
 
 
 def say(node):
-    """Say what runs the node."""
     sys.stdout.write(f'{type(node.executor).__name__}\n')
     sys.stdout.flush()
 

@@ -43,13 +43,11 @@ def make(bench, monkeypatch):
         sent, listeners, now = defaultdict(dict), defaultdict(lambda: 1), [0.0]
 
         def advertise(_, _kind, topic, *_qos, **_options):
-            def publish(message):
+            def send(message):
                 if hasattr(message, 'header'):
                     sent[topic][stamp_of(message)] = deepcopy(message)
 
-            return SimpleNamespace(
-                publish=publish, get_subscription_count=lambda: listeners[topic]
-            )
+            return SimpleNamespace(publish=send, get_subscription_count=lambda: listeners[topic])
 
         def wake(*times_s):
             for now[0] in times_s:

@@ -32,7 +32,6 @@ def start(fake_hub):
 
 
 def samples(hub):
-    """Give the samples that were handed out."""
     assert {verb for verb, *_ in hub.sent} <= {'on_specific_force'}
     return [tuple(sample) for _, *sample in hub.sent]
 

@@ -26,11 +26,6 @@ def measured(frame, true):
     return tuple((frame.rotation.T @ true * frame.scale + frame.bias).tolist())
 
 
-def directions(count, seed=1):
-    vectors = np.random.default_rng(seed).normal(size=(count, 3))
-    return 9.807 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
 def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     """And with it the tare of the wrench stays what it was: it knows that one pose only."""
     model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
@@ -49,7 +44,7 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
         corrected = compensator.correct(stamp, raw(force, contact), external=True)
         return tool.taken_off(corrected, measured(tool.frame, force))
 
-    first, *others = directions(20)
+    first, *others = 9.807 * Rotation.random(20, random_state=1).as_matrix()[:, 0]
     weight = np.array(tool.weight(measured(tool.frame, first)))
     compensator.set_tare(np.array(raw(first)), stamp, weight)
     np.testing.assert_allclose(compensator.correct(stamp, raw(first)), 0.0, atol=1e-12)

@@ -10,14 +10,9 @@ BODIES = [(1.3, np.array([0.01, -0.02, 0.09])), (2.1, np.array([0.02, -0.01, 0.1
 NORMAL = 500.0 * np.eye(6)
 
 
-def gains_of(rotation, bodies=BODIES):
+def gains_of(rotation):
     """Columns of [-m R; -m [c]× R], as rows, one column at a time."""
-    return np.array(
-        [
-            [np.append(-m * column, np.cross(c, -m * column)) for column in rotation.T]
-            for m, c in bodies
-        ]
-    )
+    return np.array([[np.append(x, np.cross(c, x)) for x in -m * rotation.T] for m, c in BODIES])
 
 
 def test_errors_are_as_large_as_they_say():

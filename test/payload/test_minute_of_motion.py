@@ -12,13 +12,7 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.payload.live_weight import CELL_S, DURATION_S, MotionCollector
 from wrist_ft_comp.payload.minute_of_motion import identify
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
-from wrist_ft_comp.simulation.robot_at_work import (
-    draw_accelerometer,
-    draw_work,
-    move,
-    read_imu,
-    WorkSettings,
-)
+from wrist_ft_comp.simulation import robot_at_work
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND + 1
@@ -46,10 +40,11 @@ def test_cells_are_means_over_a_quarter_of_a_second_and_begin_anew_with_the_stam
 def collected(seed, contacts):
     """Let the simulated robot work for a minute in a world of its own; cells, and its tool."""
     rng = np.random.default_rng([2024, seed])
-    work = draw_work(WorkSettings(part_kg=0.0, contacts=contacts), rng)
+    work = robot_at_work.draw_work(robot_at_work.WorkSettings(part_kg=0.0, contacts=contacts), rng)
     time_s = rng.uniform(0, 500) + np.arange(0, DURATION_S + 2 / RATE_HZ, 1 / RATE_HZ)
-    motion = move(work, time_s)
-    imu = read_imu(draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
+    motion = robot_at_work.move(work, time_s)
+    accelerometer = robot_at_work.draw_accelerometer(rng)
+    imu = robot_at_work.read_imu(accelerometer, motion, np.zeros(len(time_s)), rng)
     noise = rng.normal(0, [0.1] * 3 + [0.005] * 3, (len(time_s), 6))
     wrench = motion.weight + motion.contact + noise + rng.normal(0, 5, 6) * np.repeat([1, 0.1], 3)
     collector = MotionCollector()
@@ -58,11 +53,8 @@ def collected(seed, contacts):
         if collector.add(stamp, row, imu[k, :3].tolist(), math.hypot(*imu[k, 3:])):
             break
     assert k == DURATION_S * RATE_HZ
-    return (
-        np.array(collector.cells),
-        work.payloads[0],
-        (np.abs(motion.contact).sum(axis=1) > 0).mean(),
-    )
+    touched = np.abs(motion.contact).sum(axis=1) > 0
+    return np.array(collector.cells), work.payloads[0], touched.mean()
 
 
 def still(up, frame=CROOKED):

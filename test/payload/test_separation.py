@@ -47,9 +47,7 @@ class TestPayloads:
         shares = [payload.share for payload in learnt.payloads.payloads.values()]
         np.testing.assert_allclose(shares, 0.5, atol=0.05)
 
-    def test_neither_the_frame_of_the_specific_force_matters_nor_a_missing_gyroscope(
-        self, days, learnt
-    ):
+    def test_neither_the_frame_of_the_force_nor_a_missing_gyroscope_matters(self, days, learnt):
         turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
         turned = [
             replace(day, specific_force=day.specific_force @ turn, rotation_speed=None)
@@ -201,10 +199,8 @@ class TestDoubts:
             calibrate(wrong, AT_WORK)
 
     def test_one_pose_gives_the_drift_and_no_payload(self, make_working_day):
-        still = [
-            make_working_day(n, poses=np.array([[0.0, 0, 1]]), part=False, contacts=0.0)
-            for n in range(2)
-        ]
+        up = np.array([[0.0, 0, 1]])
+        still = [make_working_day(n, poses=up, part=False, contacts=0.0) for n in range(2)]
         calibration = calibrate(still, AT_WORK)
         assert calibration.payloads is None
         warnings = '\n'.join(calibration.warnings)

@@ -14,10 +14,8 @@ def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
 
 def test_drivers_take_mass_and_centre_in_their_units():
     calls = driver_calls(Payload(1.25, np.array([0.01, -0.02, 0.1])))
-    assert (
-        'mass: 1.25, center_of_gravity: {x: 0.0100, y: -0.0200, z: 0.1000}'
-        in (calls['Universal Robots'])
-    )
+    universal = calls['Universal Robots']
+    assert 'mass: 1.25, center_of_gravity: {x: 0.0100, y: -0.0200, z: 0.1000}' in universal
     assert '[1.25, 10.0, -20.0, 100.0, 0, 0, 0, 0, 0, 0]' in calls['xArm']
     assert '<origin xyz="0.0100 -0.0200 0.1000"/><mass value="1.25"/>' in calls['URDF']
     assert calls['MoveIt'].endswith('weight: 1.25')

@@ -16,9 +16,7 @@ from wrist_ft_comp.payload.weight_check import WeightCheck
     ],
     ids=['the same contact in each cycle', 'another payload', 'an empty gripper'],
 )
-def test_between_two_poses_a_contact_is_no_turn_and_another_payload_is_found(
-    gain, contact_n, words
-):
+def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain, contact_n, words):
     check, rng = WeightCheck('tool'), np.random.default_rng(0)
     for second in np.arange(0.3, 200, 0.97):
         share = 0.5 + 0.5 * np.clip(3 * np.sin(second / 2), -1, 1)

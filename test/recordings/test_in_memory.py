@@ -28,7 +28,6 @@ def columns():
 
 @pytest.fixture
 def as_csv(tmp_path, write_table):
-    """Write a table as a CSV recording."""
     return lambda table: write_table(tmp_path / 'table', table)
 
 

@@ -90,9 +90,7 @@ def test_a_correction_sees_nan_for_absent_axes_and_only_rows_with_a_wrench(make_
     assert seen == [([0, 500_000_000], [1, 2])]
 
 
-def test_a_rewritten_bag_holds_every_message_and_the_corrected_wrench(
-    make_bag, storage, monkeypatch
-):
+def test_a_rewritten_bag_has_each_message_and_the_corrected_wrench(make_bag, storage, monkeypatch):
     monkeypatch.setattr(bag_file, 'BATCH', 300)
     source = make_bag(*storage, count=1000)
     target = source.with_name('out')

@@ -105,10 +105,8 @@ def test_an_imu_gives_mean_force_and_effective_speed(robot, messages, storage, m
 
 
 def test_an_accelerometer_without_gyroscope_has_no_speed_of_rotation(robot, messages):
-    imu = [
-        ('/imu', IMU, at, messages.imu(at, [0, 0, 9.8], [0, 0, 0]))
-        for at in stamps(np.arange(0, END, 0.1))
-    ]
+    times = stamps(np.arange(0, END, 0.1))
+    imu = [('/imu', IMU, at, messages.imu(at, [0, 0, 9.8], [0, 0, 0])) for at in times]
     recording = read_recording(robot.write(imu, robot.wrenches()), topics=Topics(imu='/imu'))
     assert recording.rotation_speed is None
     np.testing.assert_allclose(recording.specific_force, [[0, 0, 9.8]] * END)

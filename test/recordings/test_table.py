@@ -102,7 +102,6 @@ ROWS = [(0, 1.5, 20.25), (1, -2.5, 20.5), (2, 1e-3, 20.75), (3, 4.0, 21.0), (4, 
 def lines(  # noqa: PLR0913 -- it names what can vary
     delimiter=',', *, above='t,Fz,T', behind='', comma=False, end='\n', quote=''
 ):
-    """Write the rows."""
     sign = ',' if comma else '.'
     rows = [[f'{quote}{value}{quote}'.replace('.', sign) for value in row] for row in ROWS]
     text = [above.replace(',', delimiter), *(delimiter.join(row) + behind for row in rows), '']
@@ -166,14 +165,11 @@ def test_a_parquet_file_holds_the_same(make_csv, monkeypatch):
 
 
 @pytest.mark.parametrize(('name', 'library'), [('a.xlsx', 'openpyxl'), ('a.parquet', 'pyarrow')])
-def test_what_a_library_reads_that_is_not_there_is_a_sentence(
-    make_csv, monkeypatch, name, library
-):
+def test_what_a_missing_library_reads_is_a_sentence(make_csv, monkeypatch, name, library):
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
-    with pytest.raises(
-        RecordingError, match=f"cannot be read by {library} .* 'pip install {library}' if"
-    ):
+    remedy = f"cannot be read by {library} .* 'pip install {library}' if"
+    with pytest.raises(RecordingError, match=remedy):
         all_samples(make_csv(b'PK', name))
 
 

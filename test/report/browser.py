@@ -6,13 +6,11 @@ import fcntl
 import json
 import os
 from select import select
-import shutil
+from shutil import which
 import subprocess
 import sys
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None
-)
+CHROMIUM = which('chromium') or which('chromium-browser') or which('google-chrome')
 _ANSWER_TIMEOUT_S = 60
 #: Puts the two pipes where the browser looks for them, and becomes the browser.
 _LAUNCH = """

@@ -54,14 +54,12 @@ def make_plateaus():
     return replace(day, temperature_c=np.stack([temperature_c] * 2, axis=1), wrench=wrench)
 
 
-def learn(recordings, folder, reference='unloaded', **identification):
-    settings = CalibrationSettings(
-        reference, identification=IdentificationSettings(**identification)
-    )
+def learn(recordings, folder, reference='unloaded', **chosen):
+    settings = CalibrationSettings(reference, identification=IdentificationSettings(**chosen))
     calibration = calibrate(recordings, settings)
     provenance = {
         'recordings': [{'path': f'/data/{day.name}', 'sha256': 'a' * 64} for day in recordings],
-        'settings': {'reference': reference, 'identification': identification},
+        'settings': {'reference': reference, 'identification': chosen},
     }
     return calibration, save_model(folder / '<i>model.yaml', calibration, provenance)
 
@@ -98,9 +96,8 @@ def view(tmp_path_factory, stored, make_working_day):
             return contents.calibration_content(calibration, recordings, model, 'unloaded')
         if kind == 'evaluation':
             second = evaluated(stored, make_recording('second.csv', 1), 'constant')
-            return contents.evaluation_content(
-                stored, [evaluated(stored, make_recording()), second], 60.0
-            )
+            both = [evaluated(stored, make_recording()), second]
+            return contents.evaluation_content(stored, both, 60.0)
         if kind == 'work':
             recordings = [make_working_day(0), make_working_day(1)]
             calibration, model = learn(recordings, folder, 'payload', method='pls')

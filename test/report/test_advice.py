@@ -112,9 +112,7 @@ def test_warming_and_cooling_are_those_of_one_recording(seen):
 
 @pytest.mark.parametrize('seed', [1, 3, 6])  # inside of 2 and 4 it still rises ever faster
 @pytest.mark.parametrize('thermometer', [0, 1])
-def test_a_start_of_the_simulated_sensor_is_at_rest_and_a_cut_one_is_not(
-    make_recording, seed, thermometer
-):
+def test_a_simulated_start_is_at_rest_and_a_cut_one_is_not(make_recording, seed, thermometer):
     sensor = ft_sensor.build_sensor(seed)
     rng = np.random.default_rng(seed)
     duty = ft_sensor.RunSettings(duty_start_s=(0.0, 600.0), duty_level=(0.0, 0.9))

@@ -169,9 +169,8 @@ def test_the_page_prints(kind, browser, files):
     """On paper it is light whatever the screen is, and nothing is hidden."""
     browser.open(files(kind), 1280, 'dark')
     assert browser.pdf().startswith(b'%PDF')
-    assert browser.evaluate('getComputedStyle(document.body).backgroundColor') == (
-        'rgb(255, 255, 255)'
-    )
+    paper = browser.evaluate('getComputedStyle(document.body).backgroundColor')
+    assert paper == 'rgb(255, 255, 255)'
     assert browser.evaluate(CUT_OFF) == []
 
 

@@ -111,9 +111,8 @@ def test_a_refused_axis_is_named_once_at_the_top(make, tmp_path):
     refusal = 'force_z drifts too slowly'
     fit = replace(calibration.fits['force_z'], model=None, refusal=refusal, reason=f'{refusal}.')
     fits = {**calibration.fits, 'force_z': fit}
-    refused = replace(
-        calibration, fits=fits, warnings=(f'{refusal}. It is left.', 'Something else.')
-    )
+    warnings = f'{refusal}. It is left.', 'Something else.'
+    refused = replace(calibration, fits=fits, warnings=warnings)
     view = calibration_content(refused, recordings, stored, 'unloaded')
     assert view.warnings == ('Something else.',)
     axis = next(axis for axis in view.axes if axis.axis == 'force_z')
@@ -178,16 +177,13 @@ def judge(make, stored):
     """Give the view of an evaluation on one recording."""
 
     def build(recording, **changes):
-        return evaluation_content(
-            stored, [replace(make.evaluated(stored, recording), **changes)], 60
-        )
+        evaluated = replace(make.evaluated(stored, recording), **changes)
+        return evaluation_content(stored, [evaluated], 60)
 
     return build
 
 
-def test_an_evaluation_of_four_hours_at_a_cell_a_second_is_no_larger_and_has_its_own_numbers(
-    make, stored, judge
-):
+def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, stored, judge):
     recording = make.recording('other.csv', 5, cells=14_400, axes=6)
     view = judge(recording)
     assert len(page(view).encode()) < MAX_BYTES

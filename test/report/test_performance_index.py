@@ -10,9 +10,8 @@ from wrist_ft_comp.errors import SettingsError
 def test_k_s_is_eq_23_term_by_term():
     """Y_f - Y_0 is 100 at 20 °C, 98 at 40 °C and 103 at 10 °C: -0.1 and -0.3 % per °C."""
     temperature_c = np.array([40.0, 20.0, 10.0])
-    k_s = thermal_sensitivity_drift(
-        temperature_c, np.array([7.0, 5.0, 2.0]), np.array([105.0, 105.0, 105.0]), 20.0
-    )
+    zero, full_scale = np.array([7.0, 5.0, 2.0]), np.full(3, 105.0)
+    k_s = thermal_sensitivity_drift(temperature_c, zero, full_scale, 20.0)
     np.testing.assert_allclose(k_s, [-2 / 20, np.nan, 3 / -10], rtol=1e-12)
 
 

@@ -175,9 +175,8 @@ def test_the_drift_is_equal_to_the_last_bit_with_its_deviation(calibration, save
 
 def test_sensor_limits_predictions_and_sources_come_back(calibration, tmp_path):
     rng = np.random.default_rng(0)
-    prediction = ThermometerPrediction(
-        np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2))
-    )
+    parts = np.array([0.0, 1 / 3]), rng.random((2, 2, 2)), *rng.random((4, 2))
+    prediction = ThermometerPrediction(*parts)
     sensor = {'wrench_topic': ['/w'], 'temperature_topics': ['/t1', '/t2'], 'frame_id': ['flange']}
     limited = replace(calibration.fits['force_x'], day_limit=1 / 7)
     whole = replace(

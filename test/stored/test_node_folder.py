@@ -154,9 +154,7 @@ def test_a_folder_that_cannot_be_written_is_named(store, tmp_path):
 
 
 @pytest.mark.parametrize(('home', 'base'), [('/somewhere', '/somewhere'), ('', '/home/user/.ros')])
-def test_a_nodes_folder_is_absolute_and_below_ros_home_where_none_is_given(
-    monkeypatch, home, base, tmp_path
-):
+def test_a_folder_is_absolute_and_by_default_below_ros_home(monkeypatch, home, base, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', '/home/user')
     monkeypatch.setenv('ROS_HOME', home)

@@ -52,9 +52,7 @@ def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(targe
 
 
 @pytest.mark.parametrize(('fails', 'content'), [(os.path.isdir, 'new'), (os.path.isfile, 'old')])
-def test_only_a_file_has_to_reach_the_disk_or_the_old_one_stays(
-    target, monkeypatch, fails, content
-):
+def test_only_a_file_must_reach_the_disk_or_the_old_one_stays(target, monkeypatch, fails, content):
     def sync(handle):
         if fails(f'/proc/self/fd/{handle}'):
             raise OSError(errno.EINVAL, 'Invalid argument')
@@ -192,10 +190,7 @@ def test_a_record_comes_back_from_plain_values():
     assert (back.pairs, back.ends, back.cells) == (SHEET.pairs, SHEET.ends, SHEET.cells)
     assert (back.by_name, back.path) == ({'x': True}, Path('a/b'))
     assert from_plain(Sheet, PLAIN).path is None
-    for known, sentence in (
-        (None, 'share must be a finite number'),
-        (1.0, 'named values with text'),
-    ):
+    for known, sentence in ((None, 'share must be a finite'), (1.0, 'named values with text')):
         with pytest.raises(ValueError, match=sentence):
             from_plain(Sheet, {**PLAIN, 'share': known}, whole=True)
 

@@ -10,9 +10,7 @@ from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stored.payload_file import add_payloads, load_payloads, PAYLOADS
 
-FRAME = ForceFrame(
-    np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.9, 1.1]), 'imu'
-)
+FRAME = ForceFrame(np.eye(3)[[1, 2, 0]], np.array([0.1, 0.2, 0.3]), np.array([1, 0.9, 1.1]), 'imu')
 TOOL = Payload(1.25, np.array([0.01, 0.02, 0.06]), 0.01, np.array([1e-3, 2e-3, 3e-3]), 0.5)
 BARE = Payload(2.5, np.zeros(3))
 
@@ -46,20 +44,17 @@ def test_a_name_is_never_given_to_another_payload(path):
 
 
 @pytest.mark.parametrize(
-    ('change', 'sentence'),
+    ('right', 'wrong', 'sentence'),
     [
-        (lambda text: text.replace('1.25', '-1.25'), 'payloads/day-1: mass_kg must be .* from 0'),
-        (lambda text: text.replace('0.06', '60.0'), 'center_of_mass_m .* from -10 to 10; got 60'),
-        (lambda text: text.replace('0.9', '0'), 'payloads/day-1: scale must'),
-        (
-            lambda text: text.replace('0.1,', '1e999,'),
-            'payloads/day-1/bias must be finite numbers',
-        ),
+        ('1.25', '-1.25', 'payloads/day-1: mass_kg must be .* from 0'),
+        ('0.06', '60.0', 'center_of_mass_m .* from -10 to 10; got 60'),
+        ('0.9', '0', 'payloads/day-1: scale must'),
+        ('0.1,', '1e999,', 'payloads/day-1/bias must be finite numbers'),
     ],
 )
-def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, change, sentence):
+def test_a_broken_file_is_refused_with_a_sentence_and_stays(path, right, wrong, sentence):
     add_payloads(path, 'day', [TOOL], FRAME)
-    broken = change(path.read_text('utf-8'))
+    broken = path.read_text('utf-8').replace(right, wrong)
     path.write_text(broken, 'utf-8')
     with pytest.raises(ModelFileError, match=sentence):
         load_payloads(path)

@@ -107,10 +107,8 @@ def test_thermal_cells_that_are_shorter_than_a_row_give_their_mean():
     averager = live_cells.CellAverager(SECOND, 1)
     for cell in range(3):
         averager.add(live_cells.RAW, cell * SECOND, [1.0] * 6)
-        for celsius in (20.0, 22.0):
-            averager.add_cells(
-                [live_cells.ThermalCell(cell, np.array([celsius]), np.array([True]))]
-            )
+        for warm in (20.0, 22.0):
+            averager.add_cells([live_cells.ThermalCell(cell, np.array([warm]), np.array([True]))])
     assert [row[12] for _, row in averager.rows()] == [21.0, 21.0]
 
 

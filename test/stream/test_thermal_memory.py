@@ -15,9 +15,6 @@ from wrist_ft_comp.stream.thermal_memory import belongs_to, longest_gap_s
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 AXES = {'force_z': (2.0, 1e-3, 600.0), 'force_x': (-0.5, 0.0, 1e-3), 'torque_y': (0.1, 0.0, 300.0)}
-SETTINGS = StreamSettings()
-
-
 #: Two thermometers that read the same.
 ALIKE = ThermometerPrediction(
     np.zeros(1), np.array([[[0.0, 1.0]], [[1.0, 0.0]]]), np.zeros(2), *np.ones((3, 2))
@@ -42,7 +39,7 @@ def feed(compensator, first, end):
 
 
 def restarted(model, before, by_clock_s=0.0):
-    after = Compensator(1, SETTINGS, model)
+    after = Compensator(1, model=model)
     after.resume(before.memory(), by_clock_s)
     return after
 
@@ -54,9 +51,7 @@ def restarted(model, before, by_clock_s=0.0):
         (10, 100, 'while 100 s passed since the thermal state was saved'),
     ],
 )
-def test_an_impossible_gap_starts_at_the_steady_state_and_says_why(
-    model, gap_s, by_clock_s, words
-):
+def test_an_impossible_gap_starts_at_steady_state_and_says_why(model, gap_s, by_clock_s, words):
     fast = StreamSettings(max_drift_rate_n_s=1e3)
     killed, again = (Compensator(1, fast, model) for _ in range(2))
     feed(killed, 0, 400)
@@ -83,7 +78,7 @@ def test_the_longest_gap_follows_the_slowest_time_constant_within_bounds(model, 
 
 def test_a_memory_belongs_to_models_of_its_form_only(make_model):
     model = make_model(AXES, thermometers=2, prediction=ALIKE)
-    compensator = Compensator(2, SETTINGS, model)
+    compensator = Compensator(2, model=model)
     for k in range(8):
         compensator.add_temperature(k % 2, START + k // 2 * SECOND, 20.0)
     memory = compensator.memory()
@@ -110,7 +105,7 @@ def test_a_memory_belongs_to_models_of_its_form_only(make_model):
 def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):
     """A calibration or a rollback behind a restart: the coarse history does as well."""
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
-    never, killed = (Compensator(1, SETTINGS, model) for _ in range(2))
+    never, killed = (Compensator(1, model=model) for _ in range(2))
     feed(never, 0, 800)
     feed(killed, 0, 700)
     again = restarted(model, killed, 10.0)
@@ -144,9 +139,8 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 apart = knows.compensation.zero - compensator.compensation.zero
                 assert abs(apart[2]) <= 1.05 * off_n  # which is rounded
                 compensator.set_tare(np.zeros(6), second * SECOND)
-                assert ['uncertain; call ~/tare' in d for d in compensator.zero_doubts] == [
-                    True
-                ] * len(doubts)
+                said = ['uncertain; call ~/tare' in doubt for doubt in compensator.zero_doubts]
+                assert said == [True] * len(doubts)
         assert compensator.gap_doubts() == []
     assert stated == {True, False}
 

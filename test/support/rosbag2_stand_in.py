@@ -75,10 +75,8 @@ class SequentialReader:
         self._start()
 
     def _start(self):
-        wanted = [
-            c for c in self._reader.connections if not self._topics or c.topic in self._topics
-        ]
-        self._messages = self._reader.messages(wanted) if wanted else iter(())
+        used = [c for c in self._reader.connections if not self._topics or c.topic in self._topics]
+        self._messages = self._reader.messages(used) if used else iter(())
         self._next = None
 
     def close(self):

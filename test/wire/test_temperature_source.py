@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.wire.temperature_source import (
-    may_be_temperature,
-    numbers_in,
-    parse_source,
-    parse_sources,
-    path_text,
-    TemperatureSource,
-    to_celsius,
-    unit_remedy,
-)
+from wrist_ft_comp.wire import temperature_source as sources
+from wrist_ft_comp.wire.temperature_source import parse_source, TemperatureSource
 
 
 @pytest.mark.parametrize(
@@ -60,12 +52,12 @@ def test_a_wrong_entry_gets_its_sentence(entry, sentence):
 
 def test_the_same_number_twice_is_refused():
     entries = ['/a', '/b', '/a:data[1]', '/a:data[2]', 'a']
-    assert [source.entry for source in parse_sources(entries)] == entries
+    assert [source.entry for source in sources.parse_sources(entries)] == entries
     for twice in (['/a', '/a'], ['/a:data.1', '/a:data[1]:K'], ['/a', '/a:temperature']):
         with pytest.raises(SettingsError, match=f"'{twice[0]}' and .* one and the same"):
-            parse_sources(twice)
+            sources.parse_sources(twice)
     with pytest.raises(SettingsError, match="'/a' and 'a' are one and the same"):
-        parse_sources(['/a', 'a'], resolve=lambda name: f'/{name.strip("/")}')
+        sources.parse_sources(['/a', 'a'], resolve=lambda name: f'/{name.strip("/")}')
 
 
 STATE = """
@@ -138,7 +130,7 @@ def test_a_message_with_many_numbers_names_those_that_look_right_first(messages,
 
 
 def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
-    assert [path_text(path) for path in numbers_in(state)] == [
+    assert [sources.path_text(path) for path in sources.numbers_in(state)] == [
         'temperature', 'data[0]', 'data[1]', 'data[2]', 'joints[0].motor_temp',
         'joints[1].motor_temp',
     ]  # fmt: skip
@@ -153,11 +145,13 @@ def test_all_numbers_but_the_headers_are_found_with_their_paths(state):
     ],
 )  # fmt: skip
 def test_a_field_may_be_a_temperature_by_its_name(name, telling):
-    assert may_be_temperature(('joints', 2, name)) is telling
-    assert may_be_temperature((name, 0)) is telling
+    assert sources.may_be_temperature(('joints', 2, name)) is telling
+    assert sources.may_be_temperature((name, 0)) is telling
 
 
 def test_a_reading_in_another_unit_gets_its_remedy():
-    assert to_celsius(50.0, 'F') == pytest.approx(10.0)
-    assert unit_remedy(298.15, '/t:temperature:{}'.format).endswith('name it /t:temperature:K.')
-    assert unit_remedy(1e9, str) == 'Check it and its unit.'
+    assert sources.to_celsius(50.0, 'F') == pytest.approx(10.0)
+    assert sources.unit_remedy(298.15, '/t:temperature:{}'.format).endswith(
+        'name it /t:temperature:K.'
+    )
+    assert sources.unit_remedy(1e9, str) == 'Check it and its unit.'

@@ -223,9 +223,8 @@ class WiredRig(Rig):
         bench.wait_until(lambda: self.node._output.get_subscription_count() > 0, 'a listener')
         self._arrays = bench.listen(DiagnosticArray, '/diagnostics')
         self._raw = bench.publisher(WrenchStamped, self.topic('wrench_raw'))
-        self._temperatures = [
-            bench.publisher(Temperature, self.topic(t)) for t in self.topics if ':' not in t
-        ]
+        plain = (self.topic(name) for name in self.topics if ':' not in name)
+        self._temperatures = [bench.publisher(Temperature, topic) for topic in plain]
 
     def put_bytes(self, data):
         self._raw.publish(data)
@@ -238,11 +237,9 @@ class WiredRig(Rig):
         return self.bench.ask(kind, f'{self.namespace}/wrist_ft_comp/{service}', request)
 
     def set(self, name, value):
-        request = SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]
-        )
+        asked = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         service = f'{self.namespace}/wrist_ft_comp/set_parameters'
-        return self.bench.call(SetParameters, service, request).results[0]
+        return self.bench.call(SetParameters, service, asked).results[0]
 
     def wait_until(self, condition, what):
         self.bench.wait_until(condition, what)

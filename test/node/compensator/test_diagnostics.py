@@ -47,14 +47,10 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     ('kind', 'incompatible', 'words'),
     [
         ('geometry_msgs/msg/WrenchStamped', {}, 'the publisher of /wrench_raw sends nothing'),
-        (
-            'geometry_msgs/msg/Wrench', {},
-            '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped',
-        ),
-        (
-            'geometry_msgs/msg/WrenchStamped', {'wrench_raw': 'a publisher offers less'},
-            'a publisher offers less',
-        ),
+        ('geometry_msgs/msg/Wrench', {},
+         '/wrench_raw carries geometry_msgs/Wrench, not geometry_msgs/WrenchStamped'),
+        ('geometry_msgs/msg/WrenchStamped', {'wrench_raw': 'a publisher offers less'},
+         'a publisher offers less'),
     ],
 )  # fmt: skip
 def test_why_no_wrenches_arrive_is_said(fake_hub, kind, incompatible, words):

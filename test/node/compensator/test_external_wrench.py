@@ -109,9 +109,7 @@ def holding(rig, tmp_path):
 def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messages, tmp_path):
     add_payloads(tmp_path / 'data/models/payloads.json', 'day', [TOOL], FRAME)
     node = wired(parameters={**IMU, 'payload.active': 'day-1'})
-    externals = node.bench.listen(
-        WrenchStamped, node.topic('wrench_external'), QoSProfile(depth=9)
-    )
+    external = node.bench.listen(WrenchStamped, node.topic('wrench_external'), QoSProfile(depth=9))
     imu = node.bench.publisher(Imu, node.topic('imu'))
     imu.publish(messages.imu(START, (FRAME.rotation.T @ ASIDE).tolist(), [0.0, 0.1, 0.0]))
     forces = node.node.specific_force.forces
@@ -119,7 +117,7 @@ def test_the_external_wrench_has_the_header_of_the_wrench_over_dds(wired, messag
     node.wait_until(node.node.external.output.get_subscription_count, 'the listener')
     raw = TOOL.weight(ASIDE) + CONSTANT
     assert node.ask_output(START + SECOND // 10, raw) == tuple(raw)
-    message = externals.get(timeout=20.0)
+    message = external.get(timeout=20.0)
     assert stamp_of(message) == START + SECOND // 10
     assert message.header.frame_id == 'tool0'
     np.testing.assert_allclose(six_of(message), CONSTANT, atol=1e-12)
@@ -319,9 +317,7 @@ def turned_by(axis, degrees):
     ],
     ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'heavier', 'other TCP'],
 )
-def test_a_wrench_that_moves_otherwise_than_the_weight_is_a_warning(
-    held, felt_turn, shift_m, contact_n, words
-):
+def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, contact_n, words):
     """An arm that turns and comes back, and a noise of 0.05 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
     mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
@@ -390,9 +386,7 @@ def carry(part):
 
 
 @pytest.mark.parametrize(('carried', 'tared_with'), [(False, ''), (True, ''), (True, 'day-1')])
-def test_a_payload_that_was_carried_but_not_named_while_taring_is_a_warning(
-    held, carried, tared_with
-):
+def test_a_payload_carried_but_not_named_while_taring_is_a_warning(held, carried, tared_with):
     """The tare of the empty sensor is its zero under every payload."""
     part = held(**{'payload.active': tared_with})
     compensator, weight = part.part.compensator, TOOL.weight(UP)

@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.node import jobs
-from wrist_ft_comp.simulation.robot_at_work import (
-    draw_accelerometer,
-    draw_work,
-    move,
-    read_imu,
-    WorkSettings,
-)
+from wrist_ft_comp.simulation import robot_at_work
 
 RATE_HZ = 20
 IMU = {'gravity.source': 'imu'}
@@ -34,10 +28,11 @@ def working(rig, make_model):
 def minute():
     """A minute of a robot's work, and a little more: its tool, motion, and what its IMU says."""
     rng = np.random.default_rng([2024, 50])
-    work = draw_work(WorkSettings(part_kg=0.0), rng)
+    work = robot_at_work.draw_work(robot_at_work.WorkSettings(part_kg=0.0), rng)
     time_s = np.arange(0, 62, 1 / RATE_HZ)
-    motion = move(work, time_s)
-    imu = read_imu(draw_accelerometer(rng), motion, np.zeros(len(time_s)), rng)
+    motion = robot_at_work.move(work, time_s)
+    accelerometer = robot_at_work.draw_accelerometer(rng)
+    imu = robot_at_work.read_imu(accelerometer, motion, np.zeros(len(time_s)), rng)
     return work.payloads[0], motion, imu
 
 
@@ -82,19 +77,16 @@ def test_an_identification_needs_specific_force_and_a_drift_model(rig, working):
     bare = rig(parameters=IMU)
     assert 'No specific force has come. Set gravity.source' in bare.refusal('identify_payload')
     bare.node.broadcast('on_specific_force', START, (0.0, 0.0, 9.8), None)
-    assert 'No drift model runs, and drift would be taken for weight' in bare.refusal(
-        'identify_payload'
-    )
+    said = bare.refusal('identify_payload')
+    assert 'No drift model runs, and drift would be taken for weight' in said
     assert working.node.external.collector is None
 
 
 @pytest.mark.parametrize(
     ('patience_s', 'happens', 'words'),
     [
-        (
-            60.0, lambda node: node.compensator.reset_tare(),
-            'The tare or the model changed meanwhile. Call again.',
-        ),
+        (60.0, lambda node: node.compensator.reset_tare(),
+         'The tare or the model changed meanwhile. Call again.'),
         (0.05, lambda _: None, 'Wrenches with specific force have stayed away for 0.05 s'),
     ],
     ids=['tare', 'silence'],

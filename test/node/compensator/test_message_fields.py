@@ -74,19 +74,13 @@ def listen(fake_hub, ros_domain):  # noqa: ARG001 -- which readies what comes wi
     ('entries', 'message', 'taken'),
     [
         (['/state:temperature'], battery(23.0), [(0, START, 23.0)]),
-        (
-            ['/state:effort[2]', '/state:effort[0]'],
-            joints(21, 22, 23),
-            [(0, START, 23.0), (1, START, 21.0)],
-        ),
-        (
-            ['/state:data[1]', '/state:data[0]*0.1:K'],
-            Float64MultiArray(data=[3001.5, 22.0]),
-            [(0, None, 22.0), (1, None, 27.0)],
-        ),
+        (['/state:effort[2]', '/state:effort[0]'], joints(21, 22, 23),
+         [(0, START, 23.0), (1, START, 21.0)]),
+        (['/state:data[1]', '/state:data[0]*0.1:K'], Float64MultiArray(data=[3001.5, 22.0]),
+         [(0, None, 22.0), (1, None, 27.0)]),
         (['/state'], stamped(Temperature(temperature=21.0)), [(0, START, 21.0)]),
     ],
-)
+)  # fmt: skip
 def test_thermometers_in_one_message_are_read_with_its_stamp(listen, entries, message, taken):
     listening = listen(*entries)
     listening.hear(message)

@@ -27,7 +27,6 @@ def abc(rig, make_model):
 
 
 def choose(node, *names):
-    """Make models live at run time."""
     for name in names:
         assert node.set('model_file', f'models/{name}.yaml').successful
 
@@ -46,10 +45,8 @@ def test_a_rollback_goes_back_model_by_model_to_none_and_no_further(abc):
 
 
 def test_a_rollback_passes_over_a_model_that_cannot_be_used(abc):
-    entries = [
-        {**asdict(HistoryEntry(None)), 'path': f'models/{name}.yaml'}
-        for name in ('a', 'gone', 'c')
-    ]
+    none, names = asdict(HistoryEntry(None)), ('a', 'gone', 'c')
+    entries = [{**none, 'path': f'models/{name}.yaml'} for name in names]
     document = {'format': 'wrist_ft_comp live models', 'version': 1, 'history': entries}
     (abc().directory / 'active.json').write_text(json.dumps(document))
     node = abc()

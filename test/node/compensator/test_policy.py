@@ -32,12 +32,8 @@ def profile_of(policy, enclave):
 def granted(profile, kind, right):
     """Full names that a profile grants a right on."""
     node = f'/{profile.get("node")}'
-    names = [
-        rule.text
-        for rules in profile.findall(kind)
-        if rules.get(right) == 'ALLOW'
-        for rule in rules
-    ]
+    allowed = (rules for rules in profile.findall(kind) if rules.get(right) == 'ALLOW')
+    names = [rule.text for rules in allowed for rule in rules]
     return {
         name if name.startswith('/') else node + name[1:] if name[0] == '~' else f'/{name}'
         for name in names

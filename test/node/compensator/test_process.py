@@ -7,21 +7,23 @@ import signal
 import pytest
 from std_srvs.srv import Trigger
 
-MODULE = 'wrist_ft_comp.node.compensator_node'
-
 
 @pytest.fixture
 def start(bench, executable, tmp_path):
     """Start the executable under a name of its own, and wait until it is up."""
 
     def launch(name, *arguments):
-        process = executable(
-            MODULE,
-            *('-r', f'__ns:=/{name}', '-r', f'__node:={name}'),
-            *('-p', f'data_directory:={tmp_path / "data"}'),
-            *arguments,
-            may_be_killed=True,
-        )
+        folder = tmp_path / 'data'
+        words = [
+            '-r',
+            f'__ns:=/{name}',
+            '-r',
+            f'__node:={name}',
+            '-p',
+            f'data_directory:={folder}',
+        ]
+        module = 'wrist_ft_comp.node.compensator_node'
+        process = executable(module, *words, *arguments, may_be_killed=True)
         bench.wait_for_node(name)
         return process
 

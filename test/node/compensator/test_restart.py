@@ -77,9 +77,7 @@ def restart(fake_hub, stored, tmp_path):
     return start
 
 
-def test_a_restarted_node_subtracts_drift_and_tare_from_the_first_wrench_on(
-    rig, stored, warm, tmp_path, capfd
-):
+def test_a_restarted_node_subtracts_drift_and_tare_at_once(rig, stored, warm, tmp_path, capfd):
     save_state(tmp_path / 'data/state.json', warm)
     node = rig(model=stored)
     held = warm.thermal.compensation.zero[2]
@@ -154,9 +152,7 @@ def test_a_broken_state_is_said_and_replaced(restart, tmp_path):
     assert load_state(path).thermal is not None
 
 
-def test_a_tare_that_cannot_be_saved_does_not_bring_back_the_one_before(
-    restart, warm, tmp_path, monkeypatch
-):
+def test_a_tare_that_is_not_saved_brings_back_no_older_one(restart, warm, tmp_path, monkeypatch):
     restarted, told = restart(warm), []
     monkeypatch.setattr('os.fsync', lambda _: (_ for _ in ()).throw(OSError(28, 'No space left')))
     restarted.keeper.save()

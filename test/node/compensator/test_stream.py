@@ -10,19 +10,14 @@ executors = pytest.mark.parametrize('executor', ['default', 'events'])
 
 
 def hear_bytes(rig):
-    """Listen to the node's output as bytes."""
-    messages = []
-    rig.bench.helper.create_subscription(
-        WrenchStamped, rig.topic('wrench'), messages.append, 100, raw=True
-    )
+    messages, topic = [], rig.topic('wrench')
+    rig.bench.helper.create_subscription(WrenchStamped, topic, messages.append, 100, raw=True)
     rig.bench.wait_until(lambda: rig.node._output.get_subscription_count() > 1, 'both listeners')
     return messages
 
 
 @executors
-def test_the_header_goes_out_byte_for_byte_in_both_byte_orders(
-    wired, make_model, messages, executor
-):
+def test_the_header_goes_out_byte_for_byte_in_either_order(wired, make_model, messages, executor):
     node = wired(executor=executor, model=make_model('m.yaml', {'force_x': (1.0, 0.0, 0.0)}))
     node.warm_up(30.0)
     heard = hear_bytes(node)

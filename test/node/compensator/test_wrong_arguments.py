@@ -68,16 +68,12 @@ def test_a_wrong_value_gets_its_sentence(ros_context, tmp_path, given, words):
         ),
     ],
 )
-def test_arguments_that_contradict_get_their_sentence_and_lock_nothing(
-    ros_context, tmp_path, rules, words
-):
+def test_contradictions_get_their_sentence_and_lock_nothing(ros_context, tmp_path, rules, words):
     assert words in refusal(ros_context, tmp_path, *rules)
     start(ros_context, tmp_path).destroy_node()
 
 
-def test_a_mistyped_parameter_is_a_warning_and_those_of_other_nodes_are_none(
-    ros_context, tmp_path, capfd
-):
+def test_a_mistyped_parameter_warns_and_those_of_other_nodes_do_not(ros_context, tmp_path, capfd):
     given = 'temprature_topics:=[heat]', 'joint_limits.joint_1.max_effort:=1', 'use_sim_time:=true'
     start(ros_context, tmp_path, *(word for one in given for word in ('-p', one))).destroy_node()
     said, meant = capfd.readouterr().err, 'Did you mean temperature_topics?'

@@ -6,13 +6,10 @@ from rclpy.context import Context
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 
 
-def compensators(commands):
-    return [words[4:] for words in commands('docs/drivers.md') if words[3] == 'compensator']
-
-
 @pytest.mark.parametrize('number', range(5))
 def test_a_driver_s_topics_are_taken(commands, ros_domain, tmp_path, number):
-    given = compensators(commands)[number]
+    started = [words for words in commands('docs/drivers.md') if words[3] == 'compensator']
+    given = started[number][4:]
     context = Context()
     context.init([*given, '-p', f'data_directory:={tmp_path}'], domain_id=ros_domain)
     try:

@@ -19,12 +19,8 @@ def simulate(number, duty):
     """Wrench and temperatures of a day, once a second."""
     rng = np.random.default_rng([1, number])
     sensor = ft_sensor.build_sensor(1)
-    settings = ft_sensor.RunSettings(
-        duty_start_s=tuple(map(float, duty)),
-        duty_level=tuple(duty.values()),
-        force_n=0.0,
-        torque_nm=0.0,
-    )
+    cycle = {'duty_start_s': tuple(map(float, duty)), 'duty_level': tuple(duty.values())}
+    settings = ft_sensor.RunSettings(**cycle, force_n=0.0, torque_nm=0.0)
     run = ft_sensor.draw_run(settings, rng)
     elapsed_s = np.arange(SECONDS) + 0.5
     drive = ft_sensor.drive(run, elapsed_s)

@@ -1,9 +1,7 @@
 """The commands of the tutorial and of the guide to recording, run as they are written."""
 
 
-def test_the_tutorial_s_commands_run_and_another_day_has_a_tenth_of_the_drift(
-    terminal, play, commands
-):
+def test_the_tutorial_runs_and_another_day_has_a_tenth_of_the_drift(terminal, play, commands):
     assert play(lambda heat: heat.header.stamp.sec % 86400 > 7200, 'docs/tutorial.md') >= 10.0
     for words in commands('docs/recording.md'):
         terminal.run(words)

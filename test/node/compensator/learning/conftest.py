@@ -32,12 +32,10 @@ print(json.dumps(answer))
 class Learner:
     """A node that learns, what it hears, and what its job answers."""
 
-    def __init__(self, rig, folder, clock, mode='propose', **parameters):
+    def __init__(self, rig, folder, clock, mode='propose', **more):
         self._folder, self._clock = folder, clock
         self.answer(success=True, message='no better model')
-        self.rig = rig(
-            namespace='/learner', parameters={**NEEDED, 'learning.mode': mode, **parameters}
-        )
+        self.rig = rig(namespace='/learner', parameters={**NEEDED, 'learning.mode': mode, **more})
         self.node, self.days = self.rig.node, self.rig.directory / 'days'
 
     def answer(self, **fields):

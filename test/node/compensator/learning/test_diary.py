@@ -12,9 +12,6 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.compensator_node import CompensatorNode
 from wrist_ft_comp.recordings.read import read_recording
 
-DAY, SECOND = 1440, 10**9
-CHANNELS = ('force_x', 'temperature_c')
-
 
 def test_a_node_writes_what_it_hears_and_a_silence_by_the_clock_ends_the_day(learner, monkeypatch):
     node = learner()

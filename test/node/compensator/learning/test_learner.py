@@ -32,9 +32,7 @@ def models(make_model):
         ({'calibration.reference': 'constant'}, {}, WARN, 'they are constant and imu'),
     ],
 )
-def test_the_worst_is_said_first(  # noqa: PLR0913, PLR0917 -- a table
-    fake_hub, tmp_path, chosen, state, level, words
-):
+def test_the_worst_is_said_first(fake_hub, tmp_path, chosen, state, level, words):  # noqa: PLR0913, PLR0917
     given = {'learning.mode': 'propose', 'learning.max_mb': 50.0, 'gravity.source': 'imu'}
     live = SimpleNamespace(
         history=[], sha256=None, store=SimpleNamespace(directory=tmp_path),
@@ -90,9 +88,8 @@ def test_a_day_that_has_ended_is_judged_once_at_the_lowest_priority(learner, mod
 def test_a_better_model_is_offered_adopted_and_rolled_back(learner, models):
     old, new = models
     node = learner(model_file=str(old.path))
-    assert node.rig.refusal('adopt') == (
-        'No better model is offered: no day is judged yet. The running model stays.'
-    )
+    said = 'No better model is offered: no day is judged yet. The running model stays.'
+    assert node.rig.refusal('adopt') == said
     node.find(new, message='leaves half')
     node.a_day()
     status = node.rig.diagnosis('learning', 'a better model is offered')
