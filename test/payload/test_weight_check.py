@@ -27,3 +27,16 @@ def test_between_two_poses_contact_is_no_turn_and_another_payload_is_found(gain,
         check.add(np.append(force_n, np.zeros(3)), np.append(weight_n, np.zeros(3)))
         assert words or not check.found, check.found
     assert words in check.found
+
+
+@pytest.mark.parametrize('poses', [2, 3, 4, 6])
+def test_a_process_that_presses_in_one_of_few_poses_does_not_look_turned(poses):
+    for seed in range(10):
+        rng, check = np.random.default_rng(seed), WeightCheck('tool')
+        weights = rng.normal(size=(poses, 3))
+        weights *= 15.0 / np.linalg.norm(weights, axis=1)[:, None]
+        for look in range(120):
+            weight = np.append(weights[look // 3 % poses], np.zeros(3))
+            pressed = np.array([0.0, 0.0, -20.0, 0.0, 0.0, 0.0]) * (look // 3 % poses == 0)
+            check.add(weight + pressed + rng.normal(0, 0.05, 6), weight)
+            assert check.found == ''

@@ -113,8 +113,7 @@ class TareService(Part):
         if why:
             raise TareRefusedError(
                 f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
-                'the status payload and call again; with payload.active empty, wrench is tared '
-                'alone.'
+                'the status payload and call again.'
             )
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         self.external.tared_s = time.monotonic()

@@ -4,8 +4,8 @@ Whether the wrench moves with the weight that is taken off: finds frames and uni
 Where a robot turns its tool in free space, the wrench changes as the weight does: ΔF = ΔW. A
 specific force or a wrench whose frame is turned by Q, or in another unit, gives ΔF = k Q ΔW, one
 whose origin has moved by d gives ΔT = ΔT_weight + d × ΔW. Contacts change the wrench, too, but
-never the same way twice: k Q is that of the three changes which agree best with half of all (least
-median of squares).
+not in the same way in half of six poses: k Q is that of the three changes which agree best with
+half of all (least median of squares).
 """
 
 from collections import deque
@@ -19,6 +19,8 @@ from wrist_ft_comp.series import FloatArray
 MOVED_N = 2.0
 #: Changes that are kept, and fewest that say something.
 _KEPT, _FEWEST = 24, 10
+#: Fewer poses than this say nothing, where a process presses in one of them in each cycle.
+_FEWEST_POSES = 6
 #: Triples of changes that are tried.
 _TRIPLES = 40
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
@@ -41,6 +43,8 @@ class WeightCheck:
         self._name = name
         self._before: FloatArray | None = None
         self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
+        #: The weights before and after these changes, N.
+        self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
 
     def begin(self) -> None:
         """Begin anew after another payload was mounted: the change to it is not one of a pose."""
@@ -51,15 +55,23 @@ class WeightCheck:
         now = np.stack((wrench, weight))
         if self._before is None:
             self._before = now
+            self._poses.append(weight[:3])
         change = now - self._before
         if np.linalg.norm(change[1, :3]) >= MOVED_N:
             self._before = now
             self._changes.append(change)
+            self._poses.append(weight[:3])
             if len(self._changes) >= _FEWEST and (found := self._compare()) is not None:
                 self.found = found
 
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
+        poses: list[FloatArray] = []
+        for pose in self._poses:
+            if all(np.linalg.norm(pose - other) >= MOVED_N for other in poses):
+                poses.append(pose)
+        if len(poses) < _FEWEST_POSES:
+            return None
         changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
         rng = np.random.default_rng(0)
