@@ -66,7 +66,7 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
     ],
     ids=['zeroed', 'a load is let go', 'another load', 'in motion', 'zeros of a broken sensor'],
 )
-def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):  # noqa: PLR0913, PLR0917
+def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):
     rng, scale = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3)
     readings = np.zeros((80, 6))
     readings[:40] = [20.0, -5.0, 3.0, 0.5, 0.1, 0.2]

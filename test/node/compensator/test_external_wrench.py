@@ -259,7 +259,7 @@ def test_the_payloads_of_model_file_stay_when_another_model_is_live(held, tmp_pa
 def test_what_shows_a_wrong_weight_outlives_grips(held):
     """Between two grips there are too few poses to find that the IMU is turned."""
     part = held(**{'payload.active': 'day-1'})
-    compensator, said = part.part.compensator, []
+    said = []
     for k, force in enumerate([UP, ASIDE, SIDEWAYS, -UP, -ASIDE, -SIDEWAYS] * 12):
         name = ('day-1', 'day-2')[k // 6 % 2]
         part.hub.set(part.part, **{'payload.active': name})
