@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+import shutil
 from unittest.mock import ANY
 
 import numpy as np
@@ -102,16 +103,17 @@ def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
     assert [day.better for day in diary.days] == ['', stored.path.name]
 
 
-def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers):
-    champion = Path(answers[1]['path'])
-    broken = diary_path(sensor).read_text()[:-300]
-    diary_path(sensor).write_text(broken)
+def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers, tmp_path):
+    lost = shutil.copytree(sensor, tmp_path / 'lost')
+    champion = lost / 'models' / Path(answers[1]['path']).name
+    broken = diary_path(lost).read_text()[:-300]
+    diary_path(lost).write_text(broken)
     chosen = HistoryEntry(champion, why='a person chose m.yaml', day='day_00001.csv')
-    again = entry.answer(job_of(sensor, 3, HistoryEntry(None), chosen))
+    again = entry.answer(job_of(lost, 3, HistoryEntry(None), chosen))
     assert again['success']
     assert 'diary.json is not a diary: expected JSON' in again['incident']
-    assert (sensor / 'days/diary.json.kept').read_text() == broken
-    diary = load_diary(sensor)
+    assert (lost / 'days/diary.json.kept').read_text() == broken
+    diary = load_diary(lost)
     assert len(diary.days) == 3
     live = load_model(champion).sha256[:12]
     assert [day.live for day in diary.days] == ['', live, live]
