@@ -193,17 +193,34 @@ def test_numbers_of_columns_go_on_through_joined_tables(run, tmp_path):
 
 @pytest.mark.parametrize('block', [1234, table.BLOCK])
 def test_where_a_clock_begins_anew_a_file_is_cut_as_is_said(block, run, tmp_path, monkeypatch):
+    """Three days are cut twice; no command writes what is there."""
     monkeypatch.setattr(table, 'BLOCK', block)
     monkeypatch.chdir(tmp_path)
     form = {**FORMS['dewesoft'], 'head': 'Time (s);Fx (N);Fy (N);Fz (N);T int (°C)'}
-    one, two = (write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1))
-    Path('both.csv').write_text(one + two, encoding='utf-8')
-    said = run('show', 'both.csv').sentence
-    follow(said)
-    for part, text in (('part_1.csv', one), ('part_2.csv', two)):
+    days = [write(form, tmp_path, seed).read_text('utf-8') for seed in (0, 1, 2)]
+    Path('days.csv').write_text(''.join(days), encoding='utf-8')
+    for name in ('days.csv', 'days_part_2.csv'):
+        follow(run('show', name).sentence)
+        assert Path('days.csv').read_text('utf-8') == ''.join(days)
+    parts = 'days_part_1.csv', 'days_part_2_part_1.csv', 'days_part_2_part_2.csv'
+    for part, text in zip(parts, days, strict=True):
         Path('alone.csv').write_text(text, encoding='utf-8')
         shown = [json.loads(run('show', path, '--json').out) for path in (part, 'alone.csv')]
         assert shown[0]['channels'] == shown[1]['channels']
+    Path(parts[0]).write_text('mine')
+    with pytest.raises(subprocess.CalledProcessError):
+        follow(run('show', 'days.csv').sentence)
+    assert Path(parts[0]).read_text() == 'mine'
+
+
+def test_a_clock_that_ran_over_is_replaced_by_rows_as_is_said(run, tmp_path):
+    form = {**FORMS['newest_first'], 'row': '{(epoch * 1e6) % 2**32:.0f},{fz:.3f},{T:.2f}'}
+    form |= {'head': 'micros,Fz (N),Temp (F)', 'order': 1}
+    path = write(form, tmp_path)
+    (columns,) = re.findall("--columns '(.*)' --time s", run('show', path).sentence)
+    assert columns == 'stamp=#*10,force_z=2:N,temperature_c=3:F'
+    recording = read_recording(path, topics=Topics(columns=columns, time='s'))
+    assert recording.duration_s == pytest.approx(ROWS * STEP_S, abs=STEP_S)
 
 
 def test_a_force_as_a_thermometer_and_a_reference_of_nothing_are_told(done, tmp_path):

@@ -23,6 +23,7 @@ from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import KINDS, Placed
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.stored.recording_writer import ORIGIN
+from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
 from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 
@@ -190,7 +191,8 @@ class _Looks:
         if self.form == '%H:%M' and not _ELAPSED.isdisjoint(self.words):
             self.form = TIMEDELTA
         if self._is_number and len(self.numbers):
-            own = self.plain if is_short and self.plain in TIME_UNITS_NS else ''
+            own = units.plain_unit(self.plain) if self._is_time_word else ''
+            own = own if own in TIME_UNITS_NS and (is_short or own != 's') else ''
             self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
             first, lasts = self.numbers[0], self.numbers[-1] - self.numbers[0]
             for form, day in DAYS_TO_1970.items() if self._is_time_word else ():
@@ -311,7 +313,8 @@ def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> Non
                 f'{table} has a row for each channel ({", ".join(channels)}); expected a column. '
                 f'Make them by python3 -c "import pandas; pandas.read_csv({table!r}, '
                 f'sep={header.delimiter!r}, skiprows={header.lines_above - 1}, decimal='
-                f"{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('wide.csv')\"."
+                f'{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('
+                "'wide.csv', mode='x')\"."
             )
 
 

@@ -29,7 +29,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import Column, Placed
 from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, exact_ns, Header
-from wrist_ft_comp.series import FloatArray, IntArray, Progress
+from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
 
 #: Characters of the longest line that a table may have.
@@ -173,8 +173,9 @@ class Table:
             runs_back = len(rows.lines) > n and rows.stamps_ns[-1] < rows.stamps_ns[0]
             if is_empty and runs_back and (np.diff(rows.stamps_ns) <= 0).all():
                 raise RecordingError(
-                    f'{self.name} has its newest row first. Turn it round by "(head -n {above} '
-                    f'{path}; tail -n +{above + 1} {path} | tac) > oldest_first.csv".'
+                    f'{self.name} has its newest row first. Turn it round by "(set -C; (head -n '
+                    f'{above} {path}; tail -n +{above + 1} {path} | tac) > '
+                    f'{_beside(self.path, "oldest_first")})".'
                 )
             stamps_ns = np.concatenate([stamps_ns[-2 * n :], rows.stamps_ns])
             lines = np.concatenate([lines[-2 * n :], rows.lines])
@@ -182,11 +183,16 @@ class Table:
                 before, behind = stamps_ns[max(k - n, 0) : k], stamps_ns[k : k + n]
                 in_order = (np.diff(before) >= 0).all() and (np.diff(behind) >= 0).all()
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
+                    one, two = (_beside(self.path, f'part_{part}') for part in (1, 2))
+                    step_s = float(np.median(np.diff(before))) / NANOSECONDS
+                    entries = ','.join([f'stamp=#*{step_s:g}', *map(_entry, placed.channels)])
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {lines[k]}: another '
-                        f'recording begins there. Cut it by "head -n {lines[k] - 1} {path} > '
-                        f'part_1.csv; (head -n {above} {path}; tail -n +{lines[k]} {path}) > '
-                        'part_2.csv".'
+                        f'recording begins there. Cut it by "(set -C; head -n {lines[k] - 1} '
+                        f'{path} > {one} && (head -n {above} {path}; tail -n +{lines[k]} {path}) '
+                        f'> {two})". If it is the same recording, whose clock was set or ran '
+                        "over, and rows come at a fixed rate, count them instead: --columns '"
+                        f"{entries}' --time s."
                     )
             is_empty = False
             yield rows
@@ -350,6 +356,16 @@ class _RowConverter:
             stamps_ns = stamps_ns + (day + np.cumsum(has_passed)) * DAY_NS
             self._last_ns = int(stamps_ns[-1])
         return np.asarray(stamps_ns)
+
+
+def _beside(path: Path, what: str) -> str:
+    """Name what is made of a file in the working directory, as a shell reads it."""
+    return shlex.quote(f'{path.stem}_{what}.csv')
+
+
+def _entry(column: Column) -> str:
+    factor = '' if column.factor is None else f'*{column.factor:g}'
+    return f'{column.channel}={column.place + 1}{factor}{column.unit and ":"}{column.unit}'
 
 
 def _encoding_of(start: bytes) -> str:
