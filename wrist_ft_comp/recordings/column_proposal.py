@@ -73,7 +73,8 @@ FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.
 _NO_THERMOMETER = {'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance'}
 #: Between which readings a day may begin in °F, and hardly in °C.
 _COLD_START_F = 55.0, 120.0
-_NANOSEC = re.compile('.*?(nano|n)sec(s|onds)?')
+#: A name of nanoseconds, and what stands before it and before whole seconds.
+_NANOSEC = re.compile('(.*?)_?(nano|n)_?sec(s|onds)?')
 #: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
 _NO_WORD = re.compile(r'[\[(][^\[\]()]*[^\W\d][^\[\]()]*[\])]|\s/\s.*|,.*')
 #: Signs of a map: a column with one of them in its name is called by its number.
@@ -262,8 +263,8 @@ class _Looks:
             named = (q for q, words in _QUANTITIES.items() if re.fullmatch(words, part))
             quantity = next(named, quantity)
         if not quantity and axis:
-            units = (('force', 'force_x'), ('torque', 'torque_x'))
-            quantity = next((q for q, channel in units if self.unit_of(channel)), '')
+            by_unit = (('force', 'force_x'), ('torque', 'torque_x'))
+            quantity = next((q for q, channel in by_unit if self.unit_of(channel)), '')
         if not quantity or not axis or self.words[0] == 'external':
             return ''
         name = f'{quantity}_{axis}'
@@ -337,8 +338,11 @@ def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], 
     found, time = {STAMP: best}, best.form
     is_time_of_day = time.startswith(('%H', '%I'))
     for looks in free:
-        if _NANOSEC.fullmatch(looks.plain) and time == 's':
-            found.setdefault(read_options.STAMP_NANOSEC, looks)
+        # Nanoseconds go beyond whole seconds of the same stamp: none of an arrival's, say.
+        nanosec = _NANOSEC.fullmatch(looks.plain) if time == 's' else None
+        if nanosec and nanosec[1] in {'', best.plain, re.sub('_?sec(s|onds)?$', '', best.plain)}:
+            is_whole = len(looks.filled) == len(best.filled) and not (best.numbers % 1).any()
+            found |= {read_options.STAMP_NANOSEC: looks} if is_whole else {}
         is_date = looks.form == 'iso' or looks.form.startswith('%')
         if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
             found.setdefault(read_options.STAMP_DATE, looks)

@@ -347,6 +347,11 @@ class _RowConverter:
         if factor is not None:
             stamps_ns = np.rint(stamps_ns * factor).astype(np.int64)
         if nanosec := self._columns.get(read_options.STAMP_NANOSEC):
+            if form == 's' and factor is None and (stamps_ns % NANOSECONDS).any():
+                raise RecordingError(
+                    f'{self._stamp.name} of {self._name} has decimals, to which {nanosec.name} '
+                    'would be added; expected whole seconds. Leave stamp_nanosec out.'
+                )
             convert = partial(exact_ns, form='ns')
             stamps_ns = stamps_ns + self._convert(convert, cells_of(nanosec), nanosec, lines)
         if form.startswith(('%H', '%I')):
