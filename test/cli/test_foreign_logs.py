@@ -1,6 +1,8 @@
 """Logs of other programs: from ``show`` to a judged model, and what their loggers write."""
 
 from datetime import datetime, timedelta
+from itertools import zip_longest
+from pathlib import Path
 import re
 import shlex
 
@@ -10,7 +12,7 @@ import pytest
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
-from wrist_ft_comp.recordings.read import read_recording
+from wrist_ft_comp.recordings.read import open_recording, read_recording
 from wrist_ft_comp.recordings.read_options import parse_map
 from wrist_ft_comp.stream.part_of_recording import Excerpt, parse_excerpt
 
@@ -277,3 +279,51 @@ def test_nanoseconds_are_added_to_whole_seconds_of_the_same_stamp(header, run, t
     if '{2' in row:
         said = run('show', path, '--columns', f'{shown},stamp_nanosec=header.stamp.nsecs')
         assert 'Time of log.csv has decimals, to which header.stamp.nsecs' in said.sentence
+
+
+#: Two groups of columns with their own times, s: of the second one, and how many rows it has.
+CLOCKS = {
+    'Time,Fz,Time,Temp': (600 + np.arange(3600.0), '', ''),
+    'Fz_x,Fz,Temp_x,Temp\n[s],[N],[s],[degC]': (600 + np.arange(3600.0), ':N', ':C'),
+    'Time (s),Fz,Time (s),T (C)': (10 * np.arange(360.0), '', ':C'),
+    'Time (s),Fz,Time (s),T (C),': (0.75 * np.arange(4800.0), '', ':C'),
+}
+
+
+@pytest.mark.parametrize('header', CLOCKS)
+def test_a_second_clock_is_named_with_what_reads_it(header, done, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    times, force_unit, unit = CLOCKS[header]
+    t, wrench, _ = day(1)
+    celsius = 22 + 14 * (1 - np.exp(-times / 900))
+    groups = [[f'{at:.2f},{value:.4f}' for at, value in zip(*group, strict=False)]
+              for group in ((t, wrench[:, 2]), (times, celsius))]  # fmt: skip
+    rows = [','.join(row) for row in zip_longest(*groups, fillvalue=',')]
+    (tmp_path / 'log.csv').write_text('\n'.join([header.rstrip(','), *rows, '']))
+    shown = run('show', 'log.csv')
+    said = shown.out + shown.err
+    found = re.search(r"is not used. Read each .* name (\S+) with --columns '(.*)' --time s", said)
+    assert found, said
+    columns = f'stamp=1,force_z=2{force_unit},stamp=7,temperature_c=8{unit}'
+    assert found.groups() == ('log.csv+log.csv', columns)
+    assert 'temperature_2_c' not in said
+    again = done('show', found[1], '--columns', columns, '--time', 's')
+    assert 'another time' not in again
+    assert 'not understood' not in again
+    with open_recording(Path(found[1]), Topics(columns=columns, time='s')) as opened:
+        stamps_s = {block.channels: block.stamps_ns / 1e9 for block in opened.samples()}
+    np.testing.assert_allclose(stamps_s['force_z',], t)
+    np.testing.assert_allclose(stamps_s['temperature_c',], times)
+
+
+def test_a_date_beside_seconds_and_a_stamp_that_a_temperature_has_are_no_second_clock(
+    done, tmp_path
+):
+    t, wrench, celsius = day(1)
+    dates = [f'{BEGIN + timedelta(seconds=s):%Y-%m-%dT%H:%M:%S}' for s in t]
+    for header, second in (('Timestamp', dates), ('temp.header.stamp.secs', 1.7e9 + t - 0.3)):
+        stamps = t if header == 'Timestamp' else 1.7e9 + t
+        columns = stamps, wrench[:, 2], second, celsius
+        path = write(tmp_path / f'{header}.csv', f'Time (s),Fz (N),{header},T (C)', columns)
+        assert 'another time' not in done('show', path, '--columns', (
+            'stamp=1,force_z=2,temperature_c=4'))  # fmt: skip

@@ -7,9 +7,10 @@ word of forces. What never changes, what counts, and texts are none of them. Wha
 stays open, as in ``force_z=…``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from itertools import count
+from dataclasses import replace
+from itertools import count, pairwise
 import re
 import shlex
 from typing import NamedTuple
@@ -20,8 +21,9 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
-from wrist_ft_comp.recordings.read_options import KINDS, Placed
+from wrist_ft_comp.recordings.read_options import Column, KINDS, Placed
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
+from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
 from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
@@ -70,7 +72,11 @@ _WRENCH = re.compile(
 #: Names of temperatures of what heats the sensor, or of its surroundings.
 FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
 #: What has a temperature and is no metal near a sensor, and what was made of a thermometer's.
-_NO_THERMOMETER = {'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance'}
+_NO_THERMOMETER = {
+    'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance', 'stamp', 'secs',
+}  # fmt: skip
+#: Two clocks that are farther apart count from another day, ns.
+_OTHER_EPOCH_NS = 10**17
 #: Between which readings a day may begin in °F, and hardly in °C.
 _COLD_START_F = 55.0, 120.0
 #: A name of nanoseconds, and what stands before it and before whole seconds.
@@ -158,6 +164,51 @@ def warn_of_unused(placed: Placed) -> list[str]:
     sentence = f'{placed.table} has columns that are not understood and not used: {names}'
     meant = Proposal.of([propose(placed)], ()).columns
     return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
+
+
+def warn_of_clocks(placed: Placed, path: str, rows: Callable[[], list[list[str]]]) -> list[str]:
+    """Warn of times between channels, which differ from those by which the channels are read."""
+    header, stamp = placed.header, placed.columns.get(STAMP)
+    used = sorted(placed.channels, key=lambda column: column.place)
+    if stamp is None or stamp.place < 0 or not used:
+        return []
+    first = next((column.place for column in used if column.place > stamp.place), used[-1].place)
+    maybe = [_Looks(k, (), header) for k in placed.unused if first < k < used[-1].place]
+    maybe = [looks for looks in maybe if looks.time_score() or looks.unit_of(STAMP)]
+    maybe = [looks for looks in maybe if not _NANOSEC.fullmatch(looks.plain)]
+    shown = rows() if maybe else []
+    starts = [looks.place for looks in maybe if _is_another_clock(stamp, looks, shown)]
+    if not starts:
+        return []
+    entries = list[str]()
+    for k, (start, end) in enumerate(pairwise([stamp.place, *starts, len(header.names)])):
+        group = [c for c in used if c.place < end and (c.place > start or not k)]
+        before = header.columns_before + k * len(header.names)
+        entries += [replace(stamp, place=start).entry(before)] if group else []
+        entries += [column.entry(before) for column in group]
+    late = [column.name for column in used if column.place > starts[0]]
+    file, time = '+'.join([path] * (len(starts) + 1)), stamp.unit or 's'
+    sentence = (
+        f'{placed.table} has another time before {read_options.listed(late)}, which differs from '
+        f'{stamp.name} and is not used. Read each by its own: name {shlex.quote(file)} with '
+        f"--columns '{','.join(entries)}' --time {shlex.quote(time)}."
+    )
+    return [sentence]
+
+
+def _is_another_clock(stamp: Column, looks: '_Looks', rows: Sequence[Sequence[str]]) -> bool:
+    """Whether times differ by more than a second, or, from a beginning, move apart by as much."""
+    pairs = [(row[stamp.place], row[looks.place]) for row in rows]
+    filled = [pair for pair in pairs if not MISSING & {cell.lower() for cell in pair}]
+    if len(filled) < 2:
+        return False
+    one, other = zip(*filled, strict=True)
+    form = stamp.unit or find_form(one)
+    with suppress(ValueError, ArithmeticError):
+        apart_ns = exact_ns(other, looks.unit_of(STAMP) or form) - exact_ns(one, form)
+        is_since_1970 = abs(apart_ns[0]) > _OTHER_EPOCH_NS
+        return bool(np.abs(apart_ns - apart_ns[0] * is_since_1970).max() > NANOSECONDS)
+    return False
 
 
 class _Looks:
@@ -281,6 +332,8 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         _refuse_long_form(placed.table, free, header)
     if STAMP not in placed.columns:
         found, time = _find_times(free, header)
+    else:
+        free = [looks for looks in free if not looks.unit_of(STAMP)]
     found |= _find_channels(free, placed)
 
     proposed = {}

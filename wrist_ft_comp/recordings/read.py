@@ -19,7 +19,12 @@ from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
 from wrist_ft_comp.recordings import read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES
-from wrist_ft_comp.recordings.column_proposal import Proposal, propose, warn_of_unused
+from wrist_ft_comp.recordings.column_proposal import (
+    Proposal,
+    propose,
+    warn_of_clocks,
+    warn_of_unused,
+)
 from wrist_ft_comp.recordings.open_bag import open_bag
 from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions, samples_of
 from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
@@ -133,7 +138,7 @@ class OpenTable:
         """Read all rows of the columns that are used, one table after the other."""
         self.require(STAMP)
         for table, placed in zip(self.tables, self.columns, strict=True):
-            yield from table.rows(placed, progress)
+            yield from _rows_of(table, placed, progress)
 
     def samples(self, progress: Progress | None = None) -> Iterator[Samples]:
         """Read by block; a group that some rows fill in part comes channel by channel."""
@@ -153,7 +158,7 @@ class OpenTable:
         spacings_s = [
             float(np.median(np.diff(block.stamps_ns))) / NANOSECONDS
             for table, placed in zip(self.tables, self.columns, strict=True)
-            for rows in islice(table.rows(placed), 1)
+            for rows in islice(_rows_of(table, placed), 1)
             for block in samples_of(rows.stamps_ns, rows.values)
             if len(block.stamps_ns) > 1
         ]
@@ -165,9 +170,27 @@ class OpenTable:
     def warnings(self) -> tuple[str, ...]:
         """What is not used, and was left out; complete when the samples were read."""
         found = [self.compensated] if self.compensated else []
-        for table, placed in zip(self.tables, self.columns, strict=True):
-            found += [*placed.warnings, *warn_of_unused(placed), *table.warnings]
+        paths = [getattr(table, 'path', table) for table in self.tables]
+        for path, table, placed in zip(paths, self.tables, self.columns, strict=True):
+            # A file that is joined with itself is used by another part, too.
+            unused = warn_of_unused(placed) if paths.count(path) == 1 else []
+            found += [*placed.warnings, *unused, *_clocks(placed, table), *table.warnings]
         return tuple(found)
+
+
+def _rows_of(
+    table: Table | TableInMemory, placed: Placed, progress: Progress | None = None
+) -> Iterator[Rows]:
+    """Read a table; where its clock stops before another one in it, say so first."""
+    try:
+        yield from table.rows(placed, progress)
+    except RecordingError as error:
+        raise RecordingError(' '.join([*_clocks(placed, table), str(error)])) from error
+
+
+def _clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
+    path = str(getattr(table, 'path', table.name))
+    return warn_of_clocks(placed, path, table.shown_rows)
 
 
 def files_of(path: Path) -> list[Path]:

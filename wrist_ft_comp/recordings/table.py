@@ -185,14 +185,14 @@ class Table:
                 if len(before) == len(behind) == n and behind[-1] < before[0] and in_order:
                     one, two = (_beside(self.path, f'part_{part}') for part in (1, 2))
                     step_s = float(np.median(np.diff(before))) / NANOSECONDS
-                    entries = ','.join([f'stamp=#*{step_s:g}', *map(_entry, placed.channels)])
+                    channels = [c.entry(self.header.columns_before) for c in placed.channels]
                     raise RecordingError(
                         f'The clock of {self.name} begins anew in line {lines[k]}: another '
                         f'recording begins there. Cut it by "(set -C; head -n {lines[k] - 1} '
                         f'{path} > {one} && (head -n {above} {path}; tail -n +{lines[k]} {path}) '
                         f'> {two})". If it is the same recording, whose clock was set or ran '
                         "over, and rows come at a fixed rate, count them instead: --columns '"
-                        f"{entries}' --time s."
+                        f"{','.join([f'stamp=#*{step_s:g}', *channels])}' --time s."
                     )
             is_empty = False
             yield rows
@@ -287,6 +287,9 @@ class _RowConverter:
 
     def __call__(self, frame: Any) -> Rows:
         """Convert columns by their places, numbers or texts, of rows by their lines."""
+        if self._stamp.place in frame and _is_empty(frame[self._stamp.place]).any():
+            # Of two groups of columns with their own clocks, one is shorter.
+            frame = frame[~_is_empty(frame[self.places]).all(axis=1)]
         lines, values = frame.index.to_numpy(), {}
         for column in self._channels:
             cells = np.asarray(frame.get(column.place, np.full(len(lines), nan)))
@@ -363,14 +366,13 @@ class _RowConverter:
         return np.asarray(stamps_ns)
 
 
+def _is_empty(cells: Any) -> Any:
+    return cells.isna() | (cells == '')
+
+
 def _beside(path: Path, what: str) -> str:
     """Name what is made of a file in the working directory, as a shell reads it."""
     return shlex.quote(f'{path.stem}_{what}.csv')
-
-
-def _entry(column: Column) -> str:
-    factor = '' if column.factor is None else f'*{column.factor:g}'
-    return f'{column.channel}={column.place + 1}{factor}{column.unit and ":"}{column.unit}'
 
 
 def _encoding_of(start: bytes) -> str:
