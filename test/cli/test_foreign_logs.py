@@ -327,3 +327,36 @@ def test_a_date_beside_seconds_and_a_stamp_that_a_temperature_has_are_no_second_
         path = write(tmp_path / f'{header}.csv', f'Time (s),Fz (N),{header},T (C)', columns)
         assert 'another time' not in done('show', path, '--columns', (
             'stamp=1,force_z=2,temperature_c=4'))  # fmt: skip
+
+
+#: What writes the times of an hour, and what --time says of them.
+CLOCK_NUMBERS = {
+    'a clock without signs': ('{:%H%M%S}', 23.5, '%H%M%S'),
+    'a clock without zeros': ('{0.hour:d}{0:%M%S}', 8.5, '%H%M%S'),
+    'a year of two digits': ('{:%y/%m/%d %H:%M:%S}', 23.5, '%y/%m/%d %H:%M:%S'),
+}
+
+
+@pytest.mark.parametrize('form', CLOCK_NUMBERS)
+def test_a_clock_is_read_as_one(form, done, tmp_path):
+    """Also over midnight; hours and minutes of a number have sixty parts."""
+    text, begin, time = CLOCK_NUMBERS[form]
+    t, wrench, celsius = day(1)
+    start = datetime(2026, 3, 5) + timedelta(hours=begin)
+    times = [text.format(start + timedelta(seconds=s)) for s in t]
+    path = write(tmp_path / 'log.csv', 'Time,Fz (N),T (C)', (times, wrench[:, 2], celsius))
+    columns, said = proposed(done('show', path))
+    assert said == time
+    for time in (said, ''):
+        recording = read_recording(path, topics=Topics(columns=columns, time=time))
+        assert recording.duration_s == pytest.approx(ROWS, abs=2)
+
+
+def test_a_part_of_a_day_is_no_second(done, tmp_path):
+    t, wrench, celsius = day(1)
+    times = [f'{0.29 + s / 86_400:.9f}' for s in t]
+    path = write(tmp_path / 'log.csv', 'Uhrzeit,Fz (N),T (C)', (times, wrench[:, 2], celsius))
+    columns, time = proposed(done('show', path))
+    assert time == 'd'
+    recording = read_recording(path, topics=Topics(columns=columns, time=time))
+    assert recording.duration_s == pytest.approx(ROWS, abs=2)

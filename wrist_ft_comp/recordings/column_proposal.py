@@ -396,7 +396,7 @@ def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], 
         if nanosec and nanosec[1] in {'', best.plain, re.sub('_?sec(s|onds)?$', '', best.plain)}:
             is_whole = len(looks.filled) == len(best.filled) and not (best.numbers % 1).any()
             found |= {read_options.STAMP_NANOSEC: looks} if is_whole else {}
-        is_date = looks.form == 'iso' or looks.form.startswith('%')
+        is_date = looks is not best and looks.form.startswith(('iso', '%'))
         if is_date and is_time_of_day and not any(':' in cell for cell in looks.filled):
             found.setdefault(read_options.STAMP_DATE, looks)
     if date := found.get(read_options.STAMP_DATE):

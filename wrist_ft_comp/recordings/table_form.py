@@ -40,7 +40,7 @@ _TIME = re.compile(
 #: Forms of days, by what comes first in them, and of times of day.
 _DAY_FIRST = (
     '%d.%m.%Y', '%d/%m/%Y', '%d-%m-%Y', '%d-%b-%Y', '%d %b %Y', '%Y/%m/%d', '%Y-%m-%d',
-    '%d.%m.%y', '%d/%m/%y', '%d-%m-%y', '%d-%b-%y', '%y-%m-%d',
+    '%d.%m.%y', '%d/%m/%y', '%d-%m-%y', '%d-%b-%y', '%y-%m-%d', '%y/%m/%d',
 )  # fmt: skip
 _MONTH_FIRST = '%m/%d/%Y', '%m-%d-%Y', '%m/%d/%y', '%m-%d-%y'
 _CLOCKS = (
@@ -312,6 +312,8 @@ def exact_ns(cells: Any, form: str) -> IntArray:
     import pandas  # noqa: PLC0415 -- what reads no table does not wait for it
 
     texts = [text.strip().removesuffix(' UTC') for text in texts]
+    if form == '%H%M%S':  # a number has lost its zeros
+        texts = [text.zfill(6) for text in texts]
     if form == units.TIMEDELTA:
         texts = [f'0:{text}' if text.count(':') == 1 else text for text in texts]
         return np.asarray(pandas.to_timedelta(texts).as_unit('ns').asi8)
@@ -336,7 +338,8 @@ def find_form(stamps: Sequence[str], *, month_first: bool = False) -> str:
     if not filled:
         return ''
     if all(map(NUMBER.fullmatch, filled)):
-        return epoch_unit(float(filled[0].replace(',', '.'))) or 's'
+        numbers = np.array([text.replace(',', '.') for text in filled], float)
+        return epoch_unit(numbers[0]) or ('%H%M%S' if _are_clocks(numbers) else 's')
     if re.match(r'-?\d+ days?\b', filled[0]):
         return units.TIMEDELTA
     for form in ('iso', '%a %b %d %H:%M:%S %Y'):
@@ -373,10 +376,24 @@ def _is_in_form(text: str, form: str) -> bool:
     return False
 
 
+def _are_clocks(numbers: FloatArray) -> bool:
+    """Whether numbers are 70002 at 7:00:02: they leave 60 to 99 out, by even steps of a clock."""
+    if len(numbers) < 20 or not 0 <= numbers.min() <= numbers.max() < 240_000:
+        return False
+    hours, minutes, seconds = numbers // 10_000, numbers // 100 % 100, numbers % 100
+    if (minutes >= 60).any() or (seconds >= 60).any() or (numbers % 1).any():
+        return False
+    steps = np.diff(hours * 3600 + minutes * 60 + seconds) % 86_400
+    return bool(np.ptp(steps) < np.ptp(np.diff(numbers)))
+
+
 def unit_of_times(numbers: FloatArray) -> str:
-    """Tell the unit of times that nobody named, since 1970 or a beginning: s, or a smaller one."""
-    if unit := epoch_unit(float(numbers[0])):
+    """Tell the unit of times that nobody named: since 1970, of a clock, or since a beginning."""
+    if unit := epoch_unit(float(numbers[0])) or ('%H%M%S' if _are_clocks(numbers) else ''):
         return unit
+    # Days of a spreadsheet, which are no seconds: nothing is sampled so fast.
+    if len(numbers) > 100 and 0 <= numbers.min() <= numbers.max() < 1:
+        return 'd' if np.median(np.diff(numbers)) < 10 / 86_400 else 's'
     steps, lasts = np.diff(numbers), float(np.ptp(numbers))
     step = float(np.median(steps)) if len(steps) else 0.0
     # A recording lasts less than three days, or its rows are minutes apart.
