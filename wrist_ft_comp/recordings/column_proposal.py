@@ -7,7 +7,7 @@ word of forces. What never changes, what counts, and texts are none of them. Wha
 stays open, as in ``force_z=…``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count, pairwise
@@ -22,6 +22,7 @@ from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_cha
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recordings import read_options, table_form
 from wrist_ft_comp.recordings.read_options import Column, KINDS, Placed
+from wrist_ft_comp.recordings.table import Table, TableInMemory
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
@@ -166,45 +167,42 @@ def warn_of_unused(placed: Placed) -> list[str]:
     return [f"{sentence}. Perhaps they are: --columns '{meant}'." if meant else f'{sentence}.']
 
 
-def warn_of_clocks(placed: Placed, path: str, rows: Callable[[], list[list[str]]]) -> list[str]:
+def warn_of_clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
     """Warn of times between channels, which differ from those by which the channels are read."""
     header, stamp = placed.header, placed.columns.get(STAMP)
     used = sorted(placed.channels, key=lambda column: column.place)
     if stamp is None or stamp.place < 0 or not used:
         return []
     first = next((column.place for column in used if column.place > stamp.place), used[-1].place)
-    maybe = [_Looks(k, (), header) for k in placed.unused if first < k < used[-1].place]
-    maybe = [looks for looks in maybe if looks.time_score() or looks.unit_of(STAMP)]
-    maybe = [looks for looks in maybe if not _NANOSEC.fullmatch(looks.plain)]
-    shown = rows() if maybe else []
-    starts = [looks.place for looks in maybe if _is_another_clock(stamp, looks, shown)]
+    between = [_Looks(k, (), header) for k in placed.unused if first < k < used[-1].place]
+    times = [looks for looks in between if looks.time_score() or looks.unit_of(STAMP)]
+    times = [looks for looks in times if not _NANOSEC.fullmatch(looks.plain)]
+    shown = table.shown_rows() if times else []
+    starts = [looks.place for looks in times if _is_another_clock(stamp, looks, shown)]
     if not starts:
         return []
     entries = list[str]()
     for k, (start, end) in enumerate(pairwise([stamp.place, *starts, len(header.names)])):
         group = [c for c in used if c.place < end and (c.place > start or not k)]
+        group = [replace(stamp, place=start), *group] if group else []
         before = header.columns_before + k * len(header.names)
-        entries += [replace(stamp, place=start).entry(before)] if group else []
         entries += [column.entry(before) for column in group]
-    late = [column.name for column in used if column.place > starts[0]]
-    file, time = '+'.join([path] * (len(starts) + 1)), stamp.unit or 's'
+    late = read_options.listed(column.name for column in used if column.place > starts[0])
+    file = shlex.quote('+'.join([str(getattr(table, 'path', table.name))] * (len(starts) + 1)))
     sentence = (
-        f'{placed.table} has another time before {read_options.listed(late)}, which differs from '
-        f'{stamp.name} and is not used. Read each by its own: name {shlex.quote(file)} with '
-        f"--columns '{','.join(entries)}' --time {shlex.quote(time)}."
+        f'{placed.table} has another time before {late}, which differs from {stamp.name} and is '
+        f"not used. Read each by its own: name {file} with --columns '{','.join(entries)}'"
     )
-    return [sentence]
+    return [f'{sentence} --time {shlex.quote(stamp.unit)}.' if stamp.unit else f'{sentence}.']
 
 
 def _is_another_clock(stamp: Column, looks: '_Looks', rows: Sequence[Sequence[str]]) -> bool:
     """Whether times differ by more than a second, or, from a beginning, move apart by as much."""
     pairs = [(row[stamp.place], row[looks.place]) for row in rows]
-    filled = [pair for pair in pairs if not MISSING & {cell.lower() for cell in pair}]
-    if len(filled) < 2:
-        return False
-    one, other = zip(*filled, strict=True)
-    form = stamp.unit or find_form(one)
+    pairs = [pair for pair in pairs if not MISSING & {cell.lower() for cell in pair}]
     with suppress(ValueError, ArithmeticError):
+        one, other = zip(*pairs, strict=True)
+        form = stamp.unit or find_form(one)
         apart_ns = exact_ns(other, looks.unit_of(STAMP) or form) - exact_ns(one, form)
         is_since_1970 = abs(apart_ns[0]) > _OTHER_EPOCH_NS
         return bool(np.abs(apart_ns - apart_ns[0] * is_since_1970).max() > NANOSECONDS)

@@ -17,14 +17,9 @@ from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
 from wrist_ft_comp.recording import Recording, Samples, Topics
-from wrist_ft_comp.recordings import read_options
+from wrist_ft_comp.recordings import column_proposal, read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES
-from wrist_ft_comp.recordings.column_proposal import (
-    Proposal,
-    propose,
-    warn_of_clocks,
-    warn_of_unused,
-)
+from wrist_ft_comp.recordings.column_proposal import Proposal, propose
 from wrist_ft_comp.recordings.open_bag import open_bag
 from wrist_ft_comp.recordings.read_options import KINDS, listed, Placed, ReadOptions, samples_of
 from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
@@ -173,8 +168,9 @@ class OpenTable:
         paths = [getattr(table, 'path', table) for table in self.tables]
         for path, table, placed in zip(paths, self.tables, self.columns, strict=True):
             # A file that is joined with itself is used by another part, too.
-            unused = warn_of_unused(placed) if paths.count(path) == 1 else []
-            found += [*placed.warnings, *unused, *_clocks(placed, table), *table.warnings]
+            unused = column_proposal.warn_of_unused(placed) if paths.count(path) == 1 else []
+            clocks = column_proposal.warn_of_clocks(placed, table)
+            found += [*placed.warnings, *unused, *clocks, *table.warnings]
         return tuple(found)
 
 
@@ -185,12 +181,8 @@ def _rows_of(
     try:
         yield from table.rows(placed, progress)
     except RecordingError as error:
-        raise RecordingError(' '.join([*_clocks(placed, table), str(error)])) from error
-
-
-def _clocks(placed: Placed, table: Table | TableInMemory) -> list[str]:
-    path = str(getattr(table, 'path', table.name))
-    return warn_of_clocks(placed, path, table.shown_rows)
+        clocks = column_proposal.warn_of_clocks(placed, table)
+        raise RecordingError(' '.join([*clocks, str(error)])) from error
 
 
 def files_of(path: Path) -> list[Path]:
