@@ -111,7 +111,7 @@ class Table:
         number, rest, lines_above = 1, '', self.header.lines_above
         try:
             for piece in self._pieces(progress):
-                rest += self.header.plain_text(piece)
+                rest += piece
                 end = rest.rfind('\n') + 1
                 if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                     end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
@@ -123,7 +123,7 @@ class Table:
                     )
                 above = max(lines_above + 1 - number, 0)
                 if below := text.split('\n', above)[-1]:
-                    yield number + above, below
+                    yield number + above, self.header.plain_text(below)
                 number += text.count('\n')
         except OSError as error:
             raise RecordingError(
@@ -132,7 +132,7 @@ class Table:
         except (EOFError, lzma.LZMAError, zlib.error) as error:
             raise RecordingError(f'{self.path} cannot be unpacked: {error}.') from error
         if rest and number > lines_above:
-            yield number, rest
+            yield number, self.header.plain_text(rest)
 
     def shown_rows(self) -> list[list[str]]:
         """Read some rows from all over the table, as texts, each as wide as the names."""

@@ -64,8 +64,13 @@ _NUMBERED = re.compile(
 )
 #: A label in a cell: Fz=12.3, T: 25.1C.
 _LABEL = re.compile(r'(?<![^\s,;|"])([^\W\d]\w*) ?[=:] ?(?=[-+.]?\d)')
-#: What is replaced in all lines, by what, and how often the last one has it at least.
-_REPLACED = (re.compile(' -> '), ',', 1), (_LABEL, '', 2)
+#: What is replaced in all lines, by what, and how often the last one has it at least: arrows by
+#: the sign between the cells behind it, and labels.
+_REPLACED = (
+    (re.compile(r' -> (?=[^,;|\t\n]*([;|\t]))'), r'\1', 1),
+    (re.compile(r' -> (?=[^,\n]*$)', re.MULTILINE), ' ', 1), (re.compile(' -> '), ',', 1),
+    (_LABEL, '', 2),
+)  # fmt: skip
 #: A time since the beginning, which has no more than minutes and seconds, or any number of hours.
 _ELAPSED = re.compile(r'\d+:\d\d(:\d\d)?([.,]\d+)?')
 #: Stamps that are looked at for their form.
@@ -181,8 +186,9 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
         if len(row) > 1 and row[0] and row[0] in names and row not in above:
             unit = next((f' [{cell}]' for cell in row[2:] if _units_in([cell])), '')
             told[names.index(row[0])] = row[1] + unit
+    arrows = Header(replaced=tuple(pair for pair in replaced if pair[0] is not _LABEL))
     for line in as_written[first : first + 1]:
-        cells = cut_line(_LABEL.sub(r'\1=', line), delimiter)
+        cells = cut_line(_LABEL.sub(r'\1=', arrows.plain_text(line)), delimiter)
         labels = {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
         told |= labels if len(labels) > 1 else {}
     if words := '|'.join({*map(re.escape, in_cells)} - {''}):
