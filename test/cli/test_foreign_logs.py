@@ -171,6 +171,28 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
     np.testing.assert_allclose(spans, spans[0] * np.array([1, 1, 1e-3, 1e-3]))
 
 
+@pytest.mark.parametrize(('begin', 'behind', 'doubt'), [
+    (58, '', True), (58, ':C', False), (71, ':F', False), (22, '', False),
+])  # fmt: skip
+def test_degrees_that_nobody_named_are_celsius_and_doubted(begin, behind, doubt, done, tmp_path):
+    """The first reading says nothing: a DS18B20 has 85.00 until it has converted."""
+    t, wrench, celsius = day(1)
+    celsius[0] = 85 + 22 - begin
+    path = write(tmp_path / 'log.csv', 't_s,fz,temp', (t, wrench[:, 2], celsius - 22 + begin))
+    columns, _ = proposed(done('show', path))
+    assert columns == 'stamp=t_s,force_z=fz,temperature_c=temp'
+    shown = ' '.join(done('show', path, '--columns', columns + behind).split())
+    assert ('temp of log.csv says no unit and is read in °C: half of it' in shown) == doubt
+    assert ('In °F that would be 2' in shown) == doubt
+
+
+@pytest.mark.parametrize('name', ['temp_counts', 'temp_adc', 'temp_raw'])
+def test_counts_are_no_tenths_of_degrees(name, run, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (t, wrench[:, 2], 476 + celsius))
+    assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
+
+
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, h: times of day,
 #: f: a force, T: a temperature, K: in kelvins, D: in tenths of °C, W: in no unit, c: a constant),
 #: and what is proposed of it.

@@ -54,6 +54,9 @@ _OTHER_UNITS = {
 #: A word in brackets in a column's name.
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
 
+#: What is read of a sensor before it is in a unit.
+_RAW_UNIT = re.compile(r'(?<![a-z])(?:counts?|adc|lsb|mv|volts?|ohms?|(?<=_)v$)(?![a-z])')
+
 
 def units_of(channel: str) -> Mapping[str, float]:
     """List the units that a channel, or a stamp, may be in."""
@@ -84,7 +87,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     """List what clearly is meant as a unit of a column: in its name, or beside it."""
     return [
         *_IN_BRACKETS.findall(name),
-        *re.findall(r'(?<![a-z])(?:counts?|adc|lsb)(?![a-z])', name.lower()),
+        *_RAW_UNIT.findall(name.lower()),
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
