@@ -193,6 +193,28 @@ def test_counts_are_no_tenths_of_degrees(name, run, tmp_path):
     assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
 
 
+@pytest.mark.parametrize(('line', 'is_doubt'), [
+    ('# all forces in kN', True), ('# Scale: 1000 counts/N', True), ('Channel 1: Fz kN', True),
+    ('ScaleFactor,0.001,1', True), ('ScaleFactor,1,1', False), ('# cell 3, 100 N', False),
+])  # fmt: skip
+def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_path):
+    """Until a unit or a factor is said."""
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', f'{line}\n\nt_s,Fz,T', (t, wrench[:, 2], celsius))
+    columns, _ = proposed(done('show', path))
+    for behind in ('', ':kN', '*0.001'):
+        words = '--columns', columns.replace('Fz', f'Fz{behind}')
+        shown = ' '.join(done('show', path, *words).split())
+        quoted = f'read in N or N m, but a line above the rows says {line!r}'
+        assert (quoted in shown) == (is_doubt and not behind)
+
+
+def test_volts_of_a_bridge_are_no_newtons(done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
+    assert 'Fz_V of log.csv is in v, a unit that is not understood' in done('show', path)
+
+
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, h: times of day,
 #: f: a force, T: a temperature, K: in kelvins, D: in tenths of °C, W: in no unit, c: a constant),
 #: and what is proposed of it.

@@ -67,9 +67,8 @@ _NO_READING = re.compile(
     'minimum|maximum)(?![a-z])|_(dev|err|error)$'
 )
 TREATED = re.compile(
-    f'compensat|filter|tare|zero|bias|external|reference|drift|{_NO_READING.pattern}',
-    re.IGNORECASE,
-)
+    f'compensat|filter|tare|zero|bias|external|reference|drift|{_NO_READING.pattern}', re.IGNORECASE,
+)  # fmt: skip
 _READING = {
     'pv', 'ist', 'istwert', 'act', 'actual', 'meas', 'measured', 'messwert', 'mean', 'avg',
     'average', 'mittelwert',
