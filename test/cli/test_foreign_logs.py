@@ -132,6 +132,7 @@ UNITS = {
     'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
     'behind a name': ('time_ms,Fz_kN,Mx_nm,T', 1e3, 1e-3, 1),
     'behind a slash': ('t / days,Fz / N,Mx / Nmm,T1 / °C', 1 / 86400, 1, 1e3),
+    'in capitals': ('time (S),Fz (LBF),Mx (KGF-CM),Temp (DEG C)', 1, 1 / 4.4482216, 10.1971621),
     'a row of them': ('time,Fz,Mx,Temp\nms,lbf,N m,°C', 1e3, 1 / 4.4482216, 1),
 }
 
@@ -213,6 +214,19 @@ def test_volts_of_a_bridge_are_no_newtons(done, tmp_path):
     t, wrench, celsius = day(1)
     path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
     assert 'Fz_V of log.csv is in v, a unit that is not understood' in done('show', path)
+
+
+@pytest.mark.parametrize('names', [['Fz', 'T'], ['Fx', 'Fz', 'T'], ['Fx', 'Fz', 'T1', 'T2']])
+def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
+    """Whatever rows are looked at, all channels are among them."""
+    t, wrench, celsius = day(1)
+    cells = [(n, s, v) for s, *two in zip(t, wrench[:, 2], celsius, strict=True)
+             for n, v in zip(names, [two[n[0] == 'T'] for n in names], strict=True)]  # fmt: skip
+    path = write(tmp_path / 'log.csv', 'name,time,value', zip(*cells, strict=True))
+    said = run('show', path).sentence
+    found = re.search(r'log.csv has a row for each channel \((.*)\); expected a column', said)[1]
+    assert sorted(found.split(', ')) == names
+    assert "pivot_table('value', 'time', 'name'" in said
 
 
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, h: times of day,

@@ -63,12 +63,12 @@ _TRUE = {'reference', 'ref', 'truth', 'true'}
 _NO_READING = re.compile(
     'target|desired|cmd|command|set_?(point|value|pt)|soll|nominal|consigne|limit|grenz|alarm|'
     'threshold|schwell|deviation|abweichung|gradient|percent|prozent|peak|valley|spitze|'
-    'taupunkt|variance|(?<![a-z])dew|(?<![a-z])(sp|set|nom|lim|rate|d_?t_dt|pct|pk|std|rms|min|max|'
-    'minimum|maximum)(?![a-z])|_(dev|err|error)$'
+    'taupunkt|variance|(?<![a-z])(dew|(sp|set|nom|lim|rate|d_?t_dt|pct|pk|std|rms|min|max|'
+    'minimum|maximum)(?![a-z]))|_(dev|err|error)$'
 )
 TREATED = re.compile(
-    f'compensat|filter|tare|zero|bias|external|reference|drift|{_NO_READING.pattern}', re.IGNORECASE,
-)  # fmt: skip
+    f'compensat|filter|tare|zero|bias|external|reference|drift|{_NO_READING.pattern}',
+    re.IGNORECASE)  # fmt: skip
 _READING = {
     'pv', 'ist', 'istwert', 'act', 'actual', 'meas', 'measured', 'messwert', 'mean', 'avg',
     'average', 'mittelwert',

@@ -41,7 +41,7 @@ _BATCH_ROWS = 20_000
 #: Bytes that show how a text is encoded.
 _START = 200_000
 #: Rows of a table that show what its columns are: of its first block, and of each other one.
-_SHOWN_ROWS, _SHOWN_LATER = 3000, 100
+_SHOWN_ROWS, _SHOWN_LATER, _GOLDEN = 3000, 100, 0.6180339887
 #: A clock begins anew where this many rows after a step back, all in order, are before as many
 #: that were in order before it; fewer are samples that came late.
 _SURE_ROWS = 10
@@ -139,8 +139,9 @@ class Table:
         rows: list[list[str]] = []
         for _, text in self._texts():
             lines = text.split('\n') if text.endswith('\n') else []
-            count = _SHOWN_LATER if rows else _SHOWN_ROWS
-            for line in lines[:: max(len(lines) // count, 1)]:
+            share = (_SHOWN_LATER if rows else _SHOWN_ROWS) / max(len(lines), 1)
+            # Evenly spread and in no step: rows may come in turn from several channels.
+            for line in (line for k, line in enumerate(lines) if k * _GOLDEN % 1 < share):
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
                 if len(row) >= self.header.width and self.header.is_sample(row):
                     rows.append([*row, ''][: len(self.header.names)])

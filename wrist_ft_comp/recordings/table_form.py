@@ -67,11 +67,11 @@ _NUMBERED = re.compile(
 #: A label in a cell: Fz=12.3, T: 25.1C.
 _LABEL = re.compile(r'(?<![^\s,;|"])([^\W\d]\w*) ?[=:] ?(?=[-+.]?\d)')
 #: What is replaced in all lines, by what, and how often the last one has it at least: arrows by
-#: the sign between the cells behind it, and labels.
+#: the sign between the cells behind it, blanks behind a sign of numbers, and labels.
 _REPLACED = (
     (re.compile(r' -> (?=[^,;|\t\n]*([;|\t]))'), r'\1', 1),
     (re.compile(r' -> (?=[^,\n]*$)', re.MULTILINE), ' ', 1), (re.compile(' -> '), ',', 1),
-    (_LABEL, '', 2),
+    (re.compile('(?<=[,;\t"])([-+]) +(?=[\\d.])'), r'\1', 1), (_LABEL, '', 2),
 )  # fmt: skip
 #: A time since the beginning, which has no more than minutes and seconds, or any number of hours.
 _ELAPSED = re.compile(r'\d+:\d\d(:\d\d)?([.,]\d+)?')
