@@ -56,7 +56,7 @@ _OTHER_UNITS = {
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
 
 #: What is read of a sensor before it is in a unit.
-_RAW_UNIT = re.compile(r'(?<![a-z])(?:counts?|adc|lsb|mv|volts?|ohms?|(?<=_)v$)(?![a-z])')
+RAW_UNIT = re.compile(r'(?<![a-z])(?:counts?|adc|lsb|mv|volts?|ohms?|(?<=_)v$)(?![a-z])')
 
 
 def units_of(channel: str) -> Mapping[str, float]:
@@ -88,7 +88,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     """List what clearly is meant as a unit of a column: in its name, or beside it."""
     return [
         *_IN_BRACKETS.findall(name),
-        *_RAW_UNIT.findall(name.lower()),
+        *RAW_UNIT.findall(name.lower()),
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
