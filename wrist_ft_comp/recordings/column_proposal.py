@@ -26,9 +26,9 @@ from wrist_ft_comp.recordings.table import Table, TableInMemory
 from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
+from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
-from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, RAW_UNIT, STAMP, TIME_UNITS_NS
-from wrist_ft_comp.wire.units import TIMEDELTA
+from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -301,7 +301,7 @@ class _Looks:
         if is_other or not (unit or is_named) or not self.may_be('temperature_c'):
             return None
         behind = f':{unit}' if unit else ''
-        is_counts = 'raw' in self.words or RAW_UNIT.search(self.name.lower()) is not None
+        is_counts = 'raw' in self.words or units.RAW_UNIT.search(self.name.lower()) is not None
         if not unit and not is_counts and len(self.numbers):
             behind = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist())
         celsius = to_celsius(self.numbers, behind[1:] if behind[:1] == ':' else 'C')

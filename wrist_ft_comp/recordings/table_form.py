@@ -7,7 +7,6 @@ import csv
 from dataclasses import dataclass, field
 from datetime import datetime
 from decimal import Decimal
-from itertools import accumulate
 from math import nan
 import re
 from typing import Any
@@ -296,9 +295,12 @@ def _is_value(cell: str) -> bool:
 
 
 def _merged_units(row: Sequence[str]) -> list[str]:
-    held = accumulate(row, lambda held, cell: cell or held)
-    said = [[*map(plain_unit, units.said_units(cell))] for cell in held]
-    return [next((word for word in words if word in units.UNIT_WORDS), '') for words in said]
+    found: list[str] = []
+    for cell in row:
+        words = [*map(plain_unit, units.said_units(cell)), '']
+        held = found[-1] if found and not cell else ''
+        found.append(held or next(word for word in words if word in {*units.UNIT_WORDS, ''}))
+    return found
 
 
 def _is_doubtful(line: str) -> bool:
