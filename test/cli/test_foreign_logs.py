@@ -132,6 +132,7 @@ UNITS = {
     'us and N cm': ('time [µs],Fz [N],Mx [N cm],T1 [°C]', 1e6, 1, 100),
     'behind a name': ('time_ms,Fz_kN,Mx_nm,T', 1e3, 1e-3, 1),
     'behind a slash': ('t / days,Fz / N,Mx / Nmm,T1 / °C', 1 / 86400, 1, 1e3),
+    'in capitals': ('time (S),Fz (LBF),Mx (KGF-CM),Temp (DEG C)', 1, 1 / 4.4482216, 10.1971621),
     'a row of them': ('time,Fz,Mx,Temp\nms,lbf,N m,°C', 1e3, 1 / 4.4482216, 1),
 }
 
@@ -169,6 +170,63 @@ def test_a_unit_that_is_not_understood_is_named_with_the_one_that_is_taken(done,
         assert bool([w for w in recording.warnings if 'not understood' in w]) == (not behind)
         spans.append(np.nanmax(recording.wrench[:, 3]))
     np.testing.assert_allclose(spans, spans[0] * np.array([1, 1, 1e-3, 1e-3]))
+
+
+@pytest.mark.parametrize(('begin', 'behind', 'doubt'), [
+    (58, '', True), (58, ':C', False), (71, ':F', False), (22, '', False),
+])  # fmt: skip
+def test_degrees_that_nobody_named_are_celsius_and_doubted(begin, behind, doubt, done, tmp_path):
+    """The first reading says nothing: a DS18B20 has 85.00 until it has converted."""
+    t, wrench, celsius = day(1)
+    celsius[0] = 85 + 22 - begin
+    path = write(tmp_path / 'log.csv', 't_s,fz,temp', (t, wrench[:, 2], celsius - 22 + begin))
+    columns, _ = proposed(done('show', path))
+    assert columns == 'stamp=t_s,force_z=fz,temperature_c=temp'
+    shown = ' '.join(done('show', path, '--columns', columns + behind).split())
+    assert ('temp of log.csv says no unit and is read in °C: half of it' in shown) == doubt
+    assert ('In °F that would be 2' in shown) == doubt
+
+
+@pytest.mark.parametrize('name', ['temp_counts', 'temp_adc', 'temp_raw'])
+def test_counts_are_no_tenths_of_degrees(name, run, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (t, wrench[:, 2], 476 + celsius))
+    assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
+
+
+@pytest.mark.parametrize(('line', 'is_doubt'), [
+    ('# all forces in kN', True), ('# Scale: 1000 counts/N', True), ('Channel 1: Fz kN', True),
+    ('ScaleFactor,0.001,1', True), ('ScaleFactor,1,1', False), ('# cell 3, 100 N', False),
+])  # fmt: skip
+def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_path):
+    """Until a unit or a factor is said."""
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', f'{line}\n\nt_s,Fz,T', (t, wrench[:, 2], celsius))
+    columns, _ = proposed(done('show', path))
+    for behind in ('', ':kN', '*0.001'):
+        words = '--columns', columns.replace('Fz', f'Fz{behind}')
+        shown = ' '.join(done('show', path, *words).split())
+        quoted = f'read in N or N m, but a line above the rows says {line!r}'
+        assert (quoted in shown) == (is_doubt and not behind)
+
+
+def test_volts_of_a_bridge_are_no_newtons(done, tmp_path):
+    t, wrench, celsius = day(1)
+    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
+    assert 'Fz_V of log.csv is in v, a unit that is not understood' in done('show', path)
+
+
+@pytest.mark.parametrize('names', [['Fz', 'T'], ['Fx', 'Fz', 'T'], ['Fx', 'Fz', 'T1', 'T2']])
+def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
+    """Whatever rows are looked at, all channels are among them."""
+    t, wrench, celsius = day(1)
+    cells = [(n, s, v) for s, *two in zip(t, wrench[:, 2], celsius, strict=True)
+             for n, v in zip(names, [two[n[0] == 'T'] for n in names], strict=True)]  # fmt: skip
+    path = write(tmp_path / 'log.csv', 'name,time,value', zip(*cells, strict=True))
+    said = run('show', path).sentence
+    found = re.search(r'log.csv has a row for each channel \((.*)\); expected a column', said)[1]
+    assert sorted(found.split(', ')) == names
+    assert "pivot_table('value', 'time', 'name'" in said
 
 
 #: A header, what it holds (t: seconds, e: since 1970, i: row numbers, h: times of day,

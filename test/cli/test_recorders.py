@@ -139,6 +139,13 @@ def test_there_are_many_forms_of_many_recorders():
     assert sum('open' not in form for form in FORMS.values()) >= 80
 
 
+def test_what_is_replaced_in_lines_may_lie_across_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(table, 'BLOCK', 101)
+    path = write(FORMS['arduino_monitor_labels'], tmp_path)
+    topics = Topics(columns='stamp=1,force_z=3,temperature_c=4')
+    assert len(read_recording(path, topics=topics, period_s=STEP_S)) == ROWS
+
+
 @pytest.mark.parametrize('name', ['ur_rtde_record', 'excel_de', 'picolog'])
 def test_a_model_is_learnt_and_judged_as_printed(name, done, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

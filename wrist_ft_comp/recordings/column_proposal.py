@@ -57,11 +57,22 @@ _SHORT_TIME = {'t', 'x', 'ms', 'us', 'x_value', 'xvalue', *TIME_UNITS_NS}
 _TEMPERATURE_WORDS = {
     't', 'tmp', 'tc', 'pt', 'rtd', 'ntc', 'thermistor', '温度', '온도', 'температура',
 }  # fmt: skip
-#: Words of the true wrench, of what is no raw one, and of any force.
+#: Words of the true wrench; of what is asked for, allowed, or made of readings; of what is no raw
+#: wrench; of what was read; and of any force.
 _TRUE = {'reference', 'ref', 'truth', 'true'}
+_NO_READING = re.compile(
+    'target|desired|cmd|command|set_?(point|value|pt)|soll|nominal|consigne|limit|grenz|alarm|'
+    'threshold|schwell|deviation|abweichung|gradient|percent|prozent|peak|valley|spitze|'
+    'taupunkt|variance|(?<![a-z])(dew|(sp|set|nom|lim|rate|d_?t_dt|pct|pk|power|std|rms|min|max|'
+    'minimum|maximum)(?![a-z]))|_(dev|err|error)$'
+)
 TREATED = re.compile(
-    'compensat|filter|tare|zero|bias|external|reference|drift|target|desired|cmd|command|setpoint|'
-    'variance|(?<![a-z])(std|rms|min|max)(?![a-z])', re.IGNORECASE)  # fmt: skip
+    f'compensat|filter|tare|zero|bias|external|reference|drift|{_NO_READING.pattern}',
+    re.IGNORECASE)  # fmt: skip
+_READING = {
+    'pv', 'ist', 'istwert', 'act', 'actual', 'meas', 'measured', 'messwert', 'mean', 'avg',
+    'average', 'mittelwert',
+}  # fmt: skip
 _FORCE_WORD = re.compile(
     'force|kraft|load|last|weight|gewicht|cell|zelle|newton|frc|gauge|dms|effort|poids|charge|'
     'fuerza|peso|carga|forza|сила|вес|힘|力|荷重|重'
@@ -72,14 +83,10 @@ _WRENCH = re.compile(
 )
 #: Names of temperatures of what heats the sensor, or of its surroundings.
 FAR = re.compile(r'motor|drive(?!r)|joint|cabinet|ambient|room|cpu|battery', re.IGNORECASE)
-#: What has a temperature and is no metal near a sensor, and what was made of a thermometer's.
-_NO_THERMOMETER = {
-    'cpu', 'battery', 'batt', 'gpu', 'soc', 'min', 'max', 'std', 'variance', 'stamp', 'secs',
-}  # fmt: skip
+#: What has a temperature and is no metal near a sensor.
+_NO_THERMOMETER = {'cpu', 'battery', 'batt', 'gpu', 'soc', 'stamp', 'secs'}
 #: Two clocks that are farther apart count from another day, ns.
 _OTHER_EPOCH_NS = 10**17
-#: Between which readings a day may begin in °F, and hardly in °C.
-_COLD_START_F = 55.0, 120.0
 #: A name of nanoseconds, and what stands before it and before whole seconds.
 _NANOSEC = re.compile('(.*?)_?(nano|n)_?sec(s|onds)?')
 #: What of a name is no word of it: a unit in brackets or behind a slash, what follows a comma.
@@ -213,7 +220,7 @@ class _Looks:
     """A column that is not understood yet: its name, and what its cells look like."""
 
     def __init__(self, place: int, cells: Sequence[str], header: Header) -> None:
-        self.place, self._unit = place, header.units.get(place, '')
+        self.place, self.unit = place, header.units.get(place, '')
         self.name = name = header.title(place)
         #: The words and numbers of its name in small letters, without a unit.
         text = _NO_WORD.sub(' ', normalize('NFKC', name))
@@ -231,6 +238,7 @@ class _Looks:
         steps = np.diff(self.numbers)
         is_constant = len(steps) > 1 and not steps.any()
         self._counts = len(steps) > 2 and abs(steps[0]) == 1 and bool((steps == steps[0]).all())
+        self.is_no_reading = _NO_READING.search(self.plain) is not None
         #: Whether its values may be those of a sensor.
         self.is_measured = self._is_number and not is_constant and not self._counts
         # t is a time, and T is a temperature.
@@ -251,7 +259,7 @@ class _Looks:
 
     def unit_of(self, channel: str) -> str:
         """Find its unit as one of a channel; empty where it is in no such unit."""
-        return known_unit(channel, self.name, self._unit)
+        return known_unit(channel, self.name, self.unit)
 
     def may_be(self, channel: str) -> bool:
         """Whether neither unit nor values exclude that it is what a sensor reads of a channel."""
@@ -289,14 +297,13 @@ class _Looks:
             and not any(map(_AXIS.fullmatch, self.words))
             and (len(steps) < 8 or bool(np.median(steps) < _SMOOTH * np.ptp(self.numbers)))
         )
-        is_other = not _NO_THERMOMETER.isdisjoint(self.words)
+        is_other = self.is_no_reading or not _NO_THERMOMETER.isdisjoint(self.words)
         if is_other or not (unit or is_named) or not self.may_be('temperature_c'):
             return None
         behind = f':{unit}' if unit else ''
-        if not unit and len(self.numbers):
-            is_cold_start_f = _COLD_START_F[0] < self.numbers[0] < _COLD_START_F[1]
-            range_ = np.quantile(self.numbers, (0.05, 0.95)).tolist()
-            behind = ':F' if is_cold_start_f else suffix_of(*range_)
+        is_counts = 'raw' in self.words or units.RAW_UNIT.search(self.name.lower()) is not None
+        if not unit and not is_counts and len(self.numbers):
+            behind = suffix_of(*np.quantile(self.numbers, (0.05, 0.95)).tolist())
         celsius = to_celsius(self.numbers, behind[1:] if behind[:1] == ':' else 'C')
         is_strange = sum(map(is_plausible, celsius.tolist())) <= 0.9 * len(celsius)
         return None if len(celsius) and behind != '*0.1' and is_strange else behind
@@ -409,6 +416,10 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     absent = [channel for channel in CHANNELS if channel not in placed.columns]
     hot = [looks for looks in free if looks.thermometer() is not None]
     hot.sort(key=lambda looks: bool(FAR.search(looks.plain)))
+    # Thermometers that say no unit have that of all others.
+    if {looks.unit_of('temperature_c') for looks in hot} == {'', 'F'}:
+        for looks in hot:
+            looks.unit = 'F'
     thermometers = (c for c in map(temperature_channel, count()) if c not in placed.columns)
     found = dict(zip(thermometers, hot, strict=False))
 
@@ -422,11 +433,13 @@ def _find_channels(free: list[_Looks], placed: Placed) -> dict[str, _Looks]:
     for group in numbered.values():
         axes.update(zip(group, AXES, strict=True) if len(group) == len(AXES) else ())
 
-    def rank(looks: _Looks) -> tuple[bool, bool, int, int]:
-        is_treated = TREATED.search(looks.plain) is not None
-        return is_treated, 'raw' not in looks.words, len(looks.words), looks.place
+    def rank(looks: _Looks) -> tuple[bool, bool, bool, int, int]:
+        is_treated, words = TREATED.search(looks.plain) is not None, looks.words
+        is_plain = _READING.isdisjoint(words)
+        return is_treated, 'raw' not in words, is_plain, len(words), looks.place
 
-    cold = sorted((looks for looks in free if looks not in hot), key=rank)
+    cold = [looks for looks in free if looks not in hot and not looks.is_no_reading]
+    cold.sort(key=rank)
     for looks in cold:
         channel = axes.get(looks) or looks.channel()
         if channel in absent and looks.may_be(channel):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, SensorNames
+from wrist_ft_comp.channels import AXES, SensorNames, temperature_channel
 from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.ranges import PERIODS_S
@@ -27,12 +27,14 @@ from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
 from wrist_ft_comp.stream.recording_cells import grid_samples
-from wrist_ft_comp.wire.temperature_source import parse_sources
+from wrist_ft_comp.wire.temperature_source import parse_sources, to_celsius
 from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.
 LONGEST_SPACING_S = 86_400.0
+#: Readings of a thermometer without a unit that may be °C, and are as usual in °F.
+MAYBE_F = 55.0, 120.0
 
 
 def kind_of(path: Path) -> str:
@@ -245,8 +247,24 @@ def read_opened(
     sensor, said = source.sensor, {'temperature_topics': source.options.topics.temperatures}
     if problem := order_problem(said, sensor):
         raise RecordingError(f'{source.name} has its thermometers in another order: {problem}')
-    warnings = *source.warnings, *recording.warnings
+    warnings = *source.warnings, *_doubt_celsius(source, recording), *recording.warnings
     return replace(recording, warnings=warnings, sensor=sensor, origin_ns=first_ns[0])
+
+
+def _doubt_celsius(source: OpenBag | OpenTable, recording: Recording) -> Iterator[str]:
+    """Doubt readings in °C, if nobody said so, that are usual ones in °F."""
+    medians = enumerate(np.nanmedian(recording.temperature_c, axis=0).tolist())
+    read_c = {temperature_channel(k): median_c for k, median_c in medians}
+    for placed in source.columns if isinstance(source, OpenTable) else ():
+        for column in placed.channels:
+            value = read_c.get(column.channel, 0.0)
+            if column.unit or column.factor or not MAYBE_F[0] < value < MAYBE_F[1]:
+                continue
+            yield (
+                f'{column.name} of {placed.table} says no unit and is read in °C: half of it is '
+                f'above {value:.1f} °C. In °F that would be {to_celsius(value, "F"):.1f} °C. Put '
+                f"the unit behind it: '{column.channel}={column.name}:F', or :C."
+            )
 
 
 def period_of(paths: Iterable[Path], topics: Topics) -> float:

@@ -232,7 +232,7 @@ class ReadOptions:
         own = {place: column for place, name in enumerate(names) if (column := own_column(name))}
         own = {place: column for place, column in own.items() if column.channel not in said}
         found: dict[str, Column] = {}
-        warnings: list[str] = []
+        warnings, bare = list[str](), list[str]()
         for place, column in sorted({**own, **mapped}.items()):
             name, channel = ROW_NUMBER if place == ROW else names[place], column.channel
             if other := found.get(channel):
@@ -255,7 +255,15 @@ class ReadOptions:
                         f'read in {taken}. Put the right one, or a factor, behind the column, '
                         f"such as '{channel}={name}:{taken}' or '{channel}={name}*0.001'."
                     )
+                elif not unit and channel in AXES and name != channel:
+                    bare.append(name)
             found[channel] = replace(column, name=name, unit=unit, place=place)
+        if bare and header.doubt:
+            warnings.append(
+                f'No unit is beside {listed(bare)} of {table}, read in N or N m, but a line above '
+                f'the rows says {header.doubt.strip()!r}. If it is of them, put the unit or a '
+                f'factor behind them, such as {bare[0]}:kN or {bare[0]}*0.001; if not, :N or :Nm.'
+            )
         return Placed(table, header, found, missing, tuple(warnings))
 
 

@@ -41,7 +41,7 @@ _BATCH_ROWS = 20_000
 #: Bytes that show how a text is encoded.
 _START = 200_000
 #: Rows of a table that show what its columns are: of its first block, and of each other one.
-_SHOWN_ROWS, _SHOWN_LATER = 3000, 100
+_SHOWN_ROWS, _SHOWN_LATER, _GOLDEN = 3000, 100, 0.6180339887
 #: A clock begins anew where this many rows after a step back, all in order, are before as many
 #: that were in order before it; fewer are samples that came late.
 _SURE_ROWS = 10
@@ -111,7 +111,7 @@ class Table:
         number, rest, lines_above = 1, '', self.header.lines_above
         try:
             for piece in self._pieces(progress):
-                rest += self.header.plain_text(piece)
+                rest += piece
                 end = rest.rfind('\n') + 1
                 if rest.count('"', 0, end) % 2:  # a cell in quotes goes on in the next line
                     end = rest.rfind('\n', 0, rest.rfind('"', 0, end)) + 1 or end
@@ -123,7 +123,7 @@ class Table:
                     )
                 above = max(lines_above + 1 - number, 0)
                 if below := text.split('\n', above)[-1]:
-                    yield number + above, below
+                    yield number + above, self.header.plain_text(below)
                 number += text.count('\n')
         except OSError as error:
             raise RecordingError(
@@ -132,15 +132,16 @@ class Table:
         except (EOFError, lzma.LZMAError, zlib.error) as error:
             raise RecordingError(f'{self.path} cannot be unpacked: {error}.') from error
         if rest and number > lines_above:
-            yield number, rest
+            yield number, self.header.plain_text(rest)
 
     def shown_rows(self) -> list[list[str]]:
         """Read some rows from all over the table, as texts, each as wide as the names."""
         rows: list[list[str]] = []
         for _, text in self._texts():
             lines = text.split('\n') if text.endswith('\n') else []
-            count = _SHOWN_LATER if rows else _SHOWN_ROWS
-            for line in lines[:: max(len(lines) // count, 1)]:
+            share = (_SHOWN_LATER if rows else _SHOWN_ROWS) / max(len(lines), 1)
+            # Evenly spread and in no step: rows may come in turn from several channels.
+            for line in (line for k, line in enumerate(lines) if k * _GOLDEN % 1 < share):
                 row = [] if line.startswith(COMMENTS) else cut_line(line, self.header.delimiter)
                 if len(row) >= self.header.width and self.header.is_sample(row):
                     rows.append([*row, ''][: len(self.header.names)])

@@ -57,6 +57,7 @@ _STATISTICS = {
 #: Lines above the header that say in which unit, or how many counts, forces or torques are.
 _UNIT_LINE = re.compile(r'(force|torque) units?\W+([a-z-]+)', re.IGNORECASE)
 _COUNTS_LINE = re.compile(r'counts per (?:unit )?(force|torque)\W+([\d.]+)', re.IGNORECASE)
+_SCALE = re.compile(r'counts?\s*(/|per|=)|(?<!full )\bscal(e|ing)|skalier|faktor', re.IGNORECASE)
 _UNIT_ROW = re.compile(r'(y_)?(units?|einheit(en)?)(_label)?', re.IGNORECASE)
 #: Lines above that say what a column is, by its number: COL 2: FX (N).
 _NUMBERED = re.compile(
@@ -64,8 +65,13 @@ _NUMBERED = re.compile(
 )
 #: A label in a cell: Fz=12.3, T: 25.1C.
 _LABEL = re.compile(r'(?<![^\s,;|"])([^\W\d]\w*) ?[=:] ?(?=[-+.]?\d)')
-#: What is replaced in all lines, by what, and how often the last one has it at least.
-_REPLACED = (re.compile(' -> '), ',', 1), (_LABEL, '', 2)
+#: What is replaced in all lines, by what, and how often the last one has it at least: arrows by
+#: the sign between the cells behind it, blanks behind a sign of numbers, and labels.
+_REPLACED = (
+    (re.compile(r' -> (?=[^,;|\t\n]*([;|\t]))'), r'\1', 1),
+    (re.compile(r' -> (?=[^,\n]*$)', re.MULTILINE), ' ', 1), (re.compile(' -> '), ',', 1),
+    (re.compile('(?<=[,;\t"])([-+]) +(?=[\\d.])'), r'\1', 1), (_LABEL, '', 2),
+)  # fmt: skip
 #: A time since the beginning, which has no more than minutes and seconds, or any number of hours.
 _ELAPSED = re.compile(r'\d+:\d\d(:\d\d)?([.,]\d+)?')
 #: Stamps that are looked at for their form.
@@ -99,6 +105,8 @@ class Header:
     rows_above: frozenset[tuple[str, ...]] = frozenset()
     #: What lines above say of 'force' and 'torque', as a map has it behind a column: *1e-06:N.
     said: Mapping[str, str] = field(default_factory=dict)
+    #: A line above that tells of another unit than N and N m, or of a scale, but not of whose.
+    doubt: str = ''
     #: By place: what lines above, or labels in cells, say of a column.
     told: Mapping[int, str] = field(default_factory=dict)
     #: What is written otherwise elsewhere: arrows of a terminal, labels and units in cells.
@@ -171,18 +179,23 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     above = _rows_above([] if told else lines_above, columns, delimiter)
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
+    others = [k for k in range(first) if [*filter(None, rows[k])] != [*filter(None, names)]]
     said = [
         max((row for row in above if row is not names), key=_units_in, default=[]),
         *(['', *row[1:]] for row in rows[:first] if row and _UNIT_ROW.fullmatch(row[0])),
         in_cells,
+        # A cell that is merged in a spreadsheet tells of those behind it, which are empty.
+        *(_merged_units(rows[k]) for k in others if len(rows[k]) == width),
     ]
     said_units = next(filter(_units_in, said), [])
+    doubts = (lines[k] for k in others if rows[k] != said_units and _is_doubtful(lines[k]))
     for row in rows[:first]:
         if len(row) > 1 and row[0] and row[0] in names and row not in above:
             unit = next((f' [{cell}]' for cell in row[2:] if _units_in([cell])), '')
             told[names.index(row[0])] = row[1] + unit
+    arrows = Header(replaced=tuple(pair for pair in replaced if pair[0] is not _LABEL))
     for line in as_written[first : first + 1]:
-        cells = cut_line(_LABEL.sub(r'\1=', line), delimiter)
+        cells = cut_line(_LABEL.sub(r'\1=', arrows.plain_text(line)), delimiter)
         labels = {k: cell.partition('=')[0] for k, cell in enumerate(cells) if '=' in cell}
         told |= labels if len(labels) > 1 else {}
     if words := '|'.join({*map(re.escape, in_cells)} - {''}):
@@ -202,7 +215,7 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
             word.lower(): f'{counts.get(word.lower(), "")}:{plain_unit(unit)}'
             for word, unit in _UNIT_LINE.findall(text) if plain_unit(unit) in units.UNIT_WORDS
         },
-        decimal=decimal, thousands=thousands)  # fmt: skip
+        doubt=next(doubts, ''), decimal=decimal, thousands=thousands)  # fmt: skip
 
 
 def _rows_above(
@@ -279,6 +292,22 @@ def _is_value(cell: str) -> bool:
     """Whether a cell holds a number or a time, or says that it holds none."""
     is_missing = not cell.strip('-=:') or cell.lower() in MISSING
     return is_missing or unit_behind(cell) is not None or _TIME.fullmatch(cell) is not None
+
+
+def _merged_units(row: Sequence[str]) -> list[str]:
+    found: list[str] = []
+    for cell in row:
+        words = [*map(plain_unit, units.said_units(cell)), '']
+        held = found[-1] if found and not cell else ''
+        found.append(held or next(word for word in words if word in {*units.UNIT_WORDS, ''}))
+    return found
+
+
+def _is_doubtful(line: str) -> bool:
+    others = {*units.units_of('force_x'), *units.units_of('torque_x')} - {'N', 'Nm', 'g'}
+    is_scaled = any(float(n) != 1 for n in re.findall(r'\d+(?:\.\d+)?', line))
+    words = map(plain_unit, re.findall(r'[^\W\d_]+', line))
+    return not others.isdisjoint(words) or (is_scaled and _SCALE.search(line) is not None)
 
 
 def _units_in(row: Sequence[str]) -> int:

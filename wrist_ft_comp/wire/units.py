@@ -41,11 +41,12 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
 UNIT_WORDS = {unit for units in _UNITS.values() for unit in units}
 #: Other names of units, in small letters, without the signs that plain_unit leaves out.
 _OTHER_UNITS = {
-    **{unit.lower(): unit for unit in ('N', 'kN', 'Nm', 'kNm', 'Nmm', 'Ncm', 'C', 'K', 'F')},
+    # In capitals, too, but what would be another unit, as MN, or a word of names, as S.
+    **{unit.lower(): unit for unit in UNIT_WORDS - {*TIME_UNITS_NS, 'mN', 'mNm', 'g'}},
     'н': 'N', 'нм': 'Nm', 'newton': 'N', 'newtons': 'N', 'lb': 'lbf', 'lbs': 'lbf', 'oz': 'ozf',
     'kg': 'kgf', 'kp': 'kgf', 'grams': 'g', 'newtonmeter': 'Nm', 'newtonmeters': 'Nm',
     'lbin': 'lbfin', 'inlb': 'lbfin', 'inlbf': 'lbfin', 'lbft': 'lbfft', 'ftlb': 'lbfft',
-    'ftlbf': 'lbfft', 'ozin': 'ozfin', 'inoz': 'ozfin', 'inozf': 'ozfin',
+    'inlbs': 'lbfin', 'ftlbf': 'lbfft', 'ozin': 'ozfin', 'inoz': 'ozfin', 'inozf': 'ozfin',
     'degc': 'C', 'degf': 'F', 'celsius': 'C', 'kelvin': 'K', 'fahrenheit': 'F', 'sec': 's',
     'secs': 's', 'seconds': 's', 'sekunden': 's', 'msec': 'ms', 'millis': 'ms', 'micros': 'us',
     'milliseconds': 'ms', 'microseconds': 'us', '\u03bcs': 'us', 'usec': 'us', 'hours': 'h',
@@ -53,6 +54,9 @@ _OTHER_UNITS = {
 }  # fmt: skip
 #: A word in brackets in a column's name.
 _IN_BRACKETS = re.compile(r'[\[(]([^\[\]()]*[^\W\d][^\[\]()]*)[\])]')
+
+#: What is read of a sensor before it is in a unit.
+RAW_UNIT = re.compile(r'(?<![a-z])(?:counts?|adc|lsb|mv|volts?|ohms?|(?<=_)v$)(?![a-z])')
 
 
 def units_of(channel: str) -> Mapping[str, float]:
@@ -84,7 +88,7 @@ def said_units(name: str, unit: str = '') -> list[str]:
     """List what clearly is meant as a unit of a column: in its name, or beside it."""
     return [
         *_IN_BRACKETS.findall(name),
-        *re.findall(r'(?<![a-z])(?:counts?|adc|lsb)(?![a-z])', name.lower()),
+        *RAW_UNIT.findall(name.lower()),
         *re.findall(r'(?:,|\s/)\s*([^\W\d]+|°\w)\s*(?=[\[(]|$)', name),
         *filter(None, [unit]),
     ]
