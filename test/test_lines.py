@@ -8,9 +8,10 @@ ROOT = Path(__file__).parents[1]
 #: Most lines of Python. The numbers only go down; where one has to go up, a comment beside it says
 #: what a user gets for it.
 MOST = {
-    # 110 more: a tare that holds a wrong weight, an early drift or a zeroed sensor is said.
-    'wrist_ft_comp': 22_605,
-    'test': 18_910,
+    # 110 more: a tare that holds a wrong weight, an early drift or a zeroed sensor is said. 190
+    # more: set points, second clocks, HHMMSS, and units above a header were read without a word.
+    'wrist_ft_comp': 22_800,
+    'test': 19_080,
     'bench': 5_200,
 }
 
