@@ -229,8 +229,10 @@ class TestTare:
             compensator.add_temperature(0, stamp, warming(stamp))
             zero = compensator.compensation_at(stamp).zero
             if k == 50:
-                tare = compensator.set_tare(LOAD + zero, stamp)
+                tare = compensator.set_tare(LOAD + zero, stamp, LOAD / 4)
                 np.testing.assert_allclose(tare, LOAD, atol=1e-12)
+                external = compensator.correct(stamp, (LOAD + zero).tolist(), external=True)
+                np.testing.assert_allclose(external, LOAD / 4, atol=1e-12)
             if k >= 50:
                 corrected = compensator.correct(stamp, (LOAD + zero).tolist())
                 np.testing.assert_allclose(corrected, 0, atol=1e-9)

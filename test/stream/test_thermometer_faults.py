@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
-from wrist_ft_comp.stream import drift_of_recordings
+from wrist_ft_comp.stream import drift_of_recordings, thermometer_faults
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
@@ -313,3 +313,14 @@ def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(le
     again.resume(compensator.memory(), 0.0)
     stream(again, day, 810, 820)
     assert again.tracker.replaced == [1]
+
+
+@pytest.mark.parametrize(
+    ('repeats_s', 'still_s', 'said'),
+    [(5, 590, False), (5, 650, True), (100, 950, False), (100, 1100, True)],
+)
+def test_a_single_one_is_doubted_when_it_stands_still_longer_than_ever(repeats_s, still_s, said):
+    """In cells of 5 s, after an hour in which it moved every 5 s, or in coarse steps."""
+    moved_c = 20.0 + 0.1 * (np.arange(0, 4000, 5) // repeats_s)
+    readings_c = np.append(moved_c, np.full(still_s // 5, 70.0))
+    assert thermometer_faults.too_still_s(readings_c, 5.0) == (still_s if said else 0)
