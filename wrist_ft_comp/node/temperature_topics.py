@@ -128,6 +128,8 @@ class Thermometer:
     heard_s: float | None = None
     #: Whether its newest reading had a stamp; None where the type has none.
     stamped: bool | None = True
+    #: Its newest stamp, ns, and reading, °C.
+    newest: tuple[int | None, float] = (None, math.nan)
 
 
 @dataclass(eq=False)
@@ -174,10 +176,14 @@ class TemperatureInput(Part):
             self.unusable += 1
             self._last_unusable = thermometer, temperature_c
             return
+        heard = self.thermometers[thermometer]
+        if stamp_ns and (stamp_ns, temperature_c) == heard.newest:
+            return  # sent again until there is another one
+        heard.newest = stamp_ns, temperature_c
         at_ns, newest = stamp_ns or self.hub.now_ns(), self.counts.newest
         arrival_ns = self._arrival_ns()
         if stamp_ns:
-            topic, cell_ns = self.thermometers[thermometer].topic, self._tracker.grid.period_ns
+            topic, cell_ns = heard.topic, self._tracker.grid.period_ns
             came_ns = arrival_ns or self.hub.now_ns()
             self._comparison.note(topic, stamp_ns, came_ns, cell_ns / NANOSECONDS)
         # Specific force that came before this would else be too late for the recording's cell.
@@ -186,7 +192,7 @@ class TemperatureInput(Part):
             thermometer, at_ns, temperature_c, newest and newest[:2], arrival_ns
         )
         self.usable += 1
-        self._stamp_ns, heard = at_ns, self.thermometers[thermometer]
+        self._stamp_ns = at_ns
         heard.heard_s = time.monotonic()
         heard.stamped = None if stamp_ns is None else stamp_ns != 0
         if cells:

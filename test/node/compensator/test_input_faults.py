@@ -262,6 +262,14 @@ class TestTemperature:
         corrected = node.ask_output(START + 3000 * SECOND, RAW)
         np.testing.assert_allclose(corrected, RAW - [0, 0, zero, 0, 0, 0], atol=0.1)
 
+    def test_a_reading_that_is_sent_again_until_the_next_one_is_no_fault(self, warm):
+        node = warm()
+        node.diagnosis('temperature')
+        for message in range(20 * 5, 40 * 5):
+            node.node.inputs.take(0, START + message // 5 * SECOND, 30.0 + message // 5 / 1000)
+        status = node.diagnosis('temperature')
+        assert (status.level, status.message) == (OK, 'all thermometers report')
+
     def test_a_temperature_that_stops_holds_the_drift_with_a_warning(self, warm, warns):
         node = warm(parameters={'temperature_timeout': 0.2})
         warns(node, 'temperature', 'thermometer 1 silent for more than 0.2 s; drift is held')
