@@ -89,13 +89,13 @@ class Jobs(Part):
     )
     def calibrate(self, _: Any) -> Work:
         """Wait for the process, make its model live, and wait until that is remembered."""
-        external = self.external
-        known = len(external.payloads())
-        outcome = yield from run_job(self.job())
-        external.counts.unnamed |= external.payload is None and len(external.payloads()) > known
+        job = self.job()
+        outcome = yield from run_job(job)
         path, sha256, document = (outcome[name] for name in ('path', 'sha256', 'document'))
         model = restore_model(Path(path), sha256, document)
         self.live.take(model, why='a person called ~/calibrate')
+        if job.settings.reference == 'payload' and self.external.payload is None:
+            self.external.counts.unnamed = True
         return (yield from self.live.kept(outcome['message']))
 
     def job(self) -> CalibrationJob:
