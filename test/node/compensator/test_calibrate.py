@@ -123,3 +123,20 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     assert 'active.json cannot be written' in said.message
     assert node.node.live.stored is not None
     assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message
+
+
+@pytest.mark.parametrize('reference', ['payload', 'unloaded'])
+def test_what_is_learnt_at_work_was_carried_without_a_name(
+    ready, make_model, monkeypatch, reference
+):
+    """So a tare of that time may hold its weight."""
+    stored = make_model('later.yaml', {'force_z': (2.0, 0.0, 600.0)})
+
+    def run_job(_job):
+        yield
+        return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
+
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.run_job', run_job)
+    node = ready(parameters={'calibration.reference': reference, 'gravity.source': 'imu'})
+    assert node.call('calibrate').success
+    assert node.node.counts.unnamed == (reference == 'payload')
