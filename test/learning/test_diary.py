@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.learning import diary as diaries
+from wrist_ft_comp.learning.day_choice import good_days, prune
 from wrist_ft_comp.learning.day_files import days
-from wrist_ft_comp.learning.diary import DayEntry, Diary, good_days, load_diary, NONE, save_diary
+from wrist_ft_comp.learning.diary import DayEntry, Diary, load_diary, NONE, save_diary
 
 DAY = DayEntry(
     name='day_00001.csv', first_ns=1_767_247_200_000_000_000, hours=2.5,
@@ -56,9 +57,9 @@ def recorded(tmp_path):
 
 def test_bytes_are_bounded_and_a_recording_that_nobody_judged_stays(recorded, tmp_path):
     for max_mb, kept in (6.1, [1, 2, 3, 4, 5, 6]), (5.1, [1, 3, 4, 5, 6]), (3.5, [1, 5, 6]):
-        diaries.prune(tmp_path, recorded, max_mb)
+        prune(tmp_path, recorded, max_mb)
         assert [int(path.name[8]) for path in days(tmp_path)] == kept
-    diaries.prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)
+    prune(tmp_path, replace(recorded, days=recorded.days[:1]), 0.5)
     assert len(days(tmp_path)) == 2
 
 

@@ -2,18 +2,17 @@
 
 import sys
 
-from moments import SECOND, START
+from moments import START
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.specific_force import RecentForces, SpecificForceInput
+from wrist_ft_comp.node.specific_force import SpecificForceInput
 
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
 TO_TOOL = 'arm', 'tool', NO_TURN
-UP, AWAY = (0.0, 0.0, 9.807), (9.807, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -126,27 +125,3 @@ def test_what_is_wrong_with_an_imu_is_said(start):
     part.on_imu(b'nonsense')
     assert part.doubt() == '1 messages of the IMU could not be read, or hold no numbers'
     assert part.doubt() == ''
-
-
-@pytest.fixture
-def forces():
-    return RecentForces(0.2)
-
-
-def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
-    assert forces.at(0) is None
-    for k in range(5):
-        forces.add(START + 10 * k, (k, 0.0, 0.0))
-    for at, number in ((20, 2), (21, 2), (19, 1), (SECOND // 5 + 40, 4), (-SECOND // 5, 0)):
-        assert forces.at(START + at) == (number, 0.0, 0.0)
-    for at in (SECOND // 5 + 41, -SECOND // 5 - 1):
-        assert forces.at(START + at) is None, 'beyond the timeout'
-
-
-def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
-    forces.add(START, UP)
-    forces.add(START - SECOND // 10, AWAY)
-    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
-    forces.add(START - SECOND, AWAY)
-    assert forces.at(START - SECOND) == AWAY
-    assert forces.at(START) is None

@@ -1,16 +1,17 @@
-"""The payload in operation: its weight, and the second tare."""
+"""The payload in operation: its specific force and weight, and the second tare."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.live_weight import LivePayload
+from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 CONSTANT = np.array([3.0, -4.0, 5.0, 0.1, -0.2, 0.3])
+UP, AWAY = (0.0, 0.0, 9.8), (9.8, 0.0, 0.0)
 
 
 @pytest.fixture
@@ -74,3 +75,27 @@ def test_no_change_of_model_moves_the_external_wrench(make_model, swapped_in):
         compensator.add_temperature(0, START + second * SECOND, 35.0, wrench)
         np.testing.assert_allclose(compensator.correct(*wrench, external=True), before)
     assert compensator.compensation.zero[2] == pytest.approx(6.0)
+
+
+@pytest.fixture
+def forces():
+    return RecentForces(0.2)
+
+
+def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(forces):
+    assert forces.at(0) is None
+    for k in range(5):
+        forces.add(START + 10 * k, (k, 0.0, 0.0))
+    for at, number in ((20, 2), (21, 2), (19, 1), (SECOND // 5 + 40, 4), (-SECOND // 5, 0)):
+        assert forces.at(START + at) == (number, 0.0, 0.0)
+    for at in (SECOND // 5 + 41, -SECOND // 5 - 1):
+        assert forces.at(START + at) is None, 'beyond the timeout'
+
+
+def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
+    forces.add(START, UP)
+    forces.add(START - SECOND // 10, AWAY)
+    assert forces.at(START) == forces.at(START - SECOND // 10) == UP
+    forces.add(START - SECOND, AWAY)
+    assert forces.at(START - SECOND) == AWAY
+    assert forces.at(START) is None

@@ -6,7 +6,6 @@ from, and whether its recording is kept. Only the learning job writes it; a brok
 is made anew. The memory, ``learning.json``, is what the newest job said; the node writes it.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -20,7 +19,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.day_files import days, size_of, span_of
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
-from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain, writing
+from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2,
@@ -176,37 +175,6 @@ def survey(directory: Path) -> Diary:
         history = NodeFolder(directory).history()
     ordered = tuple(entries[name] for name in sorted(entries))
     return replace(diary, days=ordered, history=tuple(history))
-
-
-def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:
-    """Choose days without an incident that have as many thermometers as the newest."""
-    good = [entry for entry in entries if entry.kind in LEARNT_FROM]
-    return [day for day in good if len(day.temperature_c) == len(good[-1].temperature_c)]
-
-
-def worthiest(entries: Sequence[DayEntry], most: int) -> list[DayEntry]:
-    """Choose at most ``most`` days, in order: the newer half, and those with rare temperatures."""
-    chosen, newer = list(entries), max(most // 2, 1)
-    while len(chosen) > max(most, 1):
-        good = good_days(chosen)
-        count = Counter(cell for day in good for cell in day.known)
-        worth = [
-            sum(1 / count[cell] for cell in day.known) if day in good else -1.0
-            for day in chosen[:-newer]
-        ]
-        del chosen[int(np.argmin(worth))]
-    return chosen
-
-
-def prune(directory: Path, diary: Diary, max_mb: float) -> None:
-    """Remove the least worthy recordings until the rest fits; RecordingError where one stays."""
-    paths = {path.name: path for path in days(directory)}
-    kept = [entry for entry in diary.days if entry.name in paths]
-    while kept and sum(size_of(paths[entry.name]) for entry in kept) > 1e6 * max_mb:
-        before, kept = kept, worthiest(kept, len(kept) - 1) if len(kept) > 1 else []
-        (name,) = {entry.name for entry in before} - {entry.name for entry in kept}
-        with writing(paths[name]):
-            paths[name].unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from wrist_ft_comp.fit.competition import HARMFUL_FOLD
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings
-from wrist_ft_comp.learning import diary
+from wrist_ft_comp.learning.day_choice import good_days, worthiest
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, NONE
 from wrist_ft_comp.learning.incidents import incident, pause
 from wrist_ft_comp.learning.separated_day import Day, describe, left
@@ -121,9 +121,9 @@ def take(  # noqa: PLR0913, PLR0917 -- what the choice depends on
         return Choice(replace(entry, verdict=f'{words}No model was learnt after this day.'))
     chosen = since if since > champion.newest else ''
     due, why = reason(entries, champion.key, chosen)
-    days = [day for day in diary.good_days(entries) if day.name in kept]
+    days = [day for day in good_days(entries) if day.name in kept]
     learnt: list[DayEntry] = []
-    for day in diary.worthiest(days, MOST_DAYS) if due else ():
+    for day in worthiest(days, MOST_DAYS) if due else ():
         with suppress(WristFtCompError):  # a file may have been damaged since
             look(day.name)
             learnt.append(day)

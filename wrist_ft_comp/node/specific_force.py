@@ -1,6 +1,5 @@
 """The part that takes specific force from an IMU or from TF, and hands it to all parts."""
 
-from collections import deque
 from functools import partial
 import math
 from typing import Any
@@ -9,59 +8,18 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from wrist_ft_comp.errors import RecordingError, SettingsError
+from wrist_ft_comp.payload.live_weight import RecentForces
 from wrist_ft_comp.payload.weight import FrameIds
 from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
-from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.numbers_in_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
-#: Samples that are kept, so that an IMU of 1 kHz may be a quarter of a second ahead of the wrench.
-_KEPT_SAMPLES = 256
-
-
-class RecentForces:
-    """
-    The newest samples of specific force, as measured, m/s².
-
-    At a stamp the newest sample up to it counts, or else the nearest: no wrench waits for one.
-    """
-
-    def __init__(self, timeout_s: float) -> None:
-        #: A sample is used for wrenches within this time, ns.
-        self.timeout_ns = round(timeout_s * NANOSECONDS)
-        #: Samples since the start, and the stamp of the newest, ns.
-        self.count = self.newest_ns = 0
-        self._kept: deque[tuple[int, Vector]] = deque(maxlen=_KEPT_SAMPLES)
-
-    @property
-    def newest(self) -> tuple[int, Vector] | None:
-        """Stamp, ns, and specific force of the newest sample."""
-        return self._kept[-1] if self._kept else None
-
-    def add(self, stamp_ns: int, specific_force: Vector) -> None:
-        """Add a sample; a late one is dropped, and a stamp that is far back begins anew."""
-        self.count += 1
-        if self._kept and stamp_ns < self._kept[-1][0]:
-            if self._kept[-1][0] - stamp_ns <= self.timeout_ns:
-                return
-            self._kept.clear()
-        self.newest_ns = stamp_ns
-        self._kept.append((stamp_ns, specific_force))
-
-    def at(self, stamp_ns: int) -> Vector | None:
-        """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
-        if not self._kept:
-            return None
-        for sample in reversed(self._kept):
-            if sample[0] <= stamp_ns:
-                break
-        return sample[1] if abs(stamp_ns - sample[0]) <= self.timeout_ns else None
 
 
 class SpecificForceInput(Part):
