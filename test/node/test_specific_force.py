@@ -1,5 +1,6 @@
 """Where down is, live: bytes of an IMU or of TF in, specific force out."""
 
+import re
 import sys
 
 from moments import START
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from wrist_ft_comp.channels import GRAVITY
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node.specific_force import SpecificForceInput
+from wrist_ft_comp.stream.compensator import Compensator
 
 NO_TURN = [0.0, 0.0, 0.0, 1.0]
 TO_TOOL = 'arm', 'tool', NO_TURN
@@ -21,7 +23,7 @@ def start(fake_hub):
 
     def make(source='tf', upper='world', frame='tool'):
         chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
-        part = SpecificForceInput(chosen)
+        part = SpecificForceInput(chosen, Compensator(1))
         hub = fake_hub(part, **chosen)
         hub.frame = frame
         part.start()
@@ -89,6 +91,23 @@ def test_tf_gives_samples_where_all_transforms_are_there(start, messages, moving
     assert speeds[0] is None
     np.testing.assert_allclose(speeds[1:], 1.0, rtol=1e-3)
     np.testing.assert_allclose(np.diff(seconds), 0.1)
+
+
+@pytest.mark.usefixtures('ros_domain', 'tf_messages')
+def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(start, moving):
+    part, hub = start()
+    stream, turned = part._compensator, Rotation.from_euler('y', 30, degrees=True).as_quat()
+    for milliseconds in range(0, 100, 10):
+        moving(hub, milliseconds, TO_TOOL)
+    assert stream.zero_doubts == []
+    for milliseconds, quaternion, how in (
+        (100, turned, r'at 5\d rad/s'), (3200, NO_TURN, r'by \d+ degrees while no specific'),
+    ):  # fmt: skip
+        moving(hub, milliseconds, ('arm', 'tool', quaternion))
+        moving(hub, milliseconds + 10, ('arm', 'tool', quaternion))
+        (doubt,) = stream.zero_doubts
+        assert re.match(f'by TF the frame of the wrench turned {how}', doubt)
+        stream.reset_tare()
 
 
 @pytest.mark.usefixtures('ros_domain', 'tf_messages')

@@ -130,7 +130,7 @@ class CompensatorNode(Hub):
         self.state_keeper = StateKeeper(
             stream, live, counts, writer, store.directory / 'state.json'
         )
-        self.specific_force = force = SpecificForceInput(chosen)
+        self.specific_force = force = SpecificForceInput(chosen, stream)
         self.wrench_input = WrenchInput(counts, stream)
         self.inputs = TemperatureInput(
             self.thermometers, stream, counts, force, live, self.state_keeper

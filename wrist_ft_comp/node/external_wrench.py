@@ -46,14 +46,8 @@ _JUDGED_S = 15.0
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
 #: by more to both sides, as motion makes it.
 _NORM_DEVIATION = 0.03
-#: By TF, a frame that turns faster than this, rad/s, was moved on the robot: three times as fast
-#: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
-_LEAP_RAD_S = 30.0
 #: More of the wrenches than this share without fresh specific force are a warning.
 _MISSED_SHARE = 0.1
-#: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
-#: one of the frame on the robot.
-_UNSEEN_DEG = 3.0
 #: The weight is in doubt where it changes by more than this share in the time by which specific
 #: force is behind the wrench.
 _BEHIND_SHARE = 0.05
@@ -177,22 +171,6 @@ class ExternalWrench(Part):
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
-
-    def on_specific_force(self, _stamp_ns: int, _force: Force, speed: float | None) -> None:
-        """Find a frame of the wrench that was moved on the robot; only TF shows it."""
-        if self.specific_force.source != 'tf':
-            return
-        how, unseen_deg = '', self.specific_force.turned_unseen_deg()
-        if speed is not None and speed > _LEAP_RAD_S:
-            how = f'turned at {speed:.0f} rad/s'
-        elif unseen_deg > _UNSEEN_DEG:
-            how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
-        if how:
-            self.compensator.doubt_zero(
-                f'by TF the frame of the wrench {how}: if it was moved on the robot, perhaps by '
-                'another TCP, then drift, payload and tare are those of the frame before; go back '
-                'to it, or call ~/tare'
-            )
 
     def weight_at(self, stamp_ns: int) -> list[float] | None:
         """Compute the payload's weight at a stamp, ns: N and N m; None where it is not known."""

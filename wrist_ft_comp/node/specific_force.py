@@ -14,12 +14,19 @@ from wrist_ft_comp.ros.hub import Part, Vector
 from wrist_ft_comp.ros.parameters import at_start
 from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
+from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
 from wrist_ft_comp.wire.numbers_in_messages import Layouts
 from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000
+#: A frame that turns faster than this, rad/s, was moved on the robot: three times as fast
+#: as the fastest wrists. Orientations are 10 ms apart at least, so that is a turn by 17 degrees.
+_LEAP_RAD_S = 30.0
+#: Where TF was away, or a static transform came again, a turn by more than this, degrees, may be
+#: one of the frame on the robot.
+_UNSEEN_DEG = 3.0
 
 
 class SpecificForceInput(Part):
@@ -47,7 +54,8 @@ class SpecificForceInput(Part):
     )  # fmt: skip
     topics = (('imu', 'specific force at the sensor; by gravity.source tf, /tf and /tf_static'),)
 
-    def __init__(self, chosen: dict[str, Any]) -> None:
+    def __init__(self, chosen: dict[str, Any], compensator: Compensator) -> None:
+        self._compensator = compensator
         self.source, self._upper = chosen['gravity.source'], chosen['gravity.frame']
         self.forces = RecentForces(chosen['gravity.timeout'])
         #: Speed of rotation at the newest of them, rad/s; NaN where it is not known.
@@ -141,7 +149,23 @@ class SpecificForceInput(Part):
         (specific_force,), (turning,) = self._tree.read(np.array([at_ns]))
         if math.isfinite(specific_force[0]):
             x, y, z = specific_force.tolist()
+            self._doubt_a_moved_frame(float(turning))
             self._hand_out(at_ns, (x, y, z), float(turning) if math.isfinite(turning) else None)
+
+    def _doubt_a_moved_frame(self, speed: float) -> None:
+        """Find a frame of the wrench that was moved on the robot, by its speed, rad/s, or NaN."""
+        unseen_deg, how = math.degrees(self._tree.turned_unseen_rad), ''
+        self._tree.turned_unseen_rad = 0.0
+        if speed > _LEAP_RAD_S:
+            how = f'turned at {speed:.0f} rad/s'
+        elif unseen_deg > _UNSEEN_DEG:
+            how = f'turned by {unseen_deg:.0f} degrees while no specific force came'
+        if how:
+            self._compensator.doubt_zero(
+                f'by TF the frame of the wrench {how}: if it was moved on the robot, perhaps by '
+                'another TCP, then drift, payload and tare are those of the frame before; go back '
+                'to it, or call ~/tare'
+            )
 
     def _hand_out(self, stamp_ns: int, specific_force: Vector, speed: float | None) -> None:
         """Hand specific force to all parts; the stamp, ns, is 0 where the message has none."""
@@ -163,11 +187,6 @@ class SpecificForceInput(Part):
             return ''
         what = 'transforms' if self.source == 'tf' else 'messages of the IMU'
         return f'{self.unreadable} {what} could not be read, or hold no numbers'
-
-    def turned_unseen_deg(self) -> float:
-        """Say by how much TF turned the wrench's frame, degrees, while nobody could see it."""
-        turned, self._tree.turned_unseen_rad = self._tree.turned_unseen_rad, 0.0
-        return math.degrees(turned)
 
     def problem(self) -> str:
         """Say why TF gives no specific force; empty where it does, or is not used."""

@@ -21,15 +21,13 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import qos_policy_name_from_kind
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.ros.diagnostics import ERROR, NodeLog, Status
 from wrist_ft_comp.ros.parameters import Parameter, Parameters
 from wrist_ft_comp.ros.rclpy_internals import keep_from_executors, return_to_node
 from wrist_ft_comp.ros.services import DeferredService, Reply, Service, Work
-from wrist_ft_comp.ros.topics import NEWEST, opening, OUTPUT
+from wrist_ft_comp.ros.topics import negotiated, NEWEST, opening, OUTPUT
 
 #: Diagnostics are published once in this time, s.
 DIAGNOSTICS_PERIOD_S = 1.0
@@ -203,13 +201,13 @@ class Hub(Node):
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
         with opening(topic):
-            options = self._negotiable(PublisherEventCallbacks, topic) if negotiable else {}
+            options = self._negotiated(PublisherEventCallbacks, topic) if negotiable else {}
             return self.create_publisher(kind, topic, copy(OUTPUT), **options)
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
         with opening(topic):
-            options = self._negotiable(SubscriptionEventCallbacks, topic)
+            options = self._negotiated(SubscriptionEventCallbacks, topic)
             return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
     def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
@@ -219,27 +217,12 @@ class Hub(Node):
         self._unserved.append(result)
         return result
 
-    def _negotiable(self, callbacks: Any, topic: str) -> dict[str, Any]:
-        """Make options: policies are overridable; one that two don't agree on is noted, logged."""
-        ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
-
-        def note(event: Any) -> None:
-            policy = str(qos_policy_name_from_kind(event.last_policy_kind)).lower()
-            trouble = (
-                f'a subscriber of {topic} asks for more {policy} than is offered and gets nothing'
-            )
-            if ours == 'subscription':
-                trouble = f'a publisher of {topic} offers less {policy} than is asked for'
-            name = f'qos_overrides.{self.resolve_topic_name(topic)}.{ours}.{policy}'
-            here = f'{name} of this node, or ' if self.has_parameter(name) else ''
-            trouble = f'{trouble}: set {here}the quality of service of the other side'
+    def _negotiated(self, callbacks: Any, topic: str) -> dict[str, Any]:
+        def note(trouble: str) -> None:
             self.incompatible[topic] = trouble
             self.log.error(trouble)
 
-        return {
-            'event_callbacks': callbacks(incompatible_qos=note),
-            'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
-        }
+        return negotiated(self, callbacks, topic, note)
 
     def now_ns(self) -> int:
         """Time for drivers that do not stamp."""

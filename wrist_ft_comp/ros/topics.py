@@ -4,7 +4,7 @@ Topics: their quality of service with its reasons, their types, and what is said
 The type of a topic is known to the ROS graph once there is a publisher.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from copy import copy
 import difflib
@@ -12,9 +12,10 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy import qos
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
-from rclpy.qos_overriding_options import InvalidQosOverridesError
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.serialization import serialize_message
 
 from wrist_ft_comp.channels import AXES
@@ -63,6 +64,29 @@ def opening(topic: str) -> Iterator[None]:
             f'The topic {topic} cannot be used: {reason}. Check its name, its qos_overrides, and '
             'that nothing in this process uses it with another type.'
         ) from error
+
+
+def negotiated(
+    node: Node, callbacks: Any, topic: str, note: Callable[[str], None]
+) -> dict[str, Any]:
+    """Make options of a topic: policies are overridable; ``note`` is told of one that differs."""
+    ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
+
+    def say(event: Any) -> None:
+        policy = str(qos.qos_policy_name_from_kind(event.last_policy_kind)).lower()
+        trouble = (
+            f'a subscriber of {topic} asks for more {policy} than is offered and gets nothing'
+        )
+        if ours == 'subscription':
+            trouble = f'a publisher of {topic} offers less {policy} than is asked for'
+        name = f'qos_overrides.{node.resolve_topic_name(topic)}.{ours}.{policy}'
+        here = f'{name} of this node, or ' if node.has_parameter(name) else ''
+        note(f'{trouble}: set {here}the quality of service of the other side')
+
+    return {
+        'event_callbacks': callbacks(incompatible_qos=say),
+        'qos_overriding_options': QoSOverridingOptions.with_default_policies(),
+    }
 
 
 def types_on(node: Node, topic: str) -> list[str]:

@@ -45,9 +45,10 @@ class Held:
         self.chosen = {'gravity.source': source, 'gravity.frame': 'up', 'gravity.timeout': 0.2,
                        'model_file': model_file}  # fmt: skip
         self.counts = Counts()
-        self.force = SpecificForceInput(self.chosen)
+        stream = Compensator(1)
+        self.force = SpecificForceInput(self.chosen, stream)
         self.part = ExternalWrench(
-            compensator=Compensator(1),
+            compensator=stream,
             live=SimpleNamespace(
                 stored=live, store=SimpleNamespace(directory=folder, locate=Path)
             ),
@@ -330,22 +331,6 @@ def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, conta
         found = part.status()
     expected = words or 'subtracting day-1'
     assert (found.level, expected in found.message) == (WARN if words else OK, True), found.message
-
-
-def test_a_frame_that_is_moved_on_the_robot_is_doubted_until_the_next_tare(held):
-    part = held(source='tf')
-    compensator = part.part.compensator
-    part.part.on_specific_force(START, tuple(UP), 3.0)
-    assert compensator.zero_doubts == [], 'which is fast'
-    for speed, unseen_rad, how in ((50.0, 0.0, 'at 50 rad/s'), (None, 0.8, 'by 46 degrees whil')):
-        part.force._tree.turned_unseen_rad = unseen_rad
-        part.part.on_specific_force(START, tuple(UP), speed)
-        assert f'by TF the frame of the wrench turned {how}' in compensator.zero_doubts[0]
-        compensator.set_tare(CONSTANT, START)
-        assert compensator.zero_doubts == []
-    turned = held().part
-    turned.on_specific_force(START, tuple(UP), 50.0)
-    assert turned.compensator.zero_doubts == [], 'an IMU turns with its mount'
 
 
 def tare_at_rest(node):
