@@ -105,15 +105,17 @@ class WrenchInput(Part):
         self._looked_s = now_s
         if newest is None or number == self._looked_at:
             return
-        stamp_ns, raw, data = newest
-        away_s = 0.0 if self._heard_s is None else now_s - self._quiet_s
+        (stamp_ns, raw, data), compensator = newest, self._compensator
+        # Before the first one only a tare from before a restart can be in doubt.
+        is_judged = self._heard_s is not None or compensator.tared
+        away_s = now_s - self._quiet_s if is_judged else 0.0
         # By the stamps, too: a simulation that was held up goes on with the next one, a clock that
         # stands still shows nothing.
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         if away_s > _AWAY_S and not 0 < passed_s <= _AWAY_S:
             if abs(passed_s - away_s) < 1:  # no clock was set
                 self.sensor = SensorWatch()
-            self._compensator.doubt_zero(
+            compensator.doubt_zero(
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'
             )
@@ -123,7 +125,6 @@ class WrenchInput(Part):
         self._frame = self._frame or layout.frame_id(data)
         is_stamped = layout.decode(data)[0] != 0
         self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
-        compensator = self._compensator
         if self.sensor.zeroed(compensator.compensation.zero + compensator.tare):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
