@@ -10,6 +10,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.doubts import seldom_doubts
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.recording_cells import grid_samples
@@ -113,10 +114,10 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
             last_c = celsius
         drifts.append(compensator.compensation_at(second * SECOND).zero[2])
         if second > 200:
-            behind = compensator._moves[0][2]
+            behind = compensator.moves[0][2]
             spacing_s = 15 if rounded_k else 30
             assert abs(2.0 * second / 30.0 - drifts[-1]) <= behind + 0.1 < 2.3 * spacing_s / 15
-            (doubt,) = compensator.seldom_doubts()
+            (doubt,) = seldom_doubts(compensator.tracker, compensator.moves)
             assert f'reports every {spacing_s} s' in doubt
             assert f'force_z may be {behind:.2g} N behind' in doubt
     assert np.abs(np.diff(drifts))[200:].max() < 0.1, 'a step of 2 N otherwise'
@@ -163,7 +164,7 @@ def test_thermometers_that_report_each_second_are_followed_within_one(make_model
     compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
     for second in (*range(40), *(k for k in range(100, 200) if k % 4)):
         compensator.add_temperature(0, second * SECOND, 20.0 + second / 1000)
-        assert compensator.seldom_doubts() == []
+        assert seldom_doubts(compensator.tracker, compensator.moves) == []
         begun = compensator.compensation_at((second + 1) * SECOND).zero
         np.testing.assert_array_equal(begun, compensator.compensation.zero)
 

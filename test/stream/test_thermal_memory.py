@@ -10,6 +10,7 @@ import pytest
 from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
+from wrist_ft_comp.stream.doubts import gap_doubts
 from wrist_ft_comp.stream.thermal_memory import belongs_to, longest_gap_s
 
 SECOND = 1_000_000_000
@@ -64,7 +65,7 @@ def test_an_impossible_gap_starts_at_steady_state_and_says_why(model, gap_s, by_
     assert words in again.tracker.origin
     assert again.compensation.zero[2] == pytest.approx(2.0 * 10.0)
     assert again.tracker.awaited is None
-    (doubt,) = again.gap_doubts()
+    (doubt,) = gap_doubts(again.tracker)
     off_n = float(re.search(r'force_z may be (\S+) N off', doubt)[1])
     assert off_n >= 0.9 * (20.0 - killed.compensation.zero[2]), 'it may have gone on'
 
@@ -133,7 +134,7 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
             if not 1200 <= second < 1200 + gap_s:
                 compensator.add_temperature(0, second * SECOND, celsius)
             if second == 1200 + gap_s + 5:
-                doubts = compensator.gap_doubts()
+                doubts = gap_doubts(compensator.tracker)
                 off_n = float(re.search(r'(\S+) N off', doubts[0])[1]) if doubts else 0.06
                 stated.add(off_n > 0.06)
                 apart = knows.compensation.zero - compensator.compensation.zero
@@ -141,7 +142,7 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
                 compensator.set_tare(np.zeros(6), second * SECOND)
                 said = ['uncertain; call ~/tare' in doubt for doubt in compensator.zero_doubts]
                 assert said == [True] * len(doubts)
-        assert compensator.gap_doubts() == []
+        assert gap_doubts(compensator.tracker) == []
     assert stated == {True, False}
 
 
@@ -166,7 +167,7 @@ def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
     late.go_live(model)
     apart_n = abs(knows.compensation.zero - starts.compensation.zero)[2]
     for compensator in (starts, late):
-        doubts = compensator.gap_doubts()
+        doubts = gap_doubts(compensator.tracker)
         assert len(doubts) == is_said
         for doubt in doubts:
             off_n = float(re.search(r'(\S+) N off', doubt)[1])
@@ -185,7 +186,7 @@ def test_after_a_night_a_sensor_as_cold_as_a_room_has_soaked(make_model, morning
     morning.resume(evening.memory(), 12 * 3600.0)
     for second in range(12 * 3600, 12 * 3600 + 70):
         morning.add_temperature(0, START + (1200 + second) * SECOND, morning_c)
-    assert bool(morning.gap_doubts()) == is_doubted
+    assert bool(gap_doubts(morning.tracker)) == is_doubted
 
 
 def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(make_model):
@@ -200,7 +201,7 @@ def test_a_stream_that_was_killed_after_its_first_cell_goes_on_after_minutes(mak
         for k in range(302, 306):
             second.add_temperature(0, START + k * SECOND, 25.0)
         assert np.isfinite(second.compensation.zero).all()
-        assert not any('nan' in doubt for doubt in second.gap_doubts())
+        assert not any('nan' in doubt for doubt in gap_doubts(second.tracker))
 
 
 def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tmp_path):
@@ -212,14 +213,14 @@ def test_what_nobody_knows_of_a_gap_is_still_said_after_a_restart(make_model, tm
     end_s = 1200 + 1500
     for second in range(end_s, end_s + 5):
         before.add_temperature(0, START + second * SECOND, 32.0)
-    (expected,) = before.gap_doubts()
+    (expected,) = gap_doubts(before.tracker)
     save_state(path, SavedState(0, None, np.zeros(6), before.memory()))
     for away_s in (0, 90):
         after = Compensator(1, model=model)
         after.resume(load_state(path).thermal, 0.0)
-        assert after.gap_doubts() == [expected]
+        assert gap_doubts(after.tracker) == [expected]
         for second in range(end_s + 5 + away_s, end_s + 10 + away_s):
             after.add_temperature(0, START + second * SECOND, 32.0)
-        (said,) = after.gap_doubts()
+        (said,) = gap_doubts(after.tracker)
         off_n, still_n = (float(re.search(r'(\S+) N off', s)[1]) for s in (expected, said))
         assert still_n > 0.8 * off_n

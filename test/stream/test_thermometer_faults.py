@@ -14,6 +14,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import drift_of_recordings, thermometer_faults
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.doubts import frozen_doubts
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 
@@ -241,7 +242,7 @@ def test_healthy_thermometers_are_not_doubted(learn, make_day):
         compensator, day = Compensator(3, model=learn(3).model), make_day(seed)
         for k in range(0, CELLS, 3):
             stream(compensator, day, k, k + 3)
-            assert compensator.frozen_doubts() == []
+            assert frozen_doubts(compensator.tracker) == []
 
 
 def test_one_that_is_coarse_and_misses_a_minute_at_rest_is_believed(learn, make_day):
@@ -272,14 +273,14 @@ def test_one_that_freezes_is_doubted_as_soon_as_the_drift_is_off(learn, make_day
     compensator, said, off_cells = Compensator(3, model=model), [], 0
     knows = simulate_drift(model, make_day(7)).zero[:, FORCE_Z]
     seen = stream(compensator, day, end=BEGIN)
-    assert compensator.frozen_doubts() == []
+    assert frozen_doubts(compensator.tracker) == []
     for k in range(BEGIN, BEGIN + 60):
         seen = stream(compensator, day, k, k + 1)
-        said += compensator.frozen_doubts()
+        said += frozen_doubts(compensator.tracker)
         off_n = max((abs(n - knows[cell]) for cell, n in seen.items()), default=0.0)
         compensator.set_tare(np.zeros(6), compensator.tracker.end_ns)
         is_said = ['thermal state was uncertain' in why for why in compensator.zero_doubts]
-        assert any(is_said) == bool(compensator.frozen_doubts()), 'the tare holds it, too'
+        assert any(is_said) == bool(frozen_doubts(compensator.tracker)), 'the tare holds it, too'
         off_cells += off_n > 4 * model.deviation['force_z'] and not (said or findings(compensator))
     assert off_cells * PERIOD_S <= 60
     assert all('thermometer 2 has read the same for' in doubt for doubt in said)

@@ -20,6 +20,7 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.doubts import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.stream.recording_cells import why_unusable
 from wrist_ft_comp.wire.cdr import TEMPERATURE
 from wrist_ft_comp.wire.numbers_in_messages import (
@@ -247,9 +248,9 @@ class TemperatureInput(Part):
                 f'{why_unusable(temperature_channel(j), value)}. {remedy} Drift is held meanwhile'
             )
         yield from self._tracker.thermometer_doubts
-        yield from self.compensator.frozen_doubts()
-        yield from self.compensator.seldom_doubts()
-        yield from self.compensator.gap_doubts()
+        yield from frozen_doubts(self._tracker)
+        yield from seldom_doubts(self._tracker, self.compensator.moves)
+        yield from gap_doubts(self._tracker)
         yield from self._silence()
         if 0 < grown['rejected'] >= grown['usable'] / 2:
             clock = '' if self._stamp_ns else f': {arrival(0)}'

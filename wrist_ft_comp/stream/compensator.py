@@ -6,25 +6,25 @@ import math
 
 import numpy as np
 
-from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_drift
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import thermometer_faults
 from wrist_ft_comp.stream.clock import Sample
+from wrist_ft_comp.stream.doubts import (
+    early_tare_doubts,
+    jump_doubts,
+    tare_doubts,
+    usual_silences_ns,
+)
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.live_cells import ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
 
-#: A tare holds what drifted between it and the first temperature; said from this time on, s.
-_LATE_TEMPERATURE_S = 30.0
 #: A tare jumps to the end of a ramp that moves the drift by more than this, N.
 _RAMP_N = 0.1
-#: Drift that may be off by fewer standard deviations of the model than this is not doubted.
-_CERTAIN = 3.0
-
 #: Stamp, ns, and raw values, N and N m, axis order AXES.
 Wrench = tuple[int, Sequence[float]]
 
@@ -82,7 +82,7 @@ class Compensator:
         #: How long the present ramp lasts, ns, and where one of a seldom report is to end.
         self._ramp_ns, self._end_ns = period_ns, 0
         #: How far the last report of each thermometer moved the drift, N and N m, (6,).
-        self._moves: dict[int, FloatArray] = {}
+        self.moves: dict[int, FloatArray] = {}
         #: When a tare was taken before the drift begins: it takes up the drift then, so that the
         #: output stays. None where none waits, -inf before a restart; inf where there is no tare,
         #: but a model that was changed.
@@ -97,11 +97,6 @@ class Compensator:
         return self.tracker.model
 
     @property
-    def _memory_s(self) -> float:
-        """For how long the model remembers a temperature, s; 0 without one."""
-        return 0.0 if self.model is None else self.tracker.memory_s
-
-    @property
     def compensating(self) -> bool:
         """Whether there is a model and its thermal state has started."""
         return self.tracker.state is not None
@@ -109,12 +104,7 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        return self._said + self._jumps()
-
-    def _jumps(self) -> list[str]:
-        time_ns, memory_s = self.tracker.end_ns, self._memory_s
-        doubts = [spikes.doubt(time_ns, memory_s) for spikes in self.tracker.spikes]
-        return [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
+        return self._said + jump_doubts(self.tracker)
 
     def add_temperature(
         self,
@@ -142,7 +132,7 @@ class Compensator:
         target = self.limits.saturate(self.tracker.drift)
         since_ns, self._waits_since_ns = self._waits_since_ns, None
         if since_ns is not None:
-            self._doubt_tare_before_drift(since_ns, stamp_ns, 'temperatures came')
+            self._said += early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
             self._settle(target, keep_output_of or unloaded)
         elif not had_drift:
@@ -153,7 +143,7 @@ class Compensator:
         spacings_ns = [grid.spacing(j) * grid.period_ns for j in range(self.thermometers)]
         for j, spacing_ns in enumerate(spacings_ns):
             if any(cell.measured[j] for cell in cells):
-                self._moves[j] = np.abs(target.zero - self._begun.zero)
+                self.moves[j] = np.abs(target.zero - self._begun.zero)
                 if spacing_ns > grid.period_ns:
                     self._end_ns = stamp_ns + spacing_ns
         self._ramp_ns = max(grid.period_ns, min(self._end_ns - stamp_ns, max(spacings_ns)))
@@ -197,7 +187,7 @@ class Compensator:
         self.tracker.use(model)
         if self._waits_since_ns is not None and self.compensating:
             begun_ns = self.tracker.end_ns
-            self._doubt_tare_before_drift(self._waits_since_ns, begun_ns, 'model went live')
+            self._said += early_tare_doubts(self._waits_since_ns, begun_ns, 'model went live')
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
@@ -224,88 +214,13 @@ class Compensator:
         self.tared = True
         self._forget_doubts()
         # A drift that is held, as no temperature comes, is none to tare with.
-        grid, held_ns = self.tracker.grid, stamp_ns - self.tracker.end_ns
-        usual_ns = [
-            max(_LATE_TEMPERATURE_S * NANOSECONDS, 2 * grid.period_ns * grid.spacing(j))
-            for j in range(self.thermometers)
-        ]
-        is_held = held_ns > max(usual_ns)
+        held_ns = stamp_ns - self.tracker.end_ns
+        is_held = held_ns > max(usual_silences_ns(self.tracker))
         has_drift = self.compensating and self.tracker.awaited is None and not is_held
         self._waits_since_ns = None if has_drift else stamp_ns
-        silent = grid.silent(self.tracker.end_ns // grid.period_ns) if has_drift else ()
-        for j, cells in enumerate(silent):
-            if cells * grid.period_ns > usual_ns[j] and j not in self.tracker.replaced:
-                self.doubt_zero(
-                    f'the tare was taken while thermometer {j + 1} was silent, and holds what '
-                    'drifted since; call ~/tare when it reports'
-                )
-        for j, spikes in enumerate(self.tracker.spikes, start=1):
-            if wait_s := spikes.remembered_s(self.tracker.end_ns, self._memory_s):
-                self.doubt_zero(
-                    f'the tare was taken while the model remembers that thermometer {j} jumped; '
-                    f'tare again in {wait_s / 60:.0f} min'
-                )
-        if self.gap_doubts() or self.frozen_doubts():
-            self.doubt_zero(
-                'the tare was taken while the thermal state was uncertain; call ~/tare when the '
-                'status temperature is OK'
-            )
+        self._said += tare_doubts(self.tracker, has_drift=has_drift)
         self._refresh_correction()
         return self.tare
-
-    def gap_doubts(self) -> list[str]:
-        """Say how far the drift may be off, because temperatures were missing."""
-        uncertainty, tracker = self.tracker.uncertainty, self.tracker
-        if uncertainty is None:
-            return []
-        worst = self._doubt(uncertainty.left(tracker.end_ns, tracker.memory_s), _CERTAIN)
-        sentence = (
-            'the thermal state is uncertain, because temperatures moved at the start, were '
-            f'missing, or their clock was set: {worst} off, and less and less from now on'
-        )
-        return [sentence] if worst else []
-
-    def frozen_doubts(self) -> list[str]:
-        """Say which thermometers may be frozen, and how far the drift is off then."""
-        tracker, sentences = self.tracker, list[str]()
-        state, prediction = tracker.thermometers, None
-        if self.model is not None:
-            prediction = self.model.prediction
-        if state is None or prediction is None:
-            period_ns = tracker.grid.period_ns
-            silent = tracker.grid.silent(tracker.end_ns // period_ns)
-            for j, readings_c in enumerate(tracker.history_c.T):
-                still_s = thermometer_faults.too_still_s(readings_c, period_ns / NANOSECONDS)
-                if still_s and not silent[j]:
-                    sentences.append(
-                        f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten '
-                        'times as long as in the hour before; is it frozen? The drift follows it'
-                    )
-            return sentences
-        for j in tracker.replaced:
-            # Held-out predictions were off by a third of this at most.
-            off_k = np.where(np.arange(self.thermometers) == j, prediction.agree_k / 3, 0.0)
-            if worst := self._doubt(tracker.effect(off_k), _CERTAIN):
-                sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
-        for j in np.flatnonzero(state.suspicious(prediction)).tolist():
-            moved_k = np.where(np.arange(self.thermometers) == j, state.moved_k, 0.0)
-            if worst := self._doubt(tracker.effect(moved_k), _CERTAIN):
-                sentences.append(
-                    f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
-                    f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '
-                    f'Then {worst} off'
-                )
-        return sentences
-
-    def _doubt(self, off: FloatArray, times: float) -> str:
-        """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
-        if self.model is None:
-            return ''
-        excess = off - [times * self.model.deviation.get(axis, 0.0) for axis in AXES]
-        worst = int(np.argmax(excess / axis_limits(1.0)))
-        if excess[worst] <= 0:
-            return ''
-        return f'the drift of {AXES[worst]} may be {off[worst]:.2g} {axis_unit(AXES[worst])}'
 
     def doubt_zero(self, why: str) -> None:
         """Say until the next tare, in a sentence, why the zero may be another one."""
@@ -316,16 +231,6 @@ class Compensator:
         self._said.clear()
         for spikes in self.tracker.spikes:
             spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
-
-    def _doubt_tare_before_drift(self, since_ns: float, begun_ns: int, because: str) -> None:
-        """Say that a tare, which keeps the output now that the drift begins, was taken before."""
-        late_s = (begun_ns - since_ns) / NANOSECONDS
-        if late_s > _LATE_TEMPERATURE_S:
-            before = 'some time' if math.isinf(late_s) else f'{late_s:.0f} s'
-            self.doubt_zero(
-                f'the tare was taken {before} before the {because}, and holds what drifted since; '
-                'call ~/tare'
-            )
 
     def reset_tare(self) -> None:
         """Forget both tares."""
@@ -356,21 +261,8 @@ class Compensator:
         """Continue from a memory, before the first temperature, as DriftTracker.resume does."""
         self.tracker.resume(memory, by_clock_s)
         # What the memory says of jumps ends when they do.
-        self._said = [why for why in self._said if why not in self._jumps()]
+        self._said = [why for why in self._said if why not in jump_doubts(self.tracker)]
         self._settle(self.limits.saturate(self.tracker.drift), None)
-
-    def seldom_doubts(self) -> list[str]:
-        """Say whose seldom reports leave more of the drift than the model does."""
-        sentences, grid = [], self.tracker.grid
-        for j, behind in self._moves.items():
-            worst, spacing = self._doubt(behind, 1.0), grid.spacing(j)
-            if spacing > 1 and worst:
-                spacing_s = spacing * grid.period_ns / NANOSECONDS
-                sentences.append(
-                    f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
-                    'behind; let it report each second'
-                )
-        return sentences
 
     def _share(self, stamp_ns: int) -> float:
         """Share of the ramp that is done at a stamp, 0 to 1."""
@@ -390,7 +282,7 @@ class Compensator:
             )
         self.compensation = self._begun = target
         self.limits.too_fast, self._end_ns = (), 0
-        self._moves.clear()
+        self.moves.clear()
         self._refresh_correction()
 
     def _refresh_correction(self) -> None:

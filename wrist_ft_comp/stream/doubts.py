@@ -1,0 +1,140 @@
+"""
+What may be wrong with the drift that is subtracted, and with a tare: sentences for the statuses.
+
+Only what is off by more than the model itself leaves is said.
+"""
+
+from collections.abc import Iterator, Mapping
+import math
+
+import numpy as np
+
+from wrist_ft_comp.channels import AXES, axis_unit
+from wrist_ft_comp.drift.drift_model import DriftModel
+from wrist_ft_comp.series import FloatArray, NANOSECONDS
+from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream.drift_tracker import DriftTracker
+from wrist_ft_comp.stream.limits import axis_limits
+
+#: A tare holds what drifted between it and the first temperature; said from this time on, s.
+_LATE_TEMPERATURE_S = 30.0
+#: Drift that may be off by fewer standard deviations of the model than this is not doubted.
+_CERTAIN = 3.0
+
+
+def gap_doubts(tracker: DriftTracker) -> list[str]:
+    """Say how far the drift may be off, because temperatures were missing."""
+    if tracker.uncertainty is None:
+        return []
+    worst = _off(tracker.model, tracker.uncertainty.left(tracker.end_ns, tracker.memory_s))
+    sentence = (
+        'the thermal state is uncertain, because temperatures moved at the start, were '
+        f'missing, or their clock was set: {worst} off, and less and less from now on'
+    )
+    return [sentence] if worst else []
+
+
+def frozen_doubts(tracker: DriftTracker) -> list[str]:
+    """Say which thermometers may be frozen, and how far the drift is off then."""
+    state, model, period_ns = tracker.thermometers, tracker.model, tracker.grid.period_ns
+    if state is None or model is None or model.prediction is None:
+        silent, sentences = tracker.grid.silent(tracker.end_ns // period_ns), list[str]()
+        for j, readings_c in enumerate(tracker.history_c.T):
+            still_s = thermometer_faults.too_still_s(readings_c, period_ns / NANOSECONDS)
+            if still_s and not silent[j]:
+                sentences.append(
+                    f'thermometer {j + 1} has read the same for {still_s / 60:.0f} min, ten '
+                    'times as long as in the hour before; is it frozen? The drift follows it'
+                )
+        return sentences
+    sentences, one = [], np.eye(len(state.moved_k))
+    for j in tracker.replaced:
+        # Held-out predictions were off by a third of this at most.
+        if worst := _off(model, tracker.effect(one[j] * model.prediction.agree_k / 3)):
+            sentences.append(f'by what is predicted of thermometer {j + 1}, {worst} off')
+    for j in np.flatnonzero(state.suspicious(model.prediction)).tolist():
+        if worst := _off(model, tracker.effect(one[j] * state.moved_k)):
+            sentences.append(
+                f'thermometer {j + 1} has read the same for {state.still_s[j]:.0f} s while '
+                f'the others show that it moved by {state.moved_k[j]:.1f} K; is it frozen? '
+                f'Then {worst} off'
+            )
+    return sentences
+
+
+def seldom_doubts(tracker: DriftTracker, moves: Mapping[int, FloatArray]) -> list[str]:
+    """
+    Say whose seldom reports leave more of the drift than the model does.
+
+    Takes how far the last report of each thermometer moved the drift, N and N m, (6,).
+    """
+    sentences = []
+    for j, behind in moves.items():
+        worst, spacing = _off(tracker.model, behind, times=1.0), tracker.grid.spacing(j)
+        if spacing > 1 and worst:
+            spacing_s = spacing * tracker.grid.period_ns / NANOSECONDS
+            sentences.append(
+                f'thermometer {j + 1} reports every {spacing_s:.3g} s, so that {worst} '
+                'behind; let it report each second'
+            )
+    return sentences
+
+
+def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) -> str:
+    """Say how far the drift may be off, N and N m, (6,), beyond deviations of the model."""
+    if model is None:
+        return ''
+    excess = off - [times * model.deviation.get(axis, 0.0) for axis in AXES]
+    worst = int(np.argmax(excess / axis_limits(1.0)))
+    if excess[worst] <= 0:
+        return ''
+    return f'the drift of {AXES[worst]} may be {off[worst]:.2g} {axis_unit(AXES[worst])}'
+
+
+def jump_doubts(tracker: DriftTracker) -> list[str]:
+    """Say what thermometers read since the last tare that moves the zero."""
+    memory_s = 0.0 if tracker.model is None else tracker.memory_s
+    doubts = [spikes.doubt(tracker.end_ns, memory_s) for spikes in tracker.spikes]
+    return [f'thermometer {j} {doubt}' for j, doubt in enumerate(doubts, 1) if doubt]
+
+
+def usual_silences_ns(tracker: DriftTracker) -> list[int]:
+    """Give how long a living thermometer may be silent, ns, for each."""
+    grid, least_ns = tracker.grid, round(_LATE_TEMPERATURE_S * NANOSECONDS)
+    count = len(tracker.spikes)
+    return [max(least_ns, 2 * grid.period_ns * grid.spacing(j)) for j in range(count)]
+
+
+def tare_doubts(tracker: DriftTracker, *, has_drift: bool) -> Iterator[str]:
+    """Say what a tare that is taken now will hold; without a drift it takes that up later."""
+    grid, usual_ns = tracker.grid, usual_silences_ns(tracker)
+    silent = grid.silent(tracker.end_ns // grid.period_ns) if has_drift else ()
+    for j, cells in enumerate(silent):
+        if cells * grid.period_ns > usual_ns[j] and j not in tracker.replaced:
+            yield (
+                f'the tare was taken while thermometer {j + 1} was silent, and holds what '
+                'drifted since; call ~/tare when it reports'
+            )
+    memory_s = 0.0 if tracker.model is None else tracker.memory_s
+    for j, spikes in enumerate(tracker.spikes, start=1):
+        if wait_s := spikes.remembered_s(tracker.end_ns, memory_s):
+            yield (
+                f'the tare was taken while the model remembers that thermometer {j} jumped; '
+                f'tare again in {wait_s / 60:.0f} min'
+            )
+    if gap_doubts(tracker) or frozen_doubts(tracker):
+        yield (
+            'the tare was taken while the thermal state was uncertain; call ~/tare when the '
+            'status temperature is OK'
+        )
+
+
+def early_tare_doubts(since_ns: float, begun_ns: int, because: str) -> Iterator[str]:
+    """Say that a tare, which keeps the output now that the drift begins, was taken before."""
+    late_s = (begun_ns - since_ns) / NANOSECONDS
+    if late_s > _LATE_TEMPERATURE_S:
+        before = 'some time' if math.isinf(late_s) else f'{late_s:.0f} s'
+        yield (
+            f'the tare was taken {before} before the {because}, and holds what drifted since; '
+            'call ~/tare'
+        )
