@@ -15,6 +15,7 @@ from wrist_ft_comp.node.external_wrench import ExternalWrench
 from wrist_ft_comp.node.jobs import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
@@ -138,7 +139,7 @@ class CompensatorNode(Hub):
         self.recorder = Recorder(
             stream, self.sensor, store, writer, with_force=force.source != 'none'
         )
-        self.external = ExternalWrench(stream, live, force, counts)
+        self.external = ExternalWrench(stream, PayloadChoice(live, force), force, counts)
         self.tare = TareService(stream, self.external, self.wrench_input, self.state_keeper)
         self.jobs = Jobs(live, self.recorder, self.external, self.full_topics)
         self.learning = Learner(live, self.jobs, self.recorder)

@@ -1,10 +1,9 @@
-"""The part that publishes the wrench without drift and payload, and chooses the payload."""
+"""The part that publishes the wrench without drift and payload, and judges the weight."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
-from pathlib import Path
 import time
 from typing import Any
 
@@ -12,23 +11,19 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.node.live_model import LiveModel
+from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
-from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, FrameIds, MOST_KG, Payload
+from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
 from wrist_ft_comp.payload.weight_check import WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import Layout
 
-#: Value of payload.active for the payload of payload.mass and payload.center_of_mass.
-MANUAL = 'manual'
 #: Two rotations of specific force contradict each other where they differ by more, degrees. Learnt
 #: ones are right within 3, and so is an IMU that a person mounts.
 _CONTRADICTION_DEG = 5.0
@@ -53,19 +48,12 @@ _MISSED_SHARE = 0.1
 _BEHIND_SHARE = 0.05
 
 
-def changed_frames(frame: ForceFrame, here: FrameIds) -> str:
-    """Say which frame_ids differ from those of a learnt frame, where both are known."""
-    then = FrameIds(frame.force_frame, frame.wrench_frame)
-    pairs = [(before, now) for before, now in zip(then, here, strict=True) if before and now]
-    return ' and '.join(f'{before} is now {now}' for before, now in pairs if before != now)
-
-
 @dataclass(eq=False)
 class ExternalWrench(Part):
     """Subtracts the weight of the active payload from every wrench; judges payload and force."""
 
     compensator: Compensator
-    live: LiveModel
+    choice: PayloadChoice
     specific_force: SpecificForceInput
     counts: Counts
     #: Wrenches that came, and those that were not published because specific force was too old.
@@ -111,39 +99,9 @@ class ExternalWrench(Part):
 
     def start(self) -> None:
         """Offer the topic wrench_external, and choose the payload; a refusal ends the node."""
-        #: The file of the payloads that this node has learnt; others lie beside the live model.
-        self.own_path = self.live.store.directory / 'models' / PAYLOADS
         output = self.hub.advertise(WrenchStamped, 'wrench_external', negotiable=True)
         self.output, self.publish = output, output.publish
-        self._hold(self._choose(self.hub.chosen()))
-
-    def payloads(self) -> Learnt:
-        """Read all payloads, oldest first; of two with the same name, the node's own one."""
-        files = [*(model.with_name(PAYLOADS) for model in self._models()), self.own_path]
-        return {name: one for path in files for name, one in load_payloads(path).items()}
-
-    def _models(self) -> list[Path]:
-        """Find the models of this sensor whose payloads count: model_file, and the live one."""
-        given, stored = self.hub.chosen()['model_file'], self.live.stored
-        models = [self.live.store.locate(given)] if given else []
-        return models if stored is None else [*models, stored.path]
-
-    def frames(self) -> dict[str, ForceFrame]:
-        """
-        Find the frames that were learnt with this source and this sensor, oldest first.
-
-        Those are the frames learnt with the live model, with model_file, or by this node under the
-        same frame_ids. An empty frame_id is not compared.
-        """
-        own, here = load_payloads(self.own_path), self.specific_force.frames()
-        stems = {model.stem for model in self._models()}
-        return {
-            name: frame
-            for name, (_, frame) in self.payloads().items()
-            if frame.source == self.specific_force.source
-            and (name.rpartition('-')[0] in stems or (name in own and frame.wrench_frame))
-            and not changed_frames(frame, here)
-        }
+        self._hold(self.choice.choose(self.hub.chosen()))
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
@@ -180,12 +138,12 @@ class ExternalWrench(Part):
     def check_parameters(self, parameters: Sequence[Any]) -> None:
         """Refuse payloads that cannot be chosen; change nothing."""
         if changed := self._changed(parameters):
-            self._choose({**self.hub.chosen(), **changed})
+            self.choice.choose({**self.hub.chosen(), **changed})
 
     def apply_parameters(self, parameters: Sequence[Any]) -> None:
         """Subtract another payload from the next wrench on; it was checked before."""
         if self._changed(parameters):
-            self._hold(self._choose(self.hub.chosen()))
+            self._hold(self.choice.choose(self.hub.chosen()))
 
     def _changed(self, parameters: Sequence[Any]) -> dict[str, Any]:
         """Pick the new values of the own parameters."""
@@ -225,60 +183,6 @@ class ExternalWrench(Part):
                 f'so, too: the weight of {payload.name} may be in the tare; call ~/tare'
             )
         self.counts.unnamed = False
-
-    def _choose(self, chosen: Mapping[str, Any]) -> LivePayload | None:
-        """Find the payload that parameters name."""
-        center_m = np.array(chosen['payload.center_of_mass'], float)
-        by_hand = Payload(chosen['payload.mass'], center_m)
-        name, source = chosen['payload.active'], self.specific_force.source
-        if not name:
-            return None
-        if source == 'none':
-            raise SettingsError(
-                f'payload.active is {name}, but gravity.source is none, so nobody knows where '
-                'down is. Start the node with -p gravity.source:=imu, or tf.'
-            )
-        if name == MANUAL:
-            if not by_hand.mass_kg:
-                raise SettingsError(
-                    f'payload.active is {MANUAL}, and payload.mass is 0. Set payload.mass and '
-                    'payload.center_of_mass of all that is mounted first, or in one request.'
-                )
-            # With TF no rotation is needed. That of an IMU is the newest learnt one.
-            if source == 'tf':
-                return LivePayload(name, by_hand, ForceFrame(source=source), 'as TF gives it')
-            if found := list(self.frames().items()):
-                return LivePayload(name, by_hand, found[-1][1], f'learnt with {found[-1][0]}')
-            here = self.specific_force.frames()
-            if here.wrench_frame and here.force_frame == here.wrench_frame:
-                said = f'because both frame_ids are {here.wrench_frame}'
-                return LivePayload(
-                    name, by_hand, ForceFrame(source=source, **here._asdict()), said
-                )
-            raise SettingsError(
-                f'payload.active is {MANUAL}, but the rotation from the IMU to the frame of the '
-                'wrench is not known: this sensor has learnt no payload yet, and their frame_ids '
-                'differ. Call ~/identify_payload first; that takes a minute of motion.'
-            )
-        learnt = self.payloads()
-        if name not in learnt:
-            raise SettingsError(
-                f'payload.active must be empty, {MANUAL}, or the name of a payload that was '
-                f'learnt ({", ".join(learnt) or "there is none yet"}); got {name}. Learn it with '
-                '~/identify_payload.'
-            )
-        frame = learnt[name][1]
-        # A frame of an unknown source that turns is an IMU's: by TF force needs no turn.
-        unknown = 'imu' if source == 'tf' and not frame.does_nothing else source
-        learnt_by = frame.source or unknown
-        if learnt_by != source:
-            raise SettingsError(
-                f'payload.active is {name}, which was learnt by {learnt_by}, and gravity.source '
-                f'is {source}, which has another frame. Learn the payload again with '
-                '~/identify_payload, or start the node with the old gravity.source.'
-            )
-        turned = f'learnt with it by {frame.source or "an unknown source"}'
-        return LivePayload(name, *learnt[name], turned)
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""

@@ -146,12 +146,12 @@ class Jobs(Part):
                     'The tare or the model changed meanwhile. Call again.'
                 )
             # The accelerometer is as a calibration found it, which a minute can do no better.
-            frames, calibrated = external.frames(), None
-            for name, frame in frames.items():
+            known, calibrated = external.choice, None
+            for name, frame in known.frames().items():
                 if not name.startswith(f'{IDENTIFIED}-'):
                     calibrated = frame.bias.tolist(), frame.scale.tolist()
-            minute = Minute(collector.cells, CELL_S, tuple(external.payloads()), calibrated)
-            job = CalibrationJob((), external.own_path, topics=self.full_topics(), minute=minute)
+            minute = Minute(collector.cells, CELL_S, tuple(known.payloads()), calibrated)
+            job = CalibrationJob((), known.own_path, topics=self.full_topics(), minute=minute)
             outcome = yield from run_job(job)
         finally:
             external.collect(None)

@@ -16,6 +16,7 @@ from sensor_msgs.msg import Imu
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.node import external_wrench
 from wrist_ft_comp.node.external_wrench import ExternalWrench
+from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.payload.weight import ForceFrame, FrameIds, Payload
@@ -45,13 +46,11 @@ class Held:
         self.chosen = {'gravity.source': source, 'gravity.frame': 'up', 'gravity.timeout': 0.2,
                        'model_file': model_file}  # fmt: skip
         self.counts = Counts()
-        stream = Compensator(1)
+        stream, store = Compensator(1), SimpleNamespace(directory=folder, locate=Path)
         self.force = SpecificForceInput(self.chosen, stream)
         self.part = ExternalWrench(
             compensator=stream,
-            live=SimpleNamespace(
-                stored=live, store=SimpleNamespace(directory=folder, locate=Path)
-            ),
+            choice=PayloadChoice(SimpleNamespace(stored=live, store=store), self.force),
             specific_force=self.force,
             counts=self.counts,
         )
