@@ -40,17 +40,16 @@ Options that several commands take stand [below](#options-of-several-commands).
 With `--json` an error is also `{"error": {"kind": …, "message": …}}` on standard output. `kind` is
 %s, `interrupted` or `operating_system`. Later versions may have more.
 
-A command replaces files of its own kind only, which it knows by their content: a model replaces a
-model, a report a report, a picture a picture of this package. An empty file may be replaced, too.
-All other files stay, and so do those that the command reads. An option that the
-given files have no use for is ignored.
+A command replaces an existing file only where it is empty, or was written by this package and is of
+the same kind (known by its content): a model replaces a model, a report a report, a picture a
+picture. All other files stay, also those that the command reads, and recordings: `compensate` needs
+a new name. An option that the given files have no use for is ignored.
 """
 MODEL_FILE = """
 ## Model file
 
-YAML, checked when it is loaded; another version is refused. `[]` stands for an element of a list,
-`*` for the name of an axis. `wrist_ft_comp/stored/model.schema.json` has all entries, also those
-of `prediction`, `candidates` and `model`.
+YAML, checked when it is loaded; another version is refused. `*` stands for the name of an axis.
+The table has what needs a word; `wrist_ft_comp/stored/model.schema.json` has all entries.
 """
 #: Entries whose own entries are left out, because no person reads or writes them.
 INNER = ('prediction', 'axes.*.candidates', 'axes.*.model')
@@ -144,7 +143,7 @@ def schema_rows(schema: Schema, entry: Schema, path: str) -> Iterator[list[str]]
     names = {'minimum': 'at least', 'maximum': 'at most', 'minItems': 'min.', 'maxItems': 'max.'}
     limits = (f'{word} {entry[key]}' for key, word in names.items() if key in entry)
     what = kind(schema, entry)
-    if path and not path.endswith('[]') and (what != 'object' or 'description' in entry):
+    if path and ('const' in entry or 'description' in entry):
         yield [f'`{path}`', what, ', '.join(limits), entry.get('description', '')]
     if path in INNER:
         return

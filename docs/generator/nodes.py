@@ -39,13 +39,15 @@ _LEARNING = {
 }  # fmt: skip
 STATUSES = """\
 Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and so
-on. A model and the first messages bring further values.
+on. A model and the first messages bring further values: in `output` `AXIS_raw`, `AXIS_compensated`
+and `AXIS_drift_deviation`, the standard deviation of the drift that is subtracted.
 """
 #: What the topics and services are for.
 PURPOSE = {
     **TOPICS,
     **SERVICES,
     'temperature_2': 'second thermometer, at the motor',
+    'wrench_external_reference': 'true wrench of the environment on the tool; with tool_mass only',
 }
 
 
@@ -65,7 +67,7 @@ def parameters(rows: Iterable[Parameter]) -> str:
 
 
 @contextmanager
-def running(factory: Callable[..., Node], **values: str) -> Iterator[tuple[Any, Any, Any]]:
+def running(factory: Callable[..., Node], **values: str | float) -> Iterator[tuple[Any, Any, Any]]:
     """Run a node beside another one that asks it; both are in this process only."""
     context = Context()
     context.init([])
@@ -164,8 +166,12 @@ def compensator() -> Iterator[str]:
 
 def simulated_sensor() -> Iterator[str]:
     """Describe the simulated sensor."""
-    with running(SimulatedSensor) as (node, _, _):
-        purpose = {'wrench_reference': 'true wrench', 'temperature': 'thermometer in the sensor'}
+    with running(SimulatedSensor, tool_mass=1.0) as (node, _, _):
+        purpose = {
+            'wrench_raw': 'raw wrench of the sensor', 'wrench_reference': 'true wrench',
+            'temperature': 'thermometer in the sensor',
+            'imu': 'specific force at the sensor; with tool_mass only',
+        }  # fmt: skip
         PURPOSE.update(purpose)
         yield f'## Node `{node.get_name()}` (executable of the same name)\n'
         yield topics(node) + '\n'

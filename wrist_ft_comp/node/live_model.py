@@ -55,9 +55,9 @@ class LiveModel(Part):
         Parameter(
             'model_file', '',
             'Model to run, relative to data_directory or to the working directory; empty takes '
-            'the one that was live last. Where it is the same as at the last start, the model of '
-            'a calibration or rollback since then goes on. Set at run time, it must lie inside '
-            'data_directory.'),
+            'the one that was live last. If name and content are those of the last start, a model '
+            'that went live after it (by a calibration, adoption or rollback) stays live. Set at '
+            'run time, it must lie inside data_directory.'),
     )  # fmt: skip
 
     def start(self) -> None:

@@ -52,7 +52,7 @@ class SpecificForceInput(Part):
             'Age above which a specific force is not used, so that no weight is subtracted.',
             's', 0.01, 10.0),
     )  # fmt: skip
-    topics = (('imu', 'specific force at the sensor; by gravity.source tf, /tf and /tf_static'),)
+    topics = (('imu', 'specific force, with gravity.source imu; with tf: /tf, /tf_static'),)
 
     def __init__(self, chosen: dict[str, Any], compensator: Compensator) -> None:
         self._compensator = compensator

@@ -155,7 +155,7 @@ class TemperatureInput(Part):
     _compared_ns: int | None = None
 
     title, logged = 'temperature', True
-    topics = (('temperature', 'one per entry of temperature_topics, which hears any type, too'),)
+    topics = (('temperature', 'one topic per entry of temperature_topics; TOPIC:FIELD: any type'),)
 
     def start(self) -> None:
         """Subscribe to every thermometer."""
