@@ -40,10 +40,10 @@ Options that several commands take stand [below](#options-of-several-commands).
 With `--json` an error is also `{"error": {"kind": …, "message": …}}` on standard output. `kind` is
 %s, `interrupted` or `operating_system`. Later versions may have more.
 
-A command replaces an existing file only where it is empty, or was written by this package and is of
+A command replaces an existing file only if it is empty, or was written by this package and is of
 the same kind (known by its content): a model replaces a model, a report a report, a picture a
-picture. All other files stay, also those that the command reads, and recordings: `compensate` needs
-a new name. An option that the given files have no use for is ignored.
+picture. All other files stay, also those that the command reads. Recordings stay, too:
+`compensate` needs a new name. An option that the given files have no use for is ignored.
 """
 MODEL_FILE = """
 ## Model file
