@@ -30,12 +30,8 @@ columns to these (`--columns`). A cell is empty where a channel has no sample.
 EXITS = """\
 Options that several commands take stand [below](#options-of-several-commands).
 
-| exit code | meaning |
-| --- | --- |
-| 0 | done |
-| 1 | refused or failed: one sentence on standard error. `node status`: something is not OK |
-| 2 | a wrong option or argument |
-| 130 | interrupted by Ctrl-C |
+Exit codes: 0, done; 1, refused or failed, with one sentence on standard error (of `node status`:
+something is not OK); 2, a wrong option or argument; 130, interrupted by Ctrl-C.
 
 With `--json` an error is also `{"error": {"kind": …, "message": …}}` on standard output. `kind` is
 %s, `interrupted` or `operating_system`. Later versions may have more.
@@ -48,8 +44,8 @@ picture. All other files stay, also those that the command reads. Recordings sta
 MODEL_FILE = """
 ## Model file
 
-YAML, checked when it is loaded; another version is refused. `*` stands for the name of an axis.
-The table has what needs a word; `wrist_ft_comp/stored/model.schema.json` has all entries.
+YAML, version 4, checked when it is loaded; another version is refused. `*` stands for the name of
+an axis. The table has what needs a word; `wrist_ft_comp/stored/model.schema.json` has all entries.
 """
 #: Entries whose own entries are left out, because no person reads or writes them.
 INNER = ('prediction', 'axes.*.candidates', 'axes.*.model')
@@ -143,7 +139,7 @@ def schema_rows(schema: Schema, entry: Schema, path: str) -> Iterator[list[str]]
     names = {'minimum': 'at least', 'maximum': 'at most', 'minItems': 'min.', 'maxItems': 'max.'}
     limits = (f'{word} {entry[key]}' for key, word in names.items() if key in entry)
     what = kind(schema, entry)
-    if path and ('const' in entry or 'description' in entry):
+    if path and 'description' in entry:
         yield [f'`{path}`', what, ', '.join(limits), entry.get('description', '')]
     if path in INNER:
         return
