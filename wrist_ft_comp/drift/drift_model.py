@@ -39,7 +39,7 @@ class DriftModel:
     #: By axis name, also of axes without drift: standard deviation of what the model leaves of the
     #: drift, from held-out data, N or N m.
     deviation: Mapping[str, float] = field(default_factory=dict)
-    #: By axis name: the error that an axis stays below on 95 of 100 days, N or N m, in means over
+    #: By axis name: the error that an axis stays below on 9 of 10 days, N or N m, in means over
     #: 10 s, tared, within the calibrated temperatures; empty where it is not known.
     day_limits: Mapping[str, float] = field(default_factory=dict)
     #: A sensor that starts has soaked at the mean temperatures of this time, s; where it is 0, at

@@ -115,7 +115,7 @@ class AxisFit:
     held_out: HeldOut | None = None
     #: N or N m.
     unit: str = ''
-    #: Error that another day stays below on 95 of 100 days; NaN where nothing can be promised.
+    #: Error that another day stays below on 9 of 10 days; NaN where nothing can be promised.
     day_limit: float = np.nan
     #: Largest drift without compensation since a recording's first minute, in means over 10 s; NaN
     #: where nothing is tared, as for a chamber test.

@@ -1,1 +1,1 @@
-"""The compensator, a list of parts, and the simulated sensor; read ``compensator`` first."""
+"""The compensator, a list of parts, and the simulated sensor; read ``compensator_node`` first."""

@@ -240,7 +240,7 @@ def _judged(case: Case, outside: Sequence[str]) -> Iterator[str]:
     if case.beyond:
         where = f' {left} from, and outside of it no limit holds.' if outside else ''
         yield (
-            'The largest error is above the limit that the calibration stated for 95 of 100 days: '
+            'The largest error is above the limit that the calibration stated for 9 of 10 days: '
             f'{", ".join(case.beyond.values())}.{where} See in the report (--report) when the '
             'error began: the zero may have jumped (a tare in the driver, a contact, another '
             'tool), a cable may pull, a temperature may be missing, or it is another sensor. If '

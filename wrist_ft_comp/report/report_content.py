@@ -77,7 +77,7 @@ class AxisView:
     series: ErrorSeries
     #: What the model's file says of it (model.schema.json).
     entry: Mapping[str, Any]
-    #: Largest error on 95 of 100 other days, as the calibration stated it; NaN if unknown.
+    #: Largest error on 9 of 10 other days, as the calibration stated it; NaN if unknown.
     day_limit: float
     #: Each recording, its error before, and what is left, RMS; empty where errors are held out.
     parts: Sequence[tuple[str, float, float]] = ()
@@ -274,7 +274,7 @@ def evaluation_content(
         beyond=beyond, loose=loose, run=run if is_another_day else '',
         learnt_c=[tuple(entry['range_c']) for entry in stored.document['thermometers']],
     )  # fmt: skip
-    limits = ' limit: largest error on 95 of 100 days, as the calibration stated it.'
+    limits = ' limit: largest error on 9 of 10 days, as the calibration stated it.'
     return ReportContent(
         kind='evaluation', stored=stored, recordings=recordings, coverage=coverage,
         explanation='The model ran on the temperatures of these recordings alone. Raw and '

@@ -63,7 +63,7 @@ class Evidence:
     longest_s: float = 0.0
     #: Whether another day stays below a limit that is smaller than the drift, as far as is known.
     promised: bool = True
-    #: What the largest error with compensation stays below on 95 of 100 days; NaN if unknown.
+    #: What the largest error with compensation stays below on 9 of 10 days; NaN if unknown.
     limit: float = math.nan
     #: Why an axis that drifts was not learnt, without a full stop; empty when it was.
     refusal: str = ''
@@ -151,6 +151,6 @@ def conditions_of_another_day(calibration: Calibration) -> str:
     ranges = calibration.temperature_range_c.tolist()
     low_c, high_c = max(ranges, key=lambda ends: ends[1] - ends[0])
     return (
-        f'limit: largest error on 95 of 100 other days, tared, between {low_c:.0f} and '
+        f'limit: largest error on 9 of 10 other days, tared, between {low_c:.0f} and '
         f'{high_c:.0f} °C, in means over {averaged_s(calibration.model):g} s.'
     )
