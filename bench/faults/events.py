@@ -243,7 +243,8 @@ def _events() -> Iterator[tuple[str, Event]]:
     again, weighed = 'publisher|no raw', 'driver payload imu'  # only the weight shows some
     yield 'driver biased anew', Event('driver', again, driver_again)
     yield 'sensor biased anew', Event('driver', again, partial(driver_again, stays=True))
-    yield 'driver zeroed', Event('driver', f'zeroed|{again}', driver_zeroed)
+    # A tare that is in doubt already is not doubted again.
+    yield 'driver zeroed', Event('driver', f'zeroed|~/tare|{again}', driver_zeroed)
     for unit in (0.2248, 4.448, 1000.0):
         script = driver_in(unit, np.eye(6), OWN_FRAME)
         yield f'driver in units of {unit}', Event(weighed, f'unit|the weight|{again}', script)

@@ -125,7 +125,9 @@ class WrenchInput(Part):
         self._frame = self._frame or layout.frame_id(data)
         is_stamped = layout.decode(data)[0] != 0
         self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
-        if self.sensor.zeroed(compensator.compensation.zero + compensator.tare):
+        # What a free sensor reads is known as long as the tare is not in doubt.
+        free = compensator.compensation.zero + compensator.tare
+        if not compensator.zero_doubts and self.sensor.zeroed(free):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
                 'have zeroed the sensor; call ~/tare'

@@ -18,6 +18,7 @@ from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
 from wrist_ft_comp.node import wrench_topics
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
+from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import WRENCH
 
 HOUR = 3600 * SECOND
@@ -120,7 +121,10 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
     counts = Counts()
     model = SimpleNamespace(axes={'force_z': 1})
     part = WrenchInput(
-        counts, SimpleNamespace(model=model, compensation=no_drift(), tare=0.0, tared=False)
+        counts,
+        SimpleNamespace(
+            model=model, compensation=no_drift(), tare=0.0, tared=False, zero_doubts=['some']
+        ),
     )
     hub = fake_hub(part)
     hub.types['/wrench_raw'] = [WRENCH] * (2 if name == 'two drivers' else 1)
@@ -155,7 +159,7 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
     clock, counts, said = [0.0], Counts(), []
     monkeypatch.setattr(wrench_topics, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
     stream = SimpleNamespace(
-        doubt_zero=said.append, compensation=no_drift(), tare=0.0,
+        doubt_zero=said.append, compensation=no_drift(), tare=0.0, zero_doubts=['some'],
         tared=stamped_s != 'first, not tared',
     )  # fmt: skip
     part = WrenchInput(counts, stream)
@@ -171,6 +175,25 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
         part.poll()
     assert (len(said), part.sensor.leapt) == expected
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('doubts', [[], ['the tare is wrong; call ~/tare']])
+def test_a_zero_that_another_program_sets_is_doubted_but_no_wrong_tare(fake_hub, doubts):
+    counts, stream, rng = Counts(), Compensator(1), np.random.default_rng(0)
+    part = WrenchInput(counts, stream)
+    fake_hub(part)
+    stream.set_tare(RAW, START)
+    for doubt in doubts:
+        stream.doubt_zero(doubt)
+    for k in range(80):
+        reading = RAW * (k < 40) + rng.normal(0, 0.01, 6)
+        message = wrench_message(START + k, 'tool0', reading)
+        counts.newest = START + k, reading.tolist(), serialize_message(message)
+        counts.wrenches += 1
+        part.poll()
+    found = [doubt.startswith('the raw wrench jumped to zero') for doubt in stream.zero_doubts]
+    assert found == ([False] if doubts else [True])
 
 
 class TestWrench:
