@@ -1,9 +1,11 @@
-"""What a file or a folder holds, for people: channels, and how they would be read."""
+"""What a file or a folder holds, for people: channels, and the commands that would read them."""
 
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+import re
+import shlex
 
 import numpy as np
 
@@ -15,7 +17,8 @@ from wrist_ft_comp.recordings import bag_topics, read
 from wrist_ft_comp.recordings.bag import Bag, uppermost_frame
 from wrist_ft_comp.recordings.bag_topics import RAW_WRENCH, TEMPERATURE, TF
 from wrist_ft_comp.recordings.column_proposal import OPEN
-from wrist_ft_comp.recordings.read_options import parse_options
+from wrist_ft_comp.recordings.read_options import MAP_FILE, parse_options
+from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.series import part_of, Progress
 from wrist_ft_comp.wire.temperature_source import parse_source
 
@@ -175,3 +178,40 @@ def _describe_table(opened: read.OpenTable, progress: Progress) -> Description:
         guessed=bool(lacking), refusal=refusal,
         is_unloaded=bool(recording and not np.nan_to_num(recording.reference).any()))  # fmt: skip
     return summary, recording
+
+
+def commands(summary: RecordingSummary, path: Path) -> list[str]:
+    """Write the commands that learn from a recording and judge; of a bag, that run, too."""
+    topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
+    force, words = summary.specific_force, list[str]()
+    referred = any(c.role == REFERENCE and c.samples for c in summary.channels)
+    referred &= not summary.is_unloaded
+    at_work = force is not None and force.seen > 0 and not referred
+    if referred or at_work:
+        words += ['--reference', 'recorded' if referred else 'payload']
+    if topics.columns:
+        words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
+    if topics.wrench.strip('/') != usual.wrench.strip('/'):
+        words += ['--wrench-topic', topics.wrench]
+    if topics.temperatures != usual.temperatures:
+        for entry in topics.temperatures:
+            words += ['--temperature-topic', entry]
+    if referred and topics.reference != usual.reference:
+        words += ['--reference-topic', topics.reference]
+    if not at_work:
+        topics = replace(topics, imu='', gravity_frame='')
+    if topics.imu:
+        words += ['--imu-topic', topics.imu]
+    elif topics.gravity_frame:
+        words += ['--gravity-frame', topics.gravity_frame]
+    # Two recordings in one folder have two models, and none is the map of their columns.
+    name = re.sub(r'(\.[a-z]\w*)+$', '', path.name.partition('+')[0], flags=re.IGNORECASE)
+    model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
+    another = f'ANOTHER_DAY{"" if is_bag else "".join(path.suffixes[-2:])}'
+    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
+    evaluate = ['wrist_ft_comp', 'evaluate', model, another]
+    if not is_bag:
+        return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
+    calibrate += ['--report', f'{Path(model).stem}.html', *words]
+    evaluate += ['--report', 'evaluation.html', *words]
+    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]

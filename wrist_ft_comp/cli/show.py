@@ -4,8 +4,6 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-import re
-import shlex
 
 import numpy as np
 from rich.table import Table
@@ -20,12 +18,11 @@ from wrist_ft_comp.learning import diary as diaries
 from wrist_ft_comp.payload.driver_commands import driver_calls, driver_lines
 from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.recording import Recording, Topics
+from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.column_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report import days as figures
-from wrist_ft_comp.report.advice import run_command
 from wrist_ft_comp.report.page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.series import NANOSECONDS
@@ -100,10 +97,11 @@ def run(arguments: argparse.Namespace) -> int:
                 doubts += [*recording.warnings, *silent_stretches([recording])]
             said = tuple(doubt for doubt in dict.fromkeys(doubts) if doubt not in refusal)
             described = replace(described, warnings=said)
+        words = recording_summary.commands(described, path)
         document = {
             **vars(described),
             'candidates': [vars(c) for c in described.candidates],
-            'commands': [] if refusal and not described.is_open else _commands(described, path),
+            'commands': words if described.is_open or not refusal else [],
             'refusal': refusal,
         }
         lines = [*_recording_lines(described, path, refusal)]
@@ -237,7 +235,7 @@ def _refusal(summary: recording_summary.RecordingSummary, recording: Recording |
 
 def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) -> Iterator[str]:
     """Say what a recording is good for, or why for nothing."""
-    topics, commands = summary.topics, _commands(summary, path)
+    topics, commands = summary.topics, recording_summary.commands(summary, path)
     if refusal:
         yield refusal
         yield from commands[:1] if summary.is_open else ()
@@ -265,43 +263,6 @@ def _use(summary: recording_summary.RecordingSummary, path: Path, refusal: str) 
                 'option:'
             )
             yield from recipe(topics.columns, topics.time)
-
-
-def _commands(summary: recording_summary.RecordingSummary, path: Path) -> list[str]:
-    """Write the commands that learn from a recording and judge; of a bag, that run, too."""
-    topics, usual, is_bag = summary.topics, Topics(), bool(summary.candidates)
-    force, words = summary.specific_force, list[str]()
-    referred = any(c.role == recording_summary.REFERENCE and c.samples for c in summary.channels)
-    referred &= not summary.is_unloaded
-    at_work = force is not None and force.seen > 0 and not referred
-    if referred or at_work:
-        words += ['--reference', 'recorded' if referred else 'payload']
-    if topics.columns:
-        words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
-    if topics.wrench.strip('/') != usual.wrench.strip('/'):
-        words += ['--wrench-topic', topics.wrench]
-    if topics.temperatures != usual.temperatures:
-        for entry in topics.temperatures:
-            words += ['--temperature-topic', entry]
-    if referred and topics.reference != usual.reference:
-        words += ['--reference-topic', topics.reference]
-    if not at_work:
-        topics = replace(topics, imu='', gravity_frame='')
-    if topics.imu:
-        words += ['--imu-topic', topics.imu]
-    elif topics.gravity_frame:
-        words += ['--gravity-frame', topics.gravity_frame]
-    # Two recordings in one folder have two models, and none is the map of their columns.
-    name = re.sub(r'(\.[a-z]\w*)+$', '', path.name.partition('+')[0], flags=re.IGNORECASE)
-    model = 'model.yaml' if f'{name}.yaml' in {'.yaml', MAP_FILE} else f'{name}.yaml'
-    another = f'ANOTHER_DAY{"" if is_bag else "".join(path.suffixes[-2:])}'
-    calibrate = ['wrist_ft_comp', 'calibrate', str(path), '-o', model]
-    evaluate = ['wrist_ft_comp', 'evaluate', model, another]
-    if not is_bag:
-        return [shlex.join([*command, *words]) for command in (calibrate, evaluate)]
-    calibrate += ['--report', f'{Path(model).stem}.html', *words]
-    evaluate += ['--report', 'evaluation.html', *words]
-    return [shlex.join(calibrate), shlex.join(evaluate), run_command(topics, model)]
 
 
 def days_text(directory: Path, diary: diaries.Diary, memory: diaries.Memory) -> list[str | Table]:
