@@ -10,9 +10,10 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # 110 more: a tare that holds a wrong weight, an early drift or a zeroed sensor is said. 190
     # more: set points, second clocks, HHMMSS, and units above a header were read without a word.
-    # 74 more: days, payloads and doubts are chosen in files named for that; before, strangers who
+    # 10 more: a tare is doubted while the model remembers a thermometer that is replaced by now.
+    # 78 more: days, payloads and doubts are chosen in files named for that; before, strangers who
     # saw names only opened others.
-    'wrist_ft_comp': 22_883,
+    'wrist_ft_comp': 22_893,
     'test': 19_120,
     'bench': 5_200,
 }

@@ -150,8 +150,9 @@ class DriftTracker:
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
             )
             believed_c = self.thermometers.believed_c
-            for j in np.flatnonzero(state.replaced).tolist():
-                self.spikes[j].jump = Jump()  # the drift did not follow it
+            replaced = self.thermometers.replaced.tolist()
+            for spikes, is_replaced in zip(self.spikes, replaced, strict=True):
+                spikes.replace(self.end_ns, is_replaced=is_replaced)
             believed_again = state.replaced & ~self.thermometers.replaced
             agreed_k = np.where(believed_again, prediction.agree_k, 0.0)
 

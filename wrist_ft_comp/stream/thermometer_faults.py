@@ -104,6 +104,8 @@ class SpikeFilter:
         #: Since the start, and those that were left out since the last one that was believed.
         self._believed: _Run | None = None
         self._other: _Run | None = None
+        #: Whether the drift follows a prediction instead.
+        self._is_replaced = False
 
     @property
     def stayed_k(self) -> float:
@@ -183,7 +185,14 @@ class SpikeFilter:
         return True
 
     def _note_jump(self, stamp_ns: int, by_k: float) -> None:
-        self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
+        if not self._is_replaced:
+            self.jump = Jump(self.jump.by_k + by_k, stamp_ns, off_k=self.stayed_k)
+
+    def replace(self, now_ns: int, *, is_replaced: bool) -> None:
+        """Let the drift follow a prediction, or the readings again; a jump that stayed ends so."""
+        if is_replaced and not self._is_replaced and self.stayed_k:
+            self.jump = Jump(0.0, now_ns, off_k=self.stayed_k)
+        self._is_replaced = is_replaced
 
     def admit_all(
         self, stamps_ns: IntArray, temperature_c: FloatArray
