@@ -10,10 +10,11 @@ ROOT = Path(__file__).parents[1]
 MOST = {
     # 110 more: a tare that holds a wrong weight, an early drift or a zeroed sensor is said. 190
     # more: set points, second clocks, HHMMSS, and units above a header were read without a word.
-    # 10 more: a tare is doubted while the model remembers a thermometer that is replaced by now.
+    # 18 more: a tare is doubted while the model remembers a thermometer that is replaced by now,
+    # and a zero that a program sets is found from 0.4 N on instead of 1 N.
     # 78 more: days, payloads and doubts are chosen in files named for that; before, strangers who
     # saw names only opened others.
-    'wrist_ft_comp': 22_893,
+    'wrist_ft_comp': 22_901,
     'test': 19_120,
     'bench': 5_200,
 }

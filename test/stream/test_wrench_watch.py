@@ -59,13 +59,15 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
     ('free_n', 'now_n', 'moves', 'noise', 'found'),
     [
         (20.0, 0.0, 0.0, 0.1, 1),
+        (0.8, 0.0, 0.0, 0.05, 1),
         (0.2, 0.0, 0.0, 0.1, 0),
         (20.0, 3.0, 0.0, 0.1, 0),
         (20.0, 0.0, 1.0, 0.1, 0),
         (20.0, 0.0, 0.0, 0.0, 0),
     ],
-    ids=['zeroed', 'a load is let go', 'another load', 'in motion', 'zeros of a broken sensor'],
-)
+    ids=['zeroed', 'by less than 1 N', 'a load is let go', 'another load', 'in motion',
+         'zeros of a broken sensor'],
+)  # fmt: skip
 def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, moves, noise, found):
     rng, scale = np.random.default_rng(0), np.array([1.0] * 3 + [0.1] * 3)
     readings = np.zeros((80, 6))
@@ -76,7 +78,7 @@ def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, move
     watch, times = SensorWatch(), 0
     for reading in readings:
         look(watch, reading)
-        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        times += watch.zeroed(np.array([free_n, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.2 * scale)
     assert times == found
 
 

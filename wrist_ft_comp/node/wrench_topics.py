@@ -15,6 +15,7 @@ from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.compensator import Compensator
+from wrist_ft_comp.stream.limits import axis_limits
 from wrist_ft_comp.stream.live_cells import ThermalCell
 from wrist_ft_comp.stream.recording_cells import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
@@ -27,6 +28,9 @@ _HELD_UP_S = 3.0
 #: Two nodes of one name are said when they have been there for this time, s: one that was killed
 #: stays in the graph for 20 s with Fast DDS.
 _TWINS_S = 30.0
+#: What a free sensor reads is known to this many standard deviations of the model, but not better
+#: than the second, N, and to the third on axes without a model.
+_CERTAIN, _RESOLVED_N, _UNKNOWN_N = 3.0, 0.2, 0.5
 
 
 @dataclass
@@ -77,6 +81,8 @@ class WrenchInput(Part):
         #: Number and stamp of the wrench that was looked at last, ns, and the first frame_id.
         self._looked_at, self._stamp_ns, self._frame = 0, 0, ''
         self._growth = Growth()
+        #: How far what a free sensor is to read may be wrong, N and N m, (6,).
+        self._off = axis_limits(_UNKNOWN_N)
 
     def admits(self, raw: Sequence[float]) -> bool:
         """
@@ -127,7 +133,7 @@ class WrenchInput(Part):
         self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
         # What a free sensor reads is known as long as the tare is not in doubt.
         free = compensator.compensation.zero + compensator.tare
-        if not compensator.zero_doubts and self.sensor.zeroed(free):
+        if not compensator.zero_doubts and self.sensor.zeroed(free, self._off):
             compensator.doubt_zero(
                 'the raw wrench jumped to zero on all axes at once: a program or the driver may '
                 'have zeroed the sensor; call ~/tare'
@@ -136,8 +142,12 @@ class WrenchInput(Part):
     def statuses(self) -> Iterator[Status]:
         """Judge the raw wrenches: stale, unusable, suspicious, or well."""
         self.poll()
-        counts, sensor = self._counts, self.sensor
+        counts, sensor, stream = self._counts, self.sensor, self._compensator
         topic = self.hub.resolve_topic_name('wrench_raw')
+        if stream.model is not None and stream.tracker.temperature_c is not None:
+            deviation = stream.model.uncertainty(stream.tracker.temperature_c)
+            known = np.fmax(_CERTAIN * deviation, axis_limits(_RESOLVED_N))
+            self._off = np.where(np.isnan(deviation), axis_limits(_UNKNOWN_N), known)
         ends = self.hub.get_publishers_info_by_topic(topic)
         drivers = {bytes(end.endpoint_gid).hex() for end in ends}
         if drivers and drivers.isdisjoint(counts.drivers):

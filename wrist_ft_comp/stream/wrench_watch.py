@@ -23,10 +23,8 @@ _RECOVERY = 0.2
 _LIVELY_SHARE = 0.8
 #: Stamps stand still after this many looks in a row at the same one.
 _STAMP_LOOKS = 5
-#: A load at rest scatters by less than this, N, and a sensor reads less right after it was zeroed.
+#: A load at rest scatters by less than this, N.
 _REST_N = 0.5
-#: A jump of less than this, N, is none.
-_JUMP_N = 1.0
 
 
 class SensorWatch:
@@ -78,21 +76,21 @@ class SensorWatch:
             self._step_ns = max(step_ns, 1)
         self._stamp_ns = stamp_ns
 
-    def zeroed(self, free: FloatArray) -> bool:
+    def zeroed(self, free: FloatArray, off: FloatArray) -> bool:
         """
         Whether a reading at rest jumped to zero on all axes between two looks, a second ago.
 
-        ``free`` is what the sensor is to read without a load, N and N m, (6,): where that is near
-        zero, a load was let go.
+        ``free`` is what the sensor is to read without a load, N and N m, (6,), and ``off`` how far
+        that may be wrong: where it is near zero, a load was let go.
         """
         if len(self._lately) < 2 * _RUN_LOOKS:
             return False
-        parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES)) / axis_limits(1.0)
+        parts = np.array(self._lately).reshape(2, _RUN_LOOKS, len(AXES))
         (before, now), scatter = parts.mean(axis=1), parts.std(axis=1)
-        jumped = min(np.abs(before).max(), np.abs(free / axis_limits(1.0)).max()) > _JUMP_N
         # Zeros to the last bit are those of a broken sensor.
-        at_rest = bool((scatter < _REST_N).all() and scatter[1].any())
-        return at_rest and jumped and bool((np.abs(now) < _REST_N).all())
+        at_rest = (scatter < axis_limits(_REST_N)).all() and scatter[1].any()
+        jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
+        return bool(at_rest and jumped and (np.abs(now) < off).all())
 
     @property
     def stamps_stand_still(self) -> bool:

@@ -123,7 +123,12 @@ def test_what_the_newest_wrenches_show_is_said(ros_domain, fake_hub, name):  # n
     part = WrenchInput(
         counts,
         SimpleNamespace(
-            model=model, compensation=no_drift(), tare=0.0, tared=False, zero_doubts=['some']
+            model=model,
+            compensation=no_drift(),
+            tare=0.0,
+            tared=False,
+            zero_doubts=['some'],
+            tracker=SimpleNamespace(temperature_c=None),
         ),
     )
     hub = fake_hub(part)
