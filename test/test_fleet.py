@@ -25,9 +25,9 @@ def robots(tmp_path, make):
     for number in range(3):
         folder = root / f'SN-{number}'
         folder.mkdir(parents=True)
-        for day in range(2):
+        for day in (2, 10):  # by name, day_10 comes first
             make.csv(folder / f'day_{day}.csv', make.drifting(900, 10 * number + day))
-    (root / 'SN-2/day_0.csv').write_text('stamp_s,fx\n1,2\n')
+    (root / 'SN-2/day_2.csv').write_text('stamp_s,fx\n1,2\n')
     return root
 
 
@@ -47,16 +47,18 @@ def script(tmp_path, monkeypatch):
 
 
 def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots, script, capsys):
-    assert len(SCRIPT.splitlines()) <= 40
+    assert len(SCRIPT.splitlines()) <= 42
     with ProcessPoolExecutor(2, mp_context=get_context('spawn')) as pool:
         script.fleet(pool, robots)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:3] == ['SN-2', 'refused', 'recording']
-    assert re.search(r'SN-[01] +\d\.\d% left (force_z|torque_x)', lines[1])
+    assert re.search(r'SN-[01] +\d+% of allowed (force_z|torque_x)', lines[1])
+    (learnt,) = load_model(robots / 'SN-0/model.yaml').document['provenance']['recordings']
+    assert Path(learnt['path']).name == 'day_2.csv'
     row = json.loads((robots / 'SN-1/judged.json').read_text())
-    (robots / 'SN-1/judged.json').write_text(json.dumps({**row, 'left': 0.5}))
+    (robots / 'SN-1/judged.json').write_text(json.dumps({**row, 'error': 0.5}))
     shutil.rmtree(robots / 'SN-0')
-    assert script.judge(robots / 'SN-1')['left'] == 0.5
+    assert script.judge(robots / 'SN-1')['error'] == 0.5
 
 
 def test_a_dask_cluster_learns_the_same_models(robots, script, tmp_path, capsys):
