@@ -5,14 +5,18 @@ Print docs/interface.md: parameters, topics, services, options and formats, take
 """
 
 import os
+import re
 import sys
 import tempfile
+import textwrap
 
 from formats import command_line, file_formats
 from nodes import compensator, simulated_sensor
 
 import wrist_ft_comp
 
+#: Of a paragraph, in characters.
+WIDTH = 140
 HEAD = f"""\
 # Interface
 
@@ -29,7 +33,16 @@ def main() -> None:
     """Print the document."""
     os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE='OFF', ROS_LOG_DIR=tempfile.gettempdir())
     parts = [HEAD, *compensator(), *simulated_sensor(), *command_line(), *file_formats()]
-    sys.stdout.write('\n'.join(parts) + '\n')
+    blocks = ('\n'.join(parts) + '\n').split('\n\n')
+    sys.stdout.write('\n\n'.join(map(filled, blocks)))
+
+
+def filled(block: str) -> str:
+    """Fill a paragraph to the width of the other documents; tables, lists and headings stay."""
+    text = block.strip('\n')
+    if not text or re.search('^(?:[|#-]|    )', text, re.MULTILINE):
+        return block
+    return block.replace(text, textwrap.fill(text, WIDTH, break_on_hyphens=False))
 
 
 if __name__ == '__main__':

@@ -41,6 +41,7 @@ STATUSES = """\
 Statuses in `/diagnostics` (REP-107), each named `NODE: STATUS`. `AXIS` stands for `force_x` and so
 on. A model and the first messages bring further values: in `output` `AXIS_raw`, `AXIS_compensated`
 and `AXIS_drift_deviation`, the standard deviation of the drift that is subtracted.
+`state` says in words what became of the saved state at the start, `turn` how the IMU is turned.
 """
 #: What the topics and services are for.
 PURPOSE = {
@@ -140,7 +141,7 @@ def diagnostics(asker: Any, executor: Any) -> str:
     for status in arrays[0].status:
         keys = [re.sub(AN_AXIS, 'AXIS', value.key) for value in status.values]
         values = ', '.join(f'`{key}`' for key in dict.fromkeys(keys))
-        rows.append([f'`{status.name.split(": ")[1]}`', values])
+        rows.append([f'`{status.name.split(": ")[1]}`', values or 'none'])
     return table(('status', 'values without a model'), rows)
 
 

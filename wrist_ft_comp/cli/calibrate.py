@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='powers of temperature, or hat functions at the plateaus of a chamber test (default: '
         '%(default)s)', default='powers')  # fmt: skip
     parser.add_argument(
-        '--latents', type=int, metavar='N', help='(default: chosen on held-out blocks)'
-    )
+        '--latents', type=int, metavar='N',
+        help='number of weighted sums of features (default: by held-out blocks)')  # fmt: skip
     parser.add_argument(
         '--orders', action='append', type=_orders, default=[], metavar='N,M,D[,direct]',
         help='of arx_pls, once for all latents or once per latent: past outputs, inputs, and '

@@ -108,8 +108,8 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '(default: recording.yaml beside it, or its own names)')  # fmt: skip
     log.add_argument(
         '--time', default='', metavar='FORM',
-        help='what its stamps are: s, ms, us, ns, min, h, d, iso, or a form such as '
-        '"%%d.%%m.%%y %%H:%%M"')  # fmt: skip
+        help='what its stamps are: s, ms, us, ns, min, h, d, excel, datenum, iso, timedelta, or a '
+        'form such as "%%d.%%m.%%y %%H:%%M"')  # fmt: skip
     return group
 
 
