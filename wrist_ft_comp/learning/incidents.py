@@ -97,7 +97,7 @@ def pause(entries: Sequence[DayEntry], since: str) -> str:
         return ''
     return (
         f'{why} Learning goes on after {DAYS_TO_AGREE} days without an incident ({agreeing} so '
-        'far). To let it go on now, call ~/calibrate or ~/adopt.'
+        'far). To end this pause, call ~/calibrate or ~/adopt; their model is kept for as long.'
     )
 
 

@@ -268,9 +268,11 @@ class DriftTopic(Part):
         Publish the correction, unless there was no wrench yet or the drift has not been found.
 
         Then the controller holds the last one, which a restarted node sent before it ended.
+        Without a model the parameter ``uncalibrated`` decides, as it does for the wrench.
         """
         stream, newest = self._compensator, self._counts.newest
-        if newest is None or (stream.model is not None and not stream.compensating):
+        silent = self.hub.get_parameter('uncalibrated').value == 'silent'
+        if newest is None or not (stream.compensating or (stream.model is None and not silent)):
             return
         stamp_ns, raw, _ = newest
         correction = np.subtract(stream.correct(stamp_ns, raw), raw)
