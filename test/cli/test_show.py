@@ -159,11 +159,15 @@ def test_a_day_without_date_and_length_is_shown_without_them(done, folder):
     assert '1970' not in text
     (line,) = (line for line in text.splitlines() if line.startswith('day_00006  '))
     assert line.split()[1:] == ['-'] * 6
+    assert 'day_00006.csv: it is no file with rows of a day' in text
 
 
 def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
     assert done('show', folder / 'days') == done('show', folder)
     assert done('show', folder.parent) == done('show', folder)
+    for mark in ('learning.json', 'active.json'):
+        (folder / mark).unlink()
+    assert 'day_00004.csv: all well' in done('show', folder)
 
 
 def day(number, live='', *, kind='', incident='', at=None):

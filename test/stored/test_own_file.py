@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 import errno
 from functools import partial
+import json
 import os
 from pathlib import Path
 import re
@@ -15,11 +16,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, WristFtCompError
+from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
-from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored import own_file
+from wrist_ft_comp.stored import model_file, own_file, payload_file, state_file
 from wrist_ft_comp.stored.node_folder import FileWriter, HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.own_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.payload_file import load_payloads
@@ -117,7 +118,15 @@ READERS = {
     'payloads.json': load_payloads,
     'learning.json': lambda path: load_memory(path.parent),
     'active.json': lambda path: NodeFolder(path.parent).history(),
-    'days/diary.json': lambda path: DIARY.load(Diary, path),
+    'days/diary.json': lambda path: diary.KIND.load(Diary, path),
+}
+#: And all that have had an older version.
+KINDS = {
+    'model.yaml': (model_file.KIND, model_file.load_model),
+    'payloads.json': (payload_file.KIND, load_payloads),
+    'state.json': (state_file.KIND, load_state),
+    'learning.json': (diary.MEMORY, READERS['learning.json']),
+    'diary.json': (diary.KIND, READERS['days/diary.json']),
 }
 BROKEN = [
     b'', b'{', b'{}', b'[]', b'[[]]', b'3', b'nul', b'null', b'"a.yaml"', b'\xff\xfe', b'\x00',
@@ -136,6 +145,20 @@ def test_a_broken_file_is_refused_by_its_name_and_stays(name, tmp_path):
             READERS[name](path)
         assert len(str(refused.value)) < 600
         assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_a_file_of_an_older_version_is_refused_and_stays(name, tmp_path):
+    (kind, load), path = KINDS[name], tmp_path / name
+    old = json.dumps({'format': kind.says, 'version': 1, 'since': 'then'})
+    path.write_text(old)
+    with pytest.raises(WristFtCompError) as refused:
+        load(path)
+    assert str(refused.value) == (
+        f'{path} was written by an older version of wrist_ft_comp (format 1); this one reads '
+        f'format {kind.version}. {kind.renewed_by}, or install that one.'
+    )
+    assert path.read_text() == old
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n'])

@@ -15,7 +15,11 @@ from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import drift_of_recordings, thermometer_faults
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.doubts import frozen_doubts
-from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
+from wrist_ft_comp.stream.drift_of_recordings import (
+    exchange_doubts,
+    simulate_drift,
+    thermometer_doubts,
+)
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 
 SECOND = 1_000_000_000
@@ -314,7 +318,9 @@ def test_two_that_are_exchanged_are_named(learn, make_day):
             said += compensator.tracker.thermometer_doubts
         assert len(said) >= named
         assert all('thermometers 2 and 3 read what is expected of each' in doubt for doubt in said)
-        assert bool(said) == bool(named)
+        of_file = exchange_doubts(model, day)
+        assert list(of_file) == said[:1]
+        assert sum(of_file.values()) == pytest.approx(10 * len(said) / CELLS, abs=0.03)
 
 
 def test_one_that_is_replaced_stays_so_under_another_model_and_over_a_restart(learn, make_day):
