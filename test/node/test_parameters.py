@@ -43,14 +43,11 @@ def set_parameter(node, name, value, type_=None):
 @pytest.mark.parametrize(
     ('name', 'text', 'expected'),
     [
-        ('count', '4', 4),
-        ('mode', 'fast', 'fast'),
-        ('speed', '400', 400.0),
-        ('levels', '0.25', (0.25,)),
-        ('topics', "['']", ()),
+        ('count', '4', 4), ('mode', 'fast', 'fast'), ('speed', '400', 400.0),
+        ('levels', '0.25', (0.25,)), ('topics', "['']", ()),
         ('files', '[a.csv, b.csv]', ('a.csv', 'b.csv')),
     ],
-)
+)  # fmt: skip
 def test_values_are_taken_as_people_type_them(make, name, text, expected):
     value = make(f'{name}:={text}').table.values()[name]
     assert value == expected
@@ -62,13 +59,11 @@ def test_values_are_taken_as_people_type_them(make, name, text, expected):
     [
         ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
         ('positive', '.nan', ['nan', 'at least 0 N']),
-        ('count', '10', ['10', 'an integer from 1 to 9']),
-        ('flag', '1', ['1', 'true or false']),
-        ('mode', 'medium', ["'medium'", 'slow, fast']),
-        ('label', '12', ['12', 'a string']),
+        ('count', '10', ['10', 'an integer from 1 to 9']), ('flag', '1', ['1', 'true or false']),
+        ('mode', 'medium', ["'medium'", 'slow, fast']), ('label', '12', ['12', 'a string']),
         ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
     ],
-)
+)  # fmt: skip
 def test_bad_value_at_start_up_is_a_sentence(make, name, text, words):
     with pytest.raises(SettingsError, match=f'^Parameter {name} must be ') as refusal:
         make(f'{name}:={text}')

@@ -59,24 +59,6 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     np.testing.assert_allclose(external(first), CONSTANT / (1 + drift.sensitivity), atol=1e-12)
 
 
-@pytest.mark.parametrize('swapped_in', ['model', 'temperature'])
-def test_no_change_of_model_moves_the_external_wrench(make_model, swapped_in):
-    model = make_model({'force_z': (0.4, 2e-3, 1e-9)})
-    compensator = Compensator(1, StreamSettings())
-    if swapped_in == 'model':
-        compensator.add_temperature(0, START, 35.0)
-        compensator.add_temperature(0, START + SECOND, 35.0)
-    compensator.set_tare(CONSTANT, START, CONSTANT / 2)
-    wrench = START + SECOND, (10 * CONSTANT).tolist()
-    before = compensator.correct(*wrench, external=True)
-    np.testing.assert_allclose(before, 9.5 * CONSTANT)
-    compensator.go_live(model, wrench)
-    for second in (1, 2, 3):
-        compensator.add_temperature(0, START + second * SECOND, 35.0, wrench)
-        np.testing.assert_allclose(compensator.correct(*wrench, external=True), before)
-    assert compensator.compensation.zero[2] == pytest.approx(6.0)
-
-
 @pytest.fixture
 def forces():
     return RecentForces(0.2)
