@@ -70,14 +70,11 @@ def make_recording():
     ):
         temperature_c = temperature_c.reshape(len(temperature_c), -1)
         return Recording(
-            name=name,
-            period_ns=round(period_s * 1e9),
-            first_cell=first_cell,
-            temperature_c=temperature_c,
-            measured=np.ones(temperature_c.shape, dtype=bool),
+            name=name, period_ns=round(period_s * 1e9), first_cell=first_cell,
+            temperature_c=temperature_c, measured=np.ones(temperature_c.shape, dtype=bool),
             wrench=_wrenches(len(temperature_c), wrench),
             reference=_wrenches(len(temperature_c), reference or {}),
-        )
+        )  # fmt: skip
 
     return make
 

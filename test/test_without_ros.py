@@ -38,12 +38,8 @@ def run(site, *words):
     return subprocess.run(
         [sys.executable, '-S', *words],
         env={**environment, 'PYTHONPATH': f'{ROOT}{os.pathsep}{site}', 'MPLBACKEND': 'agg'},
-        cwd=site,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
+        cwd=site, capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
+    )  # fmt: skip
 
 
 def test_the_command_line_gives_its_results(site, tmp_path):

@@ -369,14 +369,9 @@ def run_python(ros_domain):  # noqa: ARG001
 
     def run(*words):
         done = subprocess.run(
-            [sys.executable, *words],
-            cwd=ROOT,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            capture_output=True,
-            text=True,
-            timeout=3 * TIMEOUT_S,
-            check=False,
-        )
+            [sys.executable, *words], cwd=ROOT, env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True, text=True, timeout=3 * TIMEOUT_S, check=False,
+        )  # fmt: skip
         return done.returncode, done.stdout, done.stderr
 
     return run
