@@ -188,13 +188,11 @@ def write_working_day(write_table):
 
     def write(path, day, more=None):
         columns = {
-            'stamp_s': np.arange(len(day)) + 0.5,
-            'temperature_c': day.temperature_c[:, 0],
+            'stamp_s': np.arange(len(day)) + 0.5, 'temperature_c': day.temperature_c[:, 0],
             **dict(zip(AXES, day.wrench.T, strict=True)),
             **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
-            'rotation_speed': day.rotation_speed,
-            **(more or {}),
-        }
+            'rotation_speed': day.rotation_speed, **(more or {}),
+        }  # fmt: skip
         return write_table(path, columns)
 
     return write
@@ -248,14 +246,12 @@ def make_model():
         for axis, (zero, sensitivity, tau) in axes.items():
             pole = np.exp(-period_s / tau)
             dynamics = ArxPls(
-                input_mean=np.zeros(thermometers),
-                input_weight=ones,
+                input_mean=np.zeros(thermometers), input_weight=ones,
                 rotations=ones[:, np.newaxis] / thermometers,
                 latents=(Arx(np.array([-pole]), np.array([1 - pole])),),
-                output_loadings=np.array([[zero], [sensitivity]]),
-                output_weight=np.ones(2),
+                output_loadings=np.array([[zero], [sensitivity]]), output_weight=np.ones(2),
                 output_mean=np.zeros(2),
-            )
+            )  # fmt: skip
             made[axis] = AxisModel(celsius, dynamics)
         return DriftModel(round(period_s * 1e9), thermometers, made, prediction=prediction)
 
@@ -291,7 +287,6 @@ class Messages:
         return self.pack(self.temperature_type, header, float(value), 0.25, little=little)
 
     def learn(self, kind, text):
-        """Know a type by its definition."""
         from rosbags.typesys import get_types_from_msg  # noqa: PLC0415 -- only who needs it
 
         self.store.register(get_types_from_msg(text, kind))
@@ -306,7 +301,6 @@ class Messages:
         return self._make(kind, *fields)
 
     def pack(self, kind, *fields, little=True):
-        """Serialize a message of any known type."""
         message = self.make(kind, *fields)
         return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
 

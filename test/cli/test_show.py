@@ -202,14 +202,11 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     (document,) = json.loads(done('show', tmp_path, '--json')).values()
     happened = [(one['name'], one['first'][4:9], one['last'][4:9]) for one in document['events']]
     assert happened == [
-        ('new model learnt', '00002', '00002'),
-        ('thermometer out', '00003', '00005'),
-        ('person chose model', '00005', '00005'),
-        ('zero jumped', '00006', '00006'),
-        ('zero jumped', '00007', '00007'),
-        ('back to old model', '00009', '00009'),
+        ('new model learnt', '00002', '00002'), ('thermometer out', '00003', '00005'),
+        ('person chose model', '00005', '00005'), ('zero jumped', '00006', '00006'),
+        ('zero jumped', '00007', '00007'), ('back to old model', '00009', '00009'),
         ('better model offered', '00011', '00011'),
-    ]
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('count', [1, 5, 365])

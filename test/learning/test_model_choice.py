@@ -20,13 +20,11 @@ NAMES = [f'day_{number:05d}.csv' for number in range(20)]
 
 @pytest.fixture
 def look(separated):
-    """Ordinary days by their names."""
     return lambda name: separated(int(name[4:9]))
 
 
 @pytest.fixture(scope='module')
 def good(separated):
-    """A model of two days."""
     days = [separated(n).drift for n in (1, 2)]
     return calibrate(days, replace(QUICK, reference='recorded')).model
 

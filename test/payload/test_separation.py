@@ -39,7 +39,9 @@ def masses_and_centers(calibration):
 
 
 class TestPayloads:
-    def test_tool_and_part_are_found_lightest_first(self, learnt):
+    def test_tool_and_part_are_found_lightest_first_beside_drift_and_contacts(self, learnt):
+        for axis in ('force_x', 'force_z', 'torque_y'):
+            assert learnt.fits[axis].rms_after < 0.15 * learnt.fits[axis].rms_before
         masses, centers = masses_and_centers(learnt)
         assert not learnt.warnings
         np.testing.assert_allclose(masses, MASSES, rtol=0.003)
@@ -74,16 +76,10 @@ def warmer(n, lag, kelvin):
 
 
 def pressed(n, until):
-    """A contact of some cells."""
     return np.outer((n >= 0) & (n < until), [9, -9, 30, 1, 1, 0.1])
 
 
 class TestDrift:
-    def test_drift_is_learnt_beside_weight_and_contacts(self, learnt):
-        for axis in ('force_x', 'force_z', 'torque_y'):
-            fit = learnt.fits[axis]
-            assert fit.rms_after < 0.15 * fit.rms_before
-
     def test_contacts_do_not_count_and_the_rest_does(self, make_working_day):
         day = make_working_day(2, part=False)
         quiet = make_working_day(2, part=False, contacts=0.0)

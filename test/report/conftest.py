@@ -62,7 +62,6 @@ def learn(recordings, folder, reference='unloaded', **chosen):
 
 
 def evaluated(stored, recording, reference='unloaded'):
-    """Compare a recording with its reference."""
     errors = tared_errors(stored.model, recording, reference)
     return contents.EvaluatedRecording(recording, reference, errors)
 

@@ -130,7 +130,6 @@ def parent_of(document, path):
 
 
 def with_value(document, path, value):
-    """Give a copy with another value at a path."""
     changed = copy.deepcopy(document)
     parent_of(changed, path)[path[-1]] = value
     return changed
@@ -196,6 +195,8 @@ def test_the_evidence_is_there_for_people_and_what_nobody_knows_is_null(calibrat
     assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
     assert '“constant”' in text
     assert '.nan' not in text.lower()
+    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
+    assert len(repr(calibration)) < 200
 
 
 def test_every_key_of_a_model_file_is_needed(document, load):
@@ -324,8 +325,3 @@ def test_the_schema_and_the_records_agree(document, load):
                 with pytest.raises(ModelFileError):
                     load(with_value(document, path, other))
     assert refused > 200
-
-
-def test_a_calibration_is_written_in_a_line(calibration):
-    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
-    assert len(repr(calibration)) < 200

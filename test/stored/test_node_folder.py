@@ -12,7 +12,6 @@ from wrist_ft_comp.stored.node_folder import HistoryEntry, MAX_RECORDINGS, NodeF
 
 
 def entries(*paths):
-    """List models that were live."""
     return [
         HistoryEntry(path, 'a' * 64, '2026-01-05T06:00:00+00:00', 'It is better.', 'learnt', 'd')
         for path in paths

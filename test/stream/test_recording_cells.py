@@ -48,36 +48,29 @@ def test_cells_are_means_in_pieces_of_any_size(period_s, size):
     assert recording.warnings == ()
 
 
-@pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin'])
+@pytest.mark.parametrize(
+    'fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin', 'two']
+)
 def test_unusable_samples_are_dropped_and_counted(fault):
+    """They come first in a block: of the stamps before it, only the last one is known."""
     good = [(float(k), 20.0 + k / 10) for k in range(200)]
     bad = {
-        'repeated': (99.0, 1e6),
-        'backward': (50.0, 1e6),
-        'ahead': (9000.0, 1e6),
-        'kelvin': (99.5, 295.15),
-        'nan': (99.5, math.nan),
-        'infinite': (99.5, math.inf),
-    }[fault]
-    with_fault = [*good[:100], bad, *good[100:]]
+        'repeated': [(99.0, 1e6)], 'backward': [(50.0, 1e6)], 'ahead': [(9000.0, 1e6)],
+        'kelvin': [(99.5, 295.15)], 'nan': [(99.5, math.nan)], 'infinite': [(99.5, math.inf)],
+        'two': [(99.0, 1e6), (99.5, math.nan)],
+    }[fault]  # fmt: skip
+    parts = good[:100], [*bad, *good[100:]]
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
-    gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
+    blocks = [samples('temperature_c', *part) for part in parts]
+    gridded = grid_samples([*blocks, wrenches(0.5)], name='a.csv')
     np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
-    words = {'nan': 'not finite', 'infinite': 'not finite', 'kelvin': 'such as 295.1 °C'}
+    words = {
+        'nan': 'not finite', 'infinite': 'not finite', 'kelvin': 'such as 295.1 °C',
+        'two': 'are not finite and 1 of 202 samples have a stamp that',
+    }  # fmt: skip
     (warning,) = gridded.warnings
-    assert warning.startswith('temperature_c of a.csv: 1 of 201 samples ')
+    assert warning.startswith(f'temperature_c of a.csv: 1 of {200 + len(bad)} samples ')
     assert words.get(fault, 'does not increase') in warning
-
-
-def test_a_backward_stamp_is_seen_across_blocks():
-    blocks = [
-        samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)),
-        samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)),
-        wrenches(0),
-    ]
-    recording = grid_samples(blocks, max_bad_share=0.5)
-    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
-    assert '2 of 8 samples are not finite and 2 of 8 samples have' in recording.warnings[0]
 
 
 def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
@@ -93,16 +86,11 @@ def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
     assert (still.wrench[:, :3] == 0).all(), 'of a sensor that is off, none is broken alone'
 
 
-@pytest.mark.parametrize(
-    ('lacking', 'sentence'),
-    [
-        ('temperature_c', 'day holds no usable temperature_c'),
-        ('temperature_2_c', 'day holds no usable temperature_2_c'),
-        ('force_z', 'no wrench. .* one of force_x, .*; got temperature_2_c, .*, temperature_c'),
-    ],
-)
-def test_what_a_recording_lacks_is_named_with_what_it_holds(lacking, sentence):
+@pytest.mark.parametrize('lacking', ['temperature_c', 'temperature_2_c', 'force_z'])
+def test_what_a_recording_lacks_is_named_with_what_it_holds(lacking):
     channels = {'temperature_3_c', 'temperature_2_c', 'temperature_c', 'force_z'} - {lacking}
+    no_wrench = 'day holds no wrench. .* of force_x, .*; got temperature_2_c, .*, temperature_c'
+    sentence = no_wrench if lacking == 'force_z' else f'day holds no usable {lacking}'
     with pytest.raises(RecordingError, match=sentence):
         grid_samples([samples(channel, (0, 20), (1, 21)) for channel in channels], name='day')
 

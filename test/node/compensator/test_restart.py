@@ -60,7 +60,6 @@ class Restarted:
         self.keeper.poll()
 
     def output(self, second, raw):
-        """Correct a wrench; force z."""
         return self.compensator.correct(START + second * SECOND, list(raw))[2]
 
 

@@ -83,11 +83,9 @@ class Terminal:
             words = words[3:] if shutil.which('ros2') is None else words
             program = program if shutil.which('ros2') is None else ['ros2']
         self._running[name] = subprocess.Popen(
-            [*program, *words[1:]],
-            cwd=self.folder,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            [*program, *words[1:]], cwd=self.folder, env={**os.environ, 'PYTHONPATH': str(ROOT)},
             start_new_session=True,
-        )
+        )  # fmt: skip
 
     def end(self, name=''):
         """End a program, as Ctrl-C does; without a name, all of them, the last one first."""
