@@ -31,8 +31,8 @@ ROOMS = {
     'node/compensator/test_external_wrench.py',
     'learning': 'jobs/test_learning_job.py cli/test_show.py '
     'node/compensator/learning/test_diary.py',
-    'stored': 'recordings/test_table.py node/compensator/learning/test_learner.py '
-    'cli/test_files.py',
+    'stored': 'recordings/test_table.py learning/test_day_files.py cli/test_files.py '
+    'node/compensator/learning/test_learner.py',
 }
 LEAST_KILLED = 0.9
 TREES = Path('build/mutated')
