@@ -139,10 +139,9 @@ def main() -> int:
         codes = exit_codes(room)
         fates = {name: FATES.get(codes[name], 'unclear') for name in names}
         print(f'{room}: {len(names)} mutants,', dict(Counter(fates.values())), flush=True)
-        for name in names:
-            if fates[name] in ('survived', 'unclear'):
-                survivors += 1
-                print(mutmut(room, 'show', name))
+        alive = [name for name in names if fates[name] in ('survived', 'unclear')]
+        survivors += len(alive)
+        print(*(mutmut(room, 'show', name) for name in alive), flush=True)
     killed = 1 - survivors / len(drawn)
     print(f'{killed:.1%} are killed.')
     return int(killed < LEAST_KILLED)

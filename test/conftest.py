@@ -178,7 +178,6 @@ def _loaded(seconds=600, seed=0):
 
 @pytest.fixture(scope='session')
 def make(write_table):
-    """Make a CSV file, and columns of days with a known drift."""
     return SimpleNamespace(csv=write_table, drifting=_drifting, loaded=_loaded)
 
 

@@ -77,7 +77,6 @@ def test_a_model_names_its_sensor(learnt, done):
 
 @pytest.fixture(params=['evaluate', 'compensate'])
 def apply_model(request, learnt, run, tmp_path):
-    """Run a command that applies the model to a recording."""
     output = ['-o', tmp_path / 'out'] if request.param == 'compensate' else []
     return lambda recording, *words: run(request.param, learnt, recording, *output, *words)
 

@@ -223,7 +223,6 @@ class Bench:
 
     @cached_property
     def helper(self):
-        """The node that the methods below use, made when it is first needed."""
         return self.start(Node, 'helper', use_global_arguments=False)
 
     def make(self, factory, **kwargs):

@@ -27,8 +27,6 @@ class Example(Node):
 
 @pytest.fixture
 def make(bench):
-    """Make a node from ``-p`` NAME:=VALUE."""
-
     def start(*chosen):
         rules = [word for one in chosen for word in ('-p', one)]
         return bench.make(Example, cli_args=['--ros-args', *rules])

@@ -33,21 +33,15 @@ def learnt(days):
     return calibrate(days, AT_WORK)
 
 
-def masses_and_centers(calibration):
-    payloads = calibration.payloads.payloads.values()
-    return [p.mass_kg for p in payloads], [p.center_m for p in payloads]
-
-
 class TestPayloads:
     def test_tool_and_part_are_found_lightest_first_beside_drift_and_contacts(self, learnt):
         for axis in ('force_x', 'force_z', 'torque_y'):
             assert learnt.fits[axis].rms_after < 0.15 * learnt.fits[axis].rms_before
-        masses, centers = masses_and_centers(learnt)
+        payloads = learnt.payloads.payloads.values()
         assert not learnt.warnings
-        np.testing.assert_allclose(masses, MASSES, rtol=0.003)
-        np.testing.assert_allclose(centers, CENTERS, atol=0.0005)
-        shares = [payload.share for payload in learnt.payloads.payloads.values()]
-        np.testing.assert_allclose(shares, 0.5, atol=0.05)
+        np.testing.assert_allclose([p.mass_kg for p in payloads], MASSES, rtol=0.003)
+        np.testing.assert_allclose([p.center_m for p in payloads], CENTERS, atol=0.0005)
+        np.testing.assert_allclose([p.share for p in payloads], 0.5, atol=0.05)
 
     def test_neither_the_frame_of_the_force_nor_a_missing_gyroscope_matters(self, days, learnt):
         turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -56,7 +50,7 @@ class TestPayloads:
             for day in days
         ]
         again = calibrate(turned, AT_WORK)
-        masses, _ = masses_and_centers(again)
+        masses = [payload.mass_kg for payload in again.payloads.payloads.values()]
         np.testing.assert_allclose(masses, MASSES, rtol=0.005)
         rotation = learnt.payloads.frame.rotation @ turn
         np.testing.assert_allclose(again.payloads.frame.rotation, rotation, atol=2e-3)

@@ -19,7 +19,6 @@ CSV = (
 
 
 def halve(stamps_ns, wrench):
-    """A correction one can see."""
     assert stamps_ns.shape == wrench.shape[:1]
     assert wrench.shape[1:] == (6,)
     return wrench / 2
@@ -134,7 +133,6 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
 
 @pytest.fixture(params=['sqlite3', 'mcap', 'csv'])
 def source(request, make_bag, make_csv):
-    """A recording of each kind."""
     return make_csv(CSV) if request.param == 'csv' else make_bag(request.param, count=200)
 
 

@@ -68,7 +68,6 @@ def evaluated(stored, recording, reference='unloaded'):
 
 @pytest.fixture(scope='session')
 def make():
-    """The builders above, for tests."""
     return SimpleNamespace(recording=make_recording, evaluated=evaluated, learn=learn, name=NAME)
 
 

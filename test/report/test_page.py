@@ -168,8 +168,6 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
 
 @pytest.fixture
 def judge(make, stored):
-    """Give the view of an evaluation on one recording."""
-
     def build(recording, **changes):
         evaluated = replace(make.evaluated(stored, recording), **changes)
         return evaluation_content(stored, [evaluated], 60)

@@ -95,8 +95,6 @@ def document(saved):
 
 @pytest.fixture
 def load(tmp_path):
-    """Write a document, or text, or bytes, and load it."""
-
     def write_and_load(content):
         path = tmp_path / 'changed.yaml'
         if not isinstance(content, (str, bytes)):

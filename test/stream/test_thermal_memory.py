@@ -92,19 +92,13 @@ def test_a_memory_belongs_to_models_of_its_form_only(make_model):
     assert belongs_to(model, memory)
     filters = memory.filters
     for change in (
-        {'temperature_c': np.array([20.0])},
-        {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
+        {'temperature_c': np.array([20.0])}, {'filters': {**filters, 'force_z': np.zeros((1, 2))}},
         {'filters': {'force_z': filters['force_z']}},
         {'filters': {axis: np.full(values.shape, 1.7e308) for axis, values in filters.items()}},
-        {'history': ((np.zeros(1), 60),)},
-        {'period_ns': 2 * SECOND},
-        {'silent': (0,)},
-        {'jumps': memory.jumps[:1]},
-        {'start_c': np.zeros((0, 2))},
-        {'start_c': np.zeros((2, 2))},
-        {'thermometers': None},
-        {'thermometers': replace(memory.thermometers, reasons=('',))},
-    ):
+        {'history': ((np.zeros(1), 60),)}, {'period_ns': 2 * SECOND}, {'silent': (0,)},
+        {'jumps': memory.jumps[:1]}, {'start_c': np.zeros((0, 2))}, {'start_c': np.zeros((2, 2))},
+        {'thermometers': None}, {'thermometers': replace(memory.thermometers, reasons=('',))},
+    ):  # fmt: skip
         assert not belongs_to(model, replace(memory, **change))
     for axes, prediction in ((AXES, None), ({'force_z': (1.0, 0.0, 1.0)}, ALIKE)):
         assert not belongs_to(make_model(axes, thermometers=2, prediction=prediction), memory)

@@ -15,12 +15,7 @@ from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import drift_of_recordings, thermometer_faults
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.doubts import frozen_doubts
-from wrist_ft_comp.stream.drift_of_recordings import (
-    exchange_doubts,
-    judge,
-    simulate_drift,
-    thermometer_doubts,
-)
+from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 
 SECOND = 1_000_000_000
@@ -233,11 +228,10 @@ def test_a_failed_one_is_found_and_predicting_it_harms_less(learn, make_day, the
 
 @pytest.mark.parametrize('fault', ['dead', 'frozen'])
 def test_two_that_failed_move_along_with_the_one_that_reports(learn, make_day, fault):
-    begins = {1: BEGIN, 2: BEGIN + 7}
-    day = make_day(7)
+    begins, model, day = {1: BEGIN, 2: BEGIN + 7}, learn(3).model, make_day(7)
     for j, begin in begins.items():
         day = failing(day, fault, j, begin)
-    *_, last = judge(learn(3).model, day.temperature_c, day.measured)
+    *_, last = drift_of_recordings.judge(model, day.temperature_c, day.measured)
     assert last.replaced.tolist() == [False, True, True]
     for j, begin in begins.items():
         moved_k = day.temperature_c[-1, 0] - day.temperature_c[begin - 1, 0]
@@ -332,7 +326,7 @@ def test_two_that_are_exchanged_are_named(learn, make_day):
             said += compensator.tracker.thermometer_doubts
         assert len(said) >= named
         assert all('thermometers 2 and 3 read what is expected of each' in doubt for doubt in said)
-        of_file = exchange_doubts(model, day)
+        of_file = drift_of_recordings.exchange_doubts(model, day)
         assert list(of_file) == said[:1]
         assert sum(of_file.values()) == pytest.approx(10 * len(said) / CELLS, abs=0.03)
 

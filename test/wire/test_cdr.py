@@ -46,7 +46,6 @@ def test_bulk_reading_and_writing_agree_with_rosbags_one_by_one(parts, messages,
 
 
 def with_length(length):
-    """Make another length of frame_id stand in a message."""
     return lambda wrench: wrench[:12] + struct.pack('<I', length) + wrench[16:]
 
 

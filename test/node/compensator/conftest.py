@@ -102,7 +102,6 @@ class Rig:
         self.node._on_wrench(data)
 
     def put_temperature(self, stamp, *values):
-        """Send one reading per value."""
         for j, value in enumerate(values):
             message = Temperature(temperature=float(value))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)

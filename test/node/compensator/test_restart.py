@@ -54,7 +54,6 @@ class Restarted:
         self.keeper.start()
 
     def warm(self, seconds, celsius=warming):
-        """Send a temperature a second."""
         for second in seconds:
             self.compensator.add_temperature(0, START + second * SECOND, celsius(second))
         self.keeper.poll()

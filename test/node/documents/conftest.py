@@ -50,7 +50,6 @@ class Terminal:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def run(self, words):
-        """Run a command to its end; returns what it prints."""
         if words[0] == 'ros2' and shutil.which('ros2') is None:
             return ''  # only rclpy is installed
         named = [name for word in words for name in self._expanded(word)]
