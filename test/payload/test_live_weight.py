@@ -30,6 +30,7 @@ def measured(frame, true):
 
 def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     """And with it the tare of the wrench stays what it was: it knows that one pose only."""
+    assert str(tool) == 'tool-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
     model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
     compensator = Compensator(1, StreamSettings(), model)
     for second in range(2):
@@ -86,7 +87,9 @@ def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
 
 def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
     turn = Rotation.from_euler('xyz', [10.0, 20.0, -30.0], degrees=True)
-    assert '10.0, 20.0, -30.0 degrees' in str(ForceFrame(turn.as_matrix()))
+    frame = ForceFrame(turn.as_matrix())
+    assert '10.0, 20.0, -30.0 degrees' in str(frame)
+    assert frame.apart_deg(ForceFrame()) == pytest.approx(np.degrees(turn.magnitude()))
 
 
 def test_drivers_take_mass_and_centre_in_their_units():

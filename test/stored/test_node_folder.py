@@ -62,6 +62,8 @@ def test_the_newest_recordings_are_listed_oldest_first_and_names_differ(store):
     for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~'):
         (store.directory / 'days' / name).touch()
     assert store.newest_day() == 'day_00010.csv'
+    store.discard(paths[0])
+    assert not paths[0].exists()
 
 
 def test_links_are_followed_before_a_path_counts_as_inside(store, tmp_path):

@@ -28,7 +28,6 @@ def model(make_model):
 
 
 def doubting(make_model, tau_s=600.0, range_c=(20.0, 60.0)):
-    """A model whose drift is doubted from 0.06 N on."""
     model = make_model({'force_z': (0.4, 0.0, tau_s)}, range_c=range_c)
     return replace(model, deviation={'force_z': 0.02})
 
