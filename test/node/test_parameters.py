@@ -80,11 +80,10 @@ def test_change_at_run_time_is_accepted_and_converted(make):
 @pytest.mark.parametrize(
     ('name', 'value', 'word'),
     [
-        ('levels', [0.5, 2.0], 'from 0 to 1'),
-        ('count', 'three', 'INTEGER'),
+        ('levels', [0.5, 2.0], 'from 0 to 1'), ('count', 'three', 'INTEGER'),
         ('label', 'new', 'read-only'),
     ],
-)
+)  # fmt: skip
 def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value, word):
     node = make()
     result = set_parameter(node, name, value)

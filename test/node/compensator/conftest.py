@@ -120,7 +120,6 @@ class Rig:
         self.wait_until(lambda: inputs.usable + inputs.unusable >= goal, 'the temperatures')
 
     def warm_up(self, celsius, seconds=3, first=0):
-        """Send a temperature every second, of every thermometer."""
         for second in range(first, first + seconds):
             self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 
