@@ -70,14 +70,11 @@ def make_recording():
     ):
         temperature_c = temperature_c.reshape(len(temperature_c), -1)
         return Recording(
-            name=name,
-            period_ns=round(period_s * 1e9),
-            first_cell=first_cell,
-            temperature_c=temperature_c,
-            measured=np.ones(temperature_c.shape, dtype=bool),
+            name=name, period_ns=round(period_s * 1e9), first_cell=first_cell,
+            temperature_c=temperature_c, measured=np.ones(temperature_c.shape, dtype=bool),
             wrench=_wrenches(len(temperature_c), wrench),
             reference=_wrenches(len(temperature_c), reference or {}),
-        )
+        )  # fmt: skip
 
     return make
 
@@ -181,7 +178,6 @@ def _loaded(seconds=600, seed=0):
 
 @pytest.fixture(scope='session')
 def make(write_table):
-    """Make a CSV file, and columns of days with a known drift."""
     return SimpleNamespace(csv=write_table, drifting=_drifting, loaded=_loaded)
 
 
@@ -191,13 +187,11 @@ def write_working_day(write_table):
 
     def write(path, day, more=None):
         columns = {
-            'stamp_s': np.arange(len(day)) + 0.5,
-            'temperature_c': day.temperature_c[:, 0],
+            'stamp_s': np.arange(len(day)) + 0.5, 'temperature_c': day.temperature_c[:, 0],
             **dict(zip(AXES, day.wrench.T, strict=True)),
             **dict(zip(FORCE_CHANNELS, day.specific_force.T, strict=True)),
-            'rotation_speed': day.rotation_speed,
-            **(more or {}),
-        }
+            'rotation_speed': day.rotation_speed, **(more or {}),
+        }  # fmt: skip
         return write_table(path, columns)
 
     return write
@@ -251,14 +245,12 @@ def make_model():
         for axis, (zero, sensitivity, tau) in axes.items():
             pole = np.exp(-period_s / tau)
             dynamics = ArxPls(
-                input_mean=np.zeros(thermometers),
-                input_weight=ones,
+                input_mean=np.zeros(thermometers), input_weight=ones,
                 rotations=ones[:, np.newaxis] / thermometers,
                 latents=(Arx(np.array([-pole]), np.array([1 - pole])),),
-                output_loadings=np.array([[zero], [sensitivity]]),
-                output_weight=np.ones(2),
+                output_loadings=np.array([[zero], [sensitivity]]), output_weight=np.ones(2),
                 output_mean=np.zeros(2),
-            )
+            )  # fmt: skip
             made[axis] = AxisModel(celsius, dynamics)
         return DriftModel(round(period_s * 1e9), thermometers, made, prediction=prediction)
 
@@ -294,7 +286,6 @@ class Messages:
         return self.pack(self.temperature_type, header, float(value), 0.25, little=little)
 
     def learn(self, kind, text):
-        """Know a type by its definition."""
         from rosbags.typesys import get_types_from_msg  # noqa: PLC0415 -- only who needs it
 
         self.store.register(get_types_from_msg(text, kind))
@@ -309,7 +300,6 @@ class Messages:
         return self._make(kind, *fields)
 
     def pack(self, kind, *fields, little=True):
-        """Serialize a message of any known type."""
         message = self.make(kind, *fields)
         return bytes(self.store.serialize_cdr(message, kind, little_endian=little))
 

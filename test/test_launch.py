@@ -26,7 +26,6 @@ class Declared:
 
 @pytest.fixture
 def load(monkeypatch):
-    """Run a launch file, and give what it declares."""
     for name, classes in {
         'launch': ['LaunchDescription'],
         'launch.actions': ['DeclareLaunchArgument', 'OpaqueFunction'],

@@ -15,7 +15,7 @@ MOST = {
     # 78 more: days, payloads and doubts are chosen in files named for that; before, strangers who
     # saw names only opened others.
     'wrist_ft_comp': 22_901,
-    'test': 19_120,
+    'test': 19_000,
     'bench': 5_200,
 }
 

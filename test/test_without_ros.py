@@ -38,12 +38,8 @@ def run(site, *words):
     return subprocess.run(
         [sys.executable, '-S', *words],
         env={**environment, 'PYTHONPATH': f'{ROOT}{os.pathsep}{site}', 'MPLBACKEND': 'agg'},
-        cwd=site,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
+        cwd=site, capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
+    )  # fmt: skip
 
 
 def test_the_command_line_gives_its_results(site, tmp_path):
@@ -53,10 +49,8 @@ def test_the_command_line_gives_its_results(site, tmp_path):
     assert not run(site, ROOT / CONVERTER, ROOT / TABLE, '-o', oven).stderr
     for words in (
         ['calibrate', oven, '--reference', 'recorded', '-o', model, '--report', report],
-        ['show', model],
-        ['evaluate', model, oven],
-        ['compensate', model, oven, '-o', out],
-    ):
+        ['show', model], ['evaluate', model, oven], ['compensate', model, oven, '-o', out],
+    ):  # fmt: skip
         done = run(site, '-m', 'wrist_ft_comp', *map(str, words))
         assert done.returncode == 0, done.stderr
         assert done.stdout

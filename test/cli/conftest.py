@@ -19,7 +19,6 @@ class Outcome(NamedTuple):
 
     @property
     def sentence(self):
-        """The one line of a refusal."""
         lines = self.err.splitlines()
         assert self.code == 1, self
         assert len(lines) == 1, self.err
@@ -37,8 +36,6 @@ def quick_reports(without_pictures):
 
 @pytest.fixture
 def run(capsys):
-    """Run a command in this process."""
-
     def invoke(*argv):
         capsys.readouterr()
         try:
@@ -64,8 +61,6 @@ def done(run):
 
 @pytest.fixture
 def process():
-    """Start a command as a process of its own."""
-
     def start(*argv, **more):
         command = [sys.executable, '-m', 'wrist_ft_comp', *map(str, argv)]
         return subprocess.Popen(command, text=True, **{'stderr': subprocess.PIPE, **more})

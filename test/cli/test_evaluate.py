@@ -88,7 +88,6 @@ def lagged_pair(seed, *, frozen=False):
 
 @pytest.fixture(scope='module')
 def pair_model(make, tmp_path_factory):
-    """A model of three such days."""
     folder = tmp_path_factory.mktemp('pair')
     days = [make.csv(folder / f'{seed}.csv', lagged_pair(seed)) for seed in (1, 2, 3)]
     argv = 'calibrate', *days, '-o', folder / 'model.yaml', '--thermal-period', 10

@@ -61,7 +61,6 @@ def own_model(model, tmp_path):
 
 @pytest.fixture
 def folder(tmp_path):
-    """The data_directory of a node with a day."""
     files = DayFiles(tmp_path / 'node', ('force_x', 'temperature_c'), 1e9, '')
     for hour in range(13):
         files.append((1_770_000_000 + hour * 3600) * 10**9, (1.0, 20.0))

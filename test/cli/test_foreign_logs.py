@@ -187,11 +187,13 @@ def test_degrees_that_nobody_named_are_celsius_and_doubted(begin, behind, doubt,
     assert ('In °F that would be 2' in shown) == doubt
 
 
-@pytest.mark.parametrize('name', ['temp_counts', 'temp_adc', 'temp_raw'])
-def test_counts_are_no_tenths_of_degrees(name, run, tmp_path):
+def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, tmp_path):
     t, wrench, celsius = day(1)
-    path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (t, wrench[:, 2], 476 + celsius))
-    assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
+    for name in ('temp_counts', 'temp_adc', 'temp_raw'):
+        path = write(tmp_path / 'log.csv', f't_s,fz,{name}', (t, wrench[:, 2], 476 + celsius))
+        assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
+    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
+    assert 'Fz_V of log.csv is in v, a unit that is not understood' in run('show', path).out
 
 
 @pytest.mark.parametrize(('line', 'is_doubt'), [
@@ -208,12 +210,6 @@ def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_pa
         shown = ' '.join(done('show', path, *words).split())
         quoted = f'read in N or N m, but a line above the rows says {line!r}'
         assert (quoted in shown) == (is_doubt and not behind)
-
-
-def test_volts_of_a_bridge_are_no_newtons(done, tmp_path):
-    t, wrench, celsius = day(1)
-    path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
-    assert 'Fz_V of log.csv is in v, a unit that is not understood' in done('show', path)
 
 
 @pytest.mark.parametrize('names', [['Fz', 'T'], ['Fx', 'Fz', 'T'], ['Fx', 'Fz', 'T1', 'T2']])
@@ -286,11 +282,8 @@ def test_cells_last_as_long_as_the_samples_of_a_slow_log_are_apart(done, tmp_pat
 
 def test_what_a_person_says_counts_more_than_a_name_of_ours(make, tmp_path):
     log = {
-        'stamp_s': [0, 1, 2],
-        'force_z': [1, 2, 3],
-        'cell': [4, 5, 6],
-        'temperature_c': 3 * [20],
-    }
+        'stamp_s': [0, 1, 2], 'force_z': [1, 2, 3], 'cell': [4, 5, 6], 'temperature_c': 3 * [20],
+    }  # fmt: skip
     path, topics = make.csv(tmp_path / 'log.csv', log), Topics(columns='force_z=cell', time='min')
     recording = read_recording(path, topics=topics, period_s=60)
     assert recording.wrench[:, 2].tolist() == [4, 5, 6]

@@ -32,9 +32,6 @@ def test_help_has_examples_and_fits_the_screen(command, run, monkeypatch):
     assert 'exit code: 0 done, 1 refused' in outcome.out
     assert max(map(len, outcome.out.splitlines())) <= 80
     assert command or all(f'    {name}' in outcome.out for name in COMMANDS)
-
-
-def test_the_version_is_the_package_s(run):
     assert run('--version').out.strip() == wrist_ft_comp.__version__
 
 

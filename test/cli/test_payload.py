@@ -23,17 +23,12 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def days(folder, make_working_day, write_working_day):
     """Two days to learn from, one in whose middle the driver tared, and a short one."""
-    paths = []
-    for number, day in enumerate(
-        [
-            make_working_day(0, 1200),
-            make_working_day(1, 1200),
-            make_working_day(2, 1200, tare_at=607),
-            make_working_day(3, 600, part=False),
-        ]
-    ):
+    paths, long = [], {'cells': 1200}
+    kinds = {0: long, 1: long, 2: {**long, 'tare_at': 607}, 4: {'cells': 600, 'part': False}}
+    for seed, kind in kinds.items():
+        day = make_working_day(seed, **kind)
         sensor = {'recorded_from?frame_id=left_ft': np.full(len(day), '')}
-        paths.append(write_working_day(folder / f'day{number}.csv', day, sensor))
+        paths.append(write_working_day(folder / f'day{seed}.csv', day, sensor))
     return paths
 
 

@@ -47,7 +47,6 @@ def hour(seed=0):
 
 
 def c(number, digits):
-    """Write a number with a comma."""
     return f'{number:.{digits}f}'.replace('.', ',')
 
 

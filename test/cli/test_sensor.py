@@ -41,7 +41,6 @@ def bag(tmp_path_factory, messages, make):
 
 
 def named(*temperatures, wrench='/ft/wrench'):
-    """Name topics on the command line."""
     words = (('--temperature-topic', topic) for topic in temperatures or TOPICS)
     return '--wrench-topic', wrench, *(word for pair in words for word in pair)
 
@@ -53,7 +52,6 @@ def day(bag):
 
 @pytest.fixture(scope='module')
 def learnt(day, tmp_path_factory):
-    """A model of that day."""
     path = tmp_path_factory.mktemp('model') / 'model.yaml'
     assert main(['calibrate', str(day), '-o', str(path), '--method', 'pls', *named()]) == 0
     return path
@@ -79,7 +77,6 @@ def test_a_model_names_its_sensor(learnt, done):
 
 @pytest.fixture(params=['evaluate', 'compensate'])
 def apply_model(request, learnt, run, tmp_path):
-    """Run a command that applies the model to a recording."""
     output = ['-o', tmp_path / 'out'] if request.param == 'compensate' else []
     return lambda recording, *words: run(request.param, learnt, recording, *output, *words)
 

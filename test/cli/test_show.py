@@ -132,16 +132,12 @@ def test_the_table_of_days_has_a_row_for_every_day(done, folder):
     for words in (
         '4 days, 2026-02-02 to 2026-02-06: on a usual day a force drifted by 3 N (RMS);',
         'day_00001 2026-02-02 24.0 18.0 to 25.0 3 0.3 10',
-        'day_00002 2026-02-03 23.5 24.0 to 29.0 4 - -',
-        'day_00005 2026-02-06 12.0',
+        'day_00002 2026-02-03 23.5 24.0 to 29.0 4 - -', 'day_00005 2026-02-06 12.0',
         '2026-02-03 zero jumped: zero of force_z jumped by 4.1 N at 13:02',
-        'day_00004.csv: all well',
-        'day_00005.csv: not judged yet',
-        '2026-02-02 person chose model: model_x.yaml was adopted',
-        'last change: 2026-05-02',
-        'offered: m.yaml',
-        'paused: zero of force_z jumped',
-    ):
+        'day_00004.csv: all well', 'day_00005.csv: not judged yet',
+        '2026-02-02 person chose model: model_x.yaml was adopted', 'last change: 2026-05-02',
+        'offered: m.yaml', 'paused: zero of force_z jumped',
+    ):  # fmt: skip
         assert words in ' '.join(text.split())
     assert max(map(len, lines[1:])) <= 80
     (document,) = json.loads(done('show', folder, '--json')).values()
@@ -159,11 +155,15 @@ def test_a_day_without_date_and_length_is_shown_without_them(done, folder):
     assert '1970' not in text
     (line,) = (line for line in text.splitlines() if line.startswith('day_00006  '))
     assert line.split()[1:] == ['-'] * 6
+    assert 'day_00006.csv: it is no file with rows of a day' in text
 
 
 def test_the_days_themselves_and_a_folder_of_several_sensors_will_do(done, folder):
     assert done('show', folder / 'days') == done('show', folder)
     assert done('show', folder.parent) == done('show', folder)
+    for mark in ('learning.json', 'active.json'):
+        (folder / mark).unlink()
+    assert 'day_00004.csv: all well' in done('show', folder)
 
 
 def day(number, live='', *, kind='', incident='', at=None):
@@ -198,14 +198,11 @@ def test_an_event_is_named_once_from_its_first_to_its_last_day(done, tmp_path):
     (document,) = json.loads(done('show', tmp_path, '--json')).values()
     happened = [(one['name'], one['first'][4:9], one['last'][4:9]) for one in document['events']]
     assert happened == [
-        ('new model learnt', '00002', '00002'),
-        ('thermometer out', '00003', '00005'),
-        ('person chose model', '00005', '00005'),
-        ('zero jumped', '00006', '00006'),
-        ('zero jumped', '00007', '00007'),
-        ('back to old model', '00009', '00009'),
+        ('new model learnt', '00002', '00002'), ('thermometer out', '00003', '00005'),
+        ('person chose model', '00005', '00005'), ('zero jumped', '00006', '00006'),
+        ('zero jumped', '00007', '00007'), ('back to old model', '00009', '00009'),
         ('better model offered', '00011', '00011'),
-    ]
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('count', [1, 5, 365])

@@ -124,11 +124,10 @@ def commands(out):
 @pytest.mark.parametrize(
     ('kind', 'storage', 'compression', 'words'),
     [
-        ('bota_like', 'mcap', 'storage', BOTA_WORDS),
-        ('ur_like', 'sqlite3', 'file', UR_WORDS),
+        ('bota_like', 'mcap', 'storage', BOTA_WORDS), ('ur_like', 'sqlite3', 'file', UR_WORDS),
     ],
     ids=['bota', 'ur'],
-)
+)  # fmt: skip
 def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
     run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words
 ):

@@ -34,14 +34,11 @@ def make_axis(filters=FILTERS, latents=LATENTS, outputs=2):
     reference_c, lower_c, upper_c = (np.tile(of_two, count) for of_two in celsius)
     inputs = 4 * count
     dynamics = ArxPls(
-        input_mean=rng.standard_normal(inputs),
-        input_weight=rng.uniform(0.1, 1.0, inputs),
-        rotations=rng.standard_normal((inputs, len(latents))),
-        latents=latents,
+        input_mean=rng.standard_normal(inputs), input_weight=rng.uniform(0.1, 1.0, inputs),
+        rotations=rng.standard_normal((inputs, len(latents))), latents=latents,
         output_loadings=rng.standard_normal((outputs, len(latents))),
-        output_weight=rng.uniform(0.5, 2.0, outputs),
-        output_mean=rng.standard_normal(outputs),
-    )
+        output_weight=rng.uniform(0.5, 2.0, outputs), output_mean=rng.standard_normal(outputs),
+    )  # fmt: skip
     features = Features('powers', reference_c, lower_c, upper_c, degree=2)
     return AxisModel(features, dynamics, filters)
 

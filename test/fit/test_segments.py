@@ -35,7 +35,6 @@ def day(make_recording):
 
 
 def stepped(*steps, cells=CELLS):
-    """Add up steps of (cell, size)."""
     values = np.zeros(cells)
     for cell, size in steps:
         values[cell:] += size

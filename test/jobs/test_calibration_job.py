@@ -66,13 +66,11 @@ def test_a_job_survives_its_journey_as_a_line_of_ascii():
 
 @pytest.fixture
 def good(make, tmp_path):
-    """A recording that a model is learnt from."""
     return make.csv(tmp_path / 'good.csv', make.drifting())
 
 
 @pytest.fixture
 def two(make, tmp_path):
-    """One with two thermometers."""
     return make.csv(tmp_path / 'two.csv', make.drifting(both=True))
 
 

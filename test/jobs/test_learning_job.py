@@ -62,7 +62,6 @@ def write_rows(path, rows):
 
 @pytest.fixture(scope='module')
 def sensor(tmp_path_factory):
-    """A sensor's folder with three days."""
     directory = tmp_path_factory.mktemp('sensor')
     for number in (1, 2, 3):
         write_day(directory, number)
@@ -79,7 +78,6 @@ def job_of(directory, count, *history, report=False, **more):
 
 @pytest.fixture(scope='module')
 def answers(sensor):
-    """What the first two days give."""
     return [entry.answer(job_of(sensor, count, report=True)) for count in (1, 2)]
 
 
@@ -134,7 +132,6 @@ def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tm
 
 @pytest.fixture
 def own_days(tmp_path):
-    """A folder with two days of its own."""
     for number in (1, 2):
         write_day(tmp_path, number)
     return tmp_path

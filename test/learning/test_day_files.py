@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.learning.day_files import DayFiles
+from wrist_ft_comp.learning.day_files import DayFiles, goes_on
 
 DAY, SECOND = 1440, 10**9
 START = 1_700_000_000 * SECOND
@@ -42,10 +42,11 @@ def write(tmp_path):
         ([range(60), range(60, 120)], [120]),
         ([range(60), range(300, 360)], [60, 60]),
         ([range(5), range(300, 360)], [60]),
+        ([range(60), range(300, 360), range(600, 605), range(900, 960)], [60, 60, 60]),
     ],
     ids=[
         'a day', 'silent for 1.9 h', 'silent for 2.2 h', 'time ran back', 'a stray row',
-        'a restart', 'a late restart', 'minutes only',
+        'a restart', 'a late restart', 'minutes only', 'minutes later on',
     ],
 )  # fmt: skip
 def test_a_day_ends_after_24_h_a_silence_of_2_h_and_where_time_ran_back(write, runs, rows):
@@ -97,4 +98,7 @@ def test_a_restart_with_the_thermometers_in_another_order_begins_another_day(tmp
         days.close()
     first, second = sorted((tmp_path / 'days').iterdir())
     assert first.read_text().count('\n') == 121
+    assert goes_on(first, second)
+    assert not goes_on(second, first)
+    assert not goes_on(first, first.with_name('day_00003.csv'))
     assert 'temperature_topics=/b/state:motors[0]%2A0.1:K&' in second.read_text()

@@ -13,7 +13,6 @@ TOOL = {'mass_kg': 2.5, 'center_m': (0.02, 0.0, 0.2)}
 
 @pytest.fixture
 def before(separated):
-    """Three ordinary days."""
     return [describe(separated(number)) for number in (1, 2, 3)]
 
 

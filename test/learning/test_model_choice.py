@@ -20,13 +20,11 @@ NAMES = [f'day_{number:05d}.csv' for number in range(20)]
 
 @pytest.fixture
 def look(separated):
-    """Ordinary days by their names."""
     return lambda name: separated(int(name[4:9]))
 
 
 @pytest.fixture(scope='module')
 def good(separated):
-    """A model of two days."""
     days = [separated(n).drift for n in (1, 2)]
     return calibrate(days, replace(QUICK, reference='recorded')).model
 
@@ -181,12 +179,15 @@ def entries(count, **more):
 
 
 def test_new_models_become_rarer_as_the_diary_grows():
-    diary, challenged = [], []
+    diary, challenged, said = [], [], []
     for number in range(120):
         diary.append(replace(entries(1)[0], name=f'day_{number:05d}.csv'))
-        if reason(diary, 'a')[0]:
+        due, why = reason(diary, 'a')
+        if due:
             diary[-1] = replace(diary[-1], challenged=True)
             challenged.append(number + 1)
+            said.append(why)
+    assert said[2:4] == ['1 more good day', '2 more good days']
     assert challenged == [2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 86, 115]
 
 

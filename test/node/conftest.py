@@ -223,7 +223,6 @@ class Bench:
 
     @cached_property
     def helper(self):
-        """The node that the methods below use, made when it is first needed."""
         return self.start(Node, 'helper', use_global_arguments=False)
 
     def make(self, factory, **kwargs):
@@ -369,14 +368,9 @@ def run_python(ros_domain):  # noqa: ARG001
 
     def run(*words):
         done = subprocess.run(
-            [sys.executable, *words],
-            cwd=ROOT,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
-            capture_output=True,
-            text=True,
-            timeout=3 * TIMEOUT_S,
-            check=False,
-        )
+            [sys.executable, *words], cwd=ROOT, env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            capture_output=True, text=True, timeout=3 * TIMEOUT_S, check=False,
+        )  # fmt: skip
         return done.returncode, done.stdout, done.stderr
 
     return run

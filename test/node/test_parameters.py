@@ -27,8 +27,6 @@ class Example(Node):
 
 @pytest.fixture
 def make(bench):
-    """Make a node from ``-p`` NAME:=VALUE."""
-
     def start(*chosen):
         rules = [word for one in chosen for word in ('-p', one)]
         return bench.make(Example, cli_args=['--ros-args', *rules])
@@ -43,14 +41,11 @@ def set_parameter(node, name, value, type_=None):
 @pytest.mark.parametrize(
     ('name', 'text', 'expected'),
     [
-        ('count', '4', 4),
-        ('mode', 'fast', 'fast'),
-        ('speed', '400', 400.0),
-        ('levels', '0.25', (0.25,)),
-        ('topics', "['']", ()),
+        ('count', '4', 4), ('mode', 'fast', 'fast'), ('speed', '400', 400.0),
+        ('levels', '0.25', (0.25,)), ('topics', "['']", ()),
         ('files', '[a.csv, b.csv]', ('a.csv', 'b.csv')),
     ],
-)
+)  # fmt: skip
 def test_values_are_taken_as_people_type_them(make, name, text, expected):
     value = make(f'{name}:={text}').table.values()[name]
     assert value == expected
@@ -62,13 +57,11 @@ def test_values_are_taken_as_people_type_them(make, name, text, expected):
     [
         ('speed', 'quick', ["'quick'", 'a number from 0 to 1000 m/s', '-p speed:=VALUE']),
         ('positive', '.nan', ['nan', 'at least 0 N']),
-        ('count', '10', ['10', 'an integer from 1 to 9']),
-        ('flag', '1', ['1', 'true or false']),
-        ('mode', 'medium', ["'medium'", 'slow, fast']),
-        ('label', '12', ['12', 'a string']),
+        ('count', '10', ['10', 'an integer from 1 to 9']), ('flag', '1', ['1', 'true or false']),
+        ('mode', 'medium', ["'medium'", 'slow, fast']), ('label', '12', ['12', 'a string']),
         ('levels', '[0.5, 1.5]', ['1.5', 'array', 'from 0 to 1']),
     ],
-)
+)  # fmt: skip
 def test_bad_value_at_start_up_is_a_sentence(make, name, text, words):
     with pytest.raises(SettingsError, match=f'^Parameter {name} must be ') as refusal:
         make(f'{name}:={text}')
@@ -87,11 +80,10 @@ def test_change_at_run_time_is_accepted_and_converted(make):
 @pytest.mark.parametrize(
     ('name', 'value', 'word'),
     [
-        ('levels', [0.5, 2.0], 'from 0 to 1'),
-        ('count', 'three', 'INTEGER'),
+        ('levels', [0.5, 2.0], 'from 0 to 1'), ('count', 'three', 'INTEGER'),
         ('label', 'new', 'read-only'),
     ],
-)
+)  # fmt: skip
 def test_bad_change_at_run_time_is_refused_and_changes_nothing(make, name, value, word):
     node = make()
     result = set_parameter(node, name, value)

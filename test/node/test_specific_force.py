@@ -19,8 +19,6 @@ TO_TOOL = 'arm', 'tool', NO_TURN
 
 @pytest.fixture
 def start(fake_hub):
-    """Start an input beside a fake hub; gives both."""
-
     def make(source='tf', upper='world', frame='tool'):
         chosen = {'gravity.source': source, 'gravity.frame': upper, 'gravity.timeout': 0.2}
         part = SpecificForceInput(chosen, Compensator(1))

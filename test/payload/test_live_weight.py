@@ -1,9 +1,10 @@
-"""The payload in operation: its specific force and weight, and the second tare."""
+"""The payload in operation: specific force, weight, second tare, and what others are told."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from wrist_ft_comp.payload.driver_commands import driver_calls
 from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -29,6 +30,7 @@ def measured(frame, true):
 
 def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     """And with it the tare of the wrench stays what it was: it knows that one pose only."""
+    assert str(tool) == 'tool-1, 1.5000 kg at (0.0100, -0.0200, 0.0600) m'
     model = make_model({'force_z': (0.4, 2e-3, 1e-9), 'torque_x': (0.01, 0.0, 1e-9)})
     compensator = Compensator(1, StreamSettings(), model)
     for second in range(2):
@@ -59,24 +61,6 @@ def test_a_tool_that_is_tared_stays_at_zero_however_it_turns(tool, make_model):
     np.testing.assert_allclose(external(first), CONSTANT / (1 + drift.sensitivity), atol=1e-12)
 
 
-@pytest.mark.parametrize('swapped_in', ['model', 'temperature'])
-def test_no_change_of_model_moves_the_external_wrench(make_model, swapped_in):
-    model = make_model({'force_z': (0.4, 2e-3, 1e-9)})
-    compensator = Compensator(1, StreamSettings())
-    if swapped_in == 'model':
-        compensator.add_temperature(0, START, 35.0)
-        compensator.add_temperature(0, START + SECOND, 35.0)
-    compensator.set_tare(CONSTANT, START, CONSTANT / 2)
-    wrench = START + SECOND, (10 * CONSTANT).tolist()
-    before = compensator.correct(*wrench, external=True)
-    np.testing.assert_allclose(before, 9.5 * CONSTANT)
-    compensator.go_live(model, wrench)
-    for second in (1, 2, 3):
-        compensator.add_temperature(0, START + second * SECOND, 35.0, wrench)
-        np.testing.assert_allclose(compensator.correct(*wrench, external=True), before)
-    assert compensator.compensation.zero[2] == pytest.approx(6.0)
-
-
 @pytest.fixture
 def forces():
     return RecentForces(0.2)
@@ -99,3 +83,19 @@ def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):
     forces.add(START - SECOND, AWAY)
     assert forces.at(START - SECOND) == AWAY
     assert forces.at(START) is None
+
+
+def test_roll_pitch_and_yaw_are_turns_about_fixed_axes():
+    turn = Rotation.from_euler('xyz', [10.0, 20.0, -30.0], degrees=True)
+    frame = ForceFrame(turn.as_matrix())
+    assert '10.0, 20.0, -30.0 degrees' in str(frame)
+    assert frame.apart_deg(ForceFrame()) == pytest.approx(np.degrees(turn.magnitude()))
+
+
+def test_drivers_take_mass_and_centre_in_their_units():
+    calls = driver_calls(Payload(1.25, np.array([0.01, -0.02, 0.1])))
+    universal = calls['Universal Robots']
+    assert 'mass: 1.25, center_of_gravity: {x: 0.0100, y: -0.0200, z: 0.1000}' in universal
+    assert '[1.25, 10.0, -20.0, 100.0, 0, 0, 0, 0, 0, 0]' in calls['xArm']
+    assert '<origin xyz="0.0100 -0.0200 0.1000"/><mass value="1.25"/>' in calls['URDF']
+    assert calls['MoveIt'].endswith('weight: 1.25')

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.payload.mass_and_center import rigid_bodies
 
@@ -13,6 +14,19 @@ NORMAL = 500.0 * np.eye(6)
 def gains_of(rotation):
     """Columns of [-m R; -m [c]× R], as rows, one column at a time."""
     return np.array([[np.append(x, np.cross(c, x)) for x in -m * rotation.T] for m, c in BODIES])
+
+
+@pytest.mark.parametrize('seen', [[1.0, 1.0, 1.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.1]])
+def test_bodies_are_found_in_any_frame_and_a_direction_never_seen_does_not_count(seen):
+    rotation = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
+    gains = np.where(np.array(seen)[:, None] > 0, gains_of(rotation), 0.3)
+    normal = 500.0 * np.kron(np.eye(2), np.diag(seen))
+    found = rigid_bodies(gains, normal, np.full(6, 1e-4), 1000.0)
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
+    np.testing.assert_allclose(found.mass_kg, [m for m, _ in BODIES], rtol=1e-6)
+    np.testing.assert_allclose(found.center_m, [c for _, c in BODIES], atol=1e-6)
+    assert found.misfit < 1e-6
+    np.testing.assert_allclose(found.contrast, np.sqrt(sorted(seen)[::-1]))
 
 
 def test_errors_are_as_large_as_they_say():

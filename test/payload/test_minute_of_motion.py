@@ -70,7 +70,6 @@ def tilted(angles):
 
 
 def changed(cells, **parts):
-    """Replace the wrench, the specific force or the speed of cells."""
     columns = {'wrench': slice(0, 6), 'force': slice(6, 9), 'speed': 9}
     cells = cells.copy()
     for name, values in parts.items():

@@ -60,8 +60,6 @@ def storage(request):
 
 @pytest.fixture
 def make_csv(tmp_path):
-    """Write text as a CSV file, byte for byte."""
-
     def make(text, name='run.csv'):
         path = tmp_path / name
         path.write_bytes(text if isinstance(text, bytes) else text.encode())

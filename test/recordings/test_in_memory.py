@@ -49,6 +49,8 @@ def test_channels_may_come_in_tables_of_their_own(columns):
     whole = recording_from_columns(columns)
     parts = [{'stamp_ns': STAMPS, name: columns[name]} for name in columns if name != 'stamp_ns']
     assert_same(recording_from_columns(*parts), whole)
+    with pytest.raises(RecordingError, match='table has force_z in two tables'):
+        recording_from_columns(GOOD, {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS)})
 
 
 def test_stamps_may_be_of_any_kind_and_temperatures_in_fahrenheit(columns):
@@ -81,11 +83,6 @@ def test_stamps_may_be_of_any_kind_and_temperatures_in_fahrenheit(columns):
 def test_bad_columns_get_their_sentence(change, sentence):
     with pytest.raises(RecordingError, match=sentence):
         recording_from_columns({**GOOD, **change})
-
-
-def test_a_channel_in_two_tables_is_refused():
-    with pytest.raises(RecordingError, match='table has force_z in two tables'):
-        recording_from_columns(GOOD, {'stamp_ns': STAMPS, 'force_z': np.ones(ROWS)})
 
 
 def test_compensated_columns_are_those_of_a_compensated_file(columns, as_csv, make_model):

@@ -19,7 +19,6 @@ CSV = (
 
 
 def halve(stamps_ns, wrench):
-    """A correction one can see."""
     assert stamps_ns.shape == wrench.shape[:1]
     assert wrench.shape[1:] == (6,)
     return wrench / 2
@@ -37,18 +36,15 @@ def raw_messages(path):
 @pytest.mark.parametrize(
     ('name', 'content', 'sentence'),
     [
-        ('nothing', None, 'nothing does not exist'),
-        ('no.mcap', None, 'no.mcap does not exist'),
+        ('nothing', None, 'nothing does not exist'), ('no.mcap', None, 'no.mcap does not exist'),
         ('folder/notes.txt', b'x', 'folder is no bag: expected a folder with metadata.yaml'),
-        ('old.bag', b'', 'ROS 1 bag'),
-        ('bag.db3.zstd', b'', 'name the folder'),
-        ('empty.csv', b'', 'empty.csv is empty'),
-        ('a.db3', b'', 'a.db3 is empty'),
+        ('old.bag', b'', 'ROS 1 bag'), ('bag.db3.zstd', b'', 'name the folder'),
+        ('empty.csv', b'', 'empty.csv is empty'), ('a.db3', b'', 'a.db3 is empty'),
         ('a.mcap', b'', 'a.mcap is empty'),
         ('a.db3', b'not a database at all' * 100, 'a.db3 cannot be read as a bag'),
         ('a.mcap', b'not a bag at all' * 100, 'a.mcap cannot be read as a bag.*magic'),
     ],
-)
+)  # fmt: skip
 def test_a_path_that_is_no_recording_is_refused(tmp_path, name, content, sentence):
     path = tmp_path / name
     if content is not None:
@@ -137,7 +133,6 @@ def test_a_bare_file_may_be_rewritten_into_a_bare_file(make_bag, storage, suffix
 
 @pytest.fixture(params=['sqlite3', 'mcap', 'csv'])
 def source(request, make_bag, make_csv):
-    """A recording of each kind."""
     return make_csv(CSV) if request.param == 'csv' else make_bag(request.param, count=200)
 
 

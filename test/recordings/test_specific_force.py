@@ -58,11 +58,9 @@ def robot(messages, tmp_path):
         static = ('world', 'base', BASE.as_quat()), ('/tool', 'ft_sensor', MOUNT.as_quat())
 
         def still(self, stamp_ns=T0, links=None):
-            """/tf_static."""
             yield '/tf_static', TF, stamp_ns, messages.transforms(stamp_ns, links or self.static)
 
         def moving(self, seconds, frames=('base', 'arm', 'tool'), little=True):
-            """/tf of two joints."""
             for second in seconds:
                 at, (base, arm, tool) = T0 + round(second * 1e9), frames
                 one = base, arm, shoulder(second).as_quat()

@@ -37,21 +37,16 @@ def all_samples(path, columns='', time=''):
 
 #: A stamp, its unit or form, and the nanoseconds.
 STAMPS = [
-    ('1723248197.123456789', 's', EPOCH),
-    ('-0.5', 's', -500_000_000),
-    ('.25', 's', 250_000_000),
-    (' 3. ', 's', 3_000_000_000),
-    ('1.5e3', 's', 1_500_000_000_000),
-    ('0.30000000000000004', 's', 300_000_000),
-    ('0.0000000009', 's', 1),
+    ('1723248197.123456789', 's', EPOCH), ('-0.5', 's', -500_000_000), ('.25', 's', 250_000_000),
+    (' 3. ', 's', 3_000_000_000), ('1.5e3', 's', 1_500_000_000_000),
+    ('0.30000000000000004', 's', 300_000_000), ('0.0000000009', 's', 1),
     ('1.7232481971234567e9', 's', 1_723_248_197_123_456_700),
-    ('1723248197123.456789', 'ms', EPOCH),
-    (str(EPOCH), 'ns', EPOCH),
+    ('1723248197123.456789', 'ms', EPOCH), (str(EPOCH), 'ns', EPOCH),
     ('2024-08-10T00:03:17.123456789Z', 'iso', EPOCH),
     ('2024-08-10 01:03:17.123456789+01:00', 'iso', EPOCH),
     ('10.08.2024 00:03:17.123456789', '%d.%m.%Y %H:%M:%S.%f', EPOCH),
     ('2024-08-10', 'iso', EPOCH - EPOCH % (86_400 * 10**9)),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(('text', 'time', 'ns'), STAMPS)
@@ -235,13 +230,10 @@ def test_a_bad_file_is_refused_in_one_sentence_that_names_the_place(make_csv, te
 
 
 @pytest.mark.parametrize('tail', ['2,1', '2,1,-x', '2', '2,1,2x', '\0\0\0\0'])
-def test_a_cut_off_last_line_is_left_out_with_a_warning(make_csv, tail):
+def test_a_cut_off_last_line_is_left_out_with_a_warning_and_a_complete_one_kept(make_csv, tail):
     samples, (warning,) = all_samples(make_csv(f'{HEADER}0,1,20\n1,1,20\n{tail}'))
     assert samples['force_z'] == ([0, 10**9], [1.0, 1.0])
     assert 'Line 4 of run.csv is cut off' in warning
-
-
-def test_a_complete_last_line_without_line_end_is_kept_and_mentioned(make_csv):
     samples, (warning,) = all_samples(make_csv(f'{HEADER}0,1,20\n1,1,2'))
     assert samples['temperature_c'][1] == [20.0, 2.0]
     assert "temperature_c = '2'" in warning

@@ -104,7 +104,6 @@ class Browser:
         return [e for e in self.events if e.get('method') in bad] + requests[1:]
 
     def pdf(self):
-        """The page as it is printed."""
         self.send('Emulation.setEmulatedMedia', media='print', features=[])
         return base64.b64decode(self.send('Page.printToPDF', preferCSSPageSize=True)['data'])
 

@@ -34,15 +34,12 @@ def make_recording(  # noqa: PLR0913 -- a factory names what it can vary
     wrench = drift + load + rng.normal(0, 0.02, (cells, 6)) * scale
     wrench[:, axes:] = np.nan
     return Recording(
-        name=name,
-        period_ns=10 * 10**9,
-        first_cell=0,
+        name=name, period_ns=10 * 10**9, first_cell=0,
         temperature_c=np.stack((inside, outside), axis=1),
-        measured=np.ones((cells, 2), dtype=bool),
-        wrench=wrench,
+        measured=np.ones((cells, 2), dtype=bool), wrench=wrench,
         reference=np.full((cells, 6), np.nan) if reference is None else reference,
         warnings=('Something <odd> was left out.',),
-    )
+    )  # fmt: skip
 
 
 def make_plateaus():
@@ -65,14 +62,12 @@ def learn(recordings, folder, reference='unloaded', **chosen):
 
 
 def evaluated(stored, recording, reference='unloaded'):
-    """Compare a recording with its reference."""
     errors = tared_errors(stored.model, recording, reference)
     return contents.EvaluatedRecording(recording, reference, errors)
 
 
 @pytest.fixture(scope='session')
 def make():
-    """The builders above, for tests."""
     return SimpleNamespace(recording=make_recording, evaluated=evaluated, learn=learn, name=NAME)
 
 

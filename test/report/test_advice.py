@@ -27,8 +27,6 @@ def unloaded(cells):
 
 @pytest.fixture(scope='module')
 def seen(make_recording):
-    """Cover recordings that are made of these temperatures."""
-
     def make(*temperatures):
         return cover([make_recording(t, unloaded(len(t))) for t in temperatures])
 

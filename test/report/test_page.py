@@ -79,13 +79,14 @@ def test_the_page_is_small_well_formed_and_loads_nothing(kind, text, view):
     assert set(re.findall(r'url\(#?([^)]*)', text(kind))) <= set(outline.ids), 'clips of pictures'
 
 
-def test_names_are_text_and_never_tags(text, view, make):
+def test_names_are_text_and_never_tags(text, view, make, judge):
     outline = Outline(text('good'))
     assert any(make.name in part for part in outline.text)
     assert 'Calibration of <i>model.yaml' in outline.text
     assert 'Something <odd> was left out.' in outline.text
     assert {'a' * 64, view('good').stored.sha256} <= set(map(str.strip, outline.text)), 'sources'
     assert not {'b', 'i', 'odd'} & set(outline.seen)
+    assert b'?.csv' in brief(judge(make.recording('\udcff.csv'))).encode(errors='replace')
 
 
 @every_kind
@@ -133,13 +134,10 @@ def test_a_program_writes_a_report_and_the_answer_of_a_service_has_its_lines(mak
     assert all(sentence in whole for sentence in advice)
 
 
-def test_a_calibration_says_what_was_held_out(text):
+def test_a_page_says_what_was_held_out_and_what_the_figures_are(text, view):
     assert 'Each of the 2 recordings was predicted' in text('good')
     assert 'Each of the 3 parts of the recording was predicted' in text('weak')
     assert 'Each of the 8 plateaus was predicted' in text('plateaus')
-
-
-def test_a_footer_says_what_the_figures_are(text, view):
     alone = 'before: RMS in parts of 22 min. left: RMS, enlarged to a day.'
     assert alone in Outline(text('weak')).whole
     cut = 'The recording was cut into 3 parts; each is tared in its first'
@@ -151,14 +149,10 @@ def test_a_footer_says_what_the_figures_are(text, view):
         assert view(kind).footer.endswith('–: not known, record another day.') == dashes
 
 
-def test_the_largest_error_that_is_left_stands_beside_the_limit(view):
-    judged = view('evaluation')
-    assert judged.titles[-2:] == ('peak left', 'limit')
-    peaks = [rounded(axis.errors.max_after) for axis in judged.axes]
-    assert [row[-2] for row in judged.rows] == peaks
-
-
 def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
+    assert view('evaluation').titles[-2:] == ('peak left', 'limit')
+    peaks = [rounded(axis.errors.max_after) for axis in view('evaluation').axes]
+    assert [row[-2] for row in view('evaluation').rows] == peaks
     names = [day.name for day in view('evaluation').recordings]
     for axis in view('evaluation').axes:
         assert axis.entry['reason'].startswith('pls')
@@ -174,8 +168,6 @@ def test_an_evaluation_marks_the_recordings_that_were_learnt_from(view, text):
 
 @pytest.fixture
 def judge(make, stored):
-    """Give the view of an evaluation on one recording."""
-
     def build(recording, **changes):
         evaluated = replace(make.evaluated(stored, recording), **changes)
         return evaluation_content(stored, [evaluated], 60)
@@ -189,10 +181,6 @@ def test_four_hours_at_a_cell_a_second_are_no_larger_and_have_own_numbers(make, 
     assert len(page(view).encode()) < MAX_BYTES
     expected = judge_errors([make.evaluated(stored, recording).errors])
     assert {axis.axis: axis.errors for axis in view.axes} == expected
-
-
-def test_names_that_are_no_text_do_not_stop_the_report(make, judge):
-    assert b'?.csv' in brief(judge(make.recording('\udcff.csv'))).encode(errors='replace')
 
 
 def test_standard_errors_and_reasons_are_shown_where_there_are_any(view):

@@ -13,7 +13,6 @@ SMALL = FoldErrors(np.array([0.01, 1.0]), np.array([0.014, 0.1]))
 
 
 def judge(before=10.0, after=1.0, peak=0.0, **known):
-    """Judge a good axis, of which some things are others."""
     known = {'unit': 'N', 'noise': 0.01, 'compensated': True, **known}
     errors = AxisEvaluation(before, after, np.nan, peak)
     return verdict.judge(verdict.Evidence(errors=errors, **known))

@@ -36,31 +36,24 @@ def make_axis(kind, outputs, seed, filters=()):
     count = max(len(filters), 1)
     knots = (np.array([0.1, 20.0, 60.0]), np.array([1 / 3, 50.0]))
     features = Features(
-        kind,
-        reference_c=rng.uniform(20, 30, 2 * count),
-        lower_c=rng.uniform(0, 10, 2 * count),
-        upper_c=rng.uniform(40, 60, 2 * count),
-        degree=2 if kind == 'powers' else 1,
+        kind, reference_c=rng.uniform(20, 30, 2 * count), lower_c=rng.uniform(0, 10, 2 * count),
+        upper_c=rng.uniform(40, 60, 2 * count), degree=2 if kind == 'powers' else 1,
         knots_c=() if kind == 'powers' else knots * count,
-    )
+    )  # fmt: skip
     inputs = (4 if kind == 'powers' else 5) * count
-    return AxisModel(
-        features,
-        ArxPls(
-            input_mean=rng.standard_normal(inputs) * 1e-12,
-            input_weight=rng.uniform(0.1, 1, inputs) * 1e7,
-            rotations=rng.standard_normal((inputs, 3)),
-            latents=(
-                Arx(np.array([-np.exp(-1 / 777.0)]), np.array([1 - np.exp(-1 / 777.0)])),
-                Arx(np.zeros(0), np.array([rng.uniform()])),
-                Arx(np.array([-1.2, 0.5]), rng.standard_normal(2), first_lag=3),
-            ),
-            output_loadings=rng.standard_normal((outputs, 3)),
-            output_weight=rng.uniform(0.1, 3, outputs),
-            output_mean=rng.standard_normal(outputs),
-        ),
-        filters,
+    latents = (
+        Arx(np.array([-np.exp(-1 / 777.0)]), np.array([1 - np.exp(-1 / 777.0)])),
+        Arx(np.zeros(0), np.array([rng.uniform()])),
+        Arx(np.array([-1.2, 0.5]), rng.standard_normal(2), first_lag=3),
     )
+    dynamics = ArxPls(
+        input_mean=rng.standard_normal(inputs) * 1e-12,
+        input_weight=rng.uniform(0.1, 1, inputs) * 1e7,
+        rotations=rng.standard_normal((inputs, 3)), latents=latents,
+        output_loadings=rng.standard_normal((outputs, 3)),
+        output_weight=rng.uniform(0.1, 3, outputs), output_mean=rng.standard_normal(outputs),
+    )  # fmt: skip
+    return AxisModel(features, dynamics, filters)
 
 
 @pytest.fixture(scope='module')
@@ -73,27 +66,19 @@ def calibration():
     }
     fits = {
         axis: AxisFit(
-            model=axes.get(axis),
-            chosen='2 time constants, degree 2' if axis in axes else 'none',
+            model=axes.get(axis), chosen='2 time constants, degree 2' if axis in axes else 'none',
             candidates=(Candidate('none', 1 / 3), Candidate('static, degree 1', 1e-17, 0.9)),
-            rms_before=1 / 3,
-            rms_after=1e-17,
-            expected_rms=1e-17,
+            rms_before=1 / 3, rms_after=1e-17, expected_rms=1e-17,
             time_constants_s=(0.1, 777.0) if axis in axes else (),
             time_constant_errors_s=(1 / 3, float('nan')) if axis in axes else (),
-            reason='it leaves 1e-17 N – the best',
-            notes=('zero drift only: “constant”',),
+            reason='it leaves 1e-17 N – the best', notes=('zero drift only: “constant”',),
         )
         for axis in ('force_x', 'force_y', 'force_z', 'torque_z')
-    }
+    }  # fmt: skip
     deviation = {axis: fit.expected_rms for axis, fit in fits.items()}
-    return Calibration(
-        model=DriftModel(10**9, 2, axes, deviation, start_s=10.0),
-        fits=fits,
-        temperature_range_c=np.array([[20.1, 40.2], [19.0, 23.3]]),
-        duration_s=7200.5,
-        warnings=('Thermometer 1 of a: b.csv is silent; – really.',),
-    )
+    model = DriftModel(10**9, 2, axes, deviation, start_s=10.0)
+    ranges_c = np.array([[20.1, 40.2], [19.0, 23.3]])
+    return Calibration(model, fits, ranges_c, 7200.5, ('Thermometer 1 of a: b.csv is silent; –.',))
 
 
 @pytest.fixture(scope='module')
@@ -110,8 +95,6 @@ def document(saved):
 
 @pytest.fixture
 def load(tmp_path):
-    """Write a document, or text, or bytes, and load it."""
-
     def write_and_load(content):
         path = tmp_path / 'changed.yaml'
         if not isinstance(content, (str, bytes)):
@@ -145,7 +128,6 @@ def parent_of(document, path):
 
 
 def with_value(document, path, value):
-    """Give a copy with another value at a path."""
     changed = copy.deepcopy(document)
     parent_of(changed, path)[path[-1]] = value
     return changed
@@ -211,6 +193,8 @@ def test_the_evidence_is_there_for_people_and_what_nobody_knows_is_null(calibrat
     assert axes['force_x']['reason'] == 'it leaves 1e-17 N – the best'
     assert '“constant”' in text
     assert '.nan' not in text.lower()
+    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
+    assert len(repr(calibration)) < 200
 
 
 def test_every_key_of_a_model_file_is_needed(document, load):
@@ -250,6 +234,9 @@ THREE = [{'a': [], 'b': [1.0], 'first_lag': 0} for _ in range(3)]
         ('period_ns', 0, 'period_ns'),
         ('period_ns', 1.5, 'period_ns'),
         ('period_ns', 10_000_000, 'period_ns'),
+        ('duration_s', -1.0, 'duration_s must be .* at least 0'),
+        ('start_s', -1.0, 'start_s must be .* from 0'),
+        ('axes force_x rms_after', -1.0, 'rms_after must be .* at least 0'),
         ('thermometers', [], 'at least one thermometer'),
         ('thermometers', [{'range_c': [1.0, 2.0]}], 'thermometers'),
         ('axes force_x model features degree', 0, 'degree must be a number from 1 to 10'),
@@ -336,8 +323,3 @@ def test_the_schema_and_the_records_agree(document, load):
                 with pytest.raises(ModelFileError):
                     load(with_value(document, path, other))
     assert refused > 200
-
-
-def test_a_calibration_is_written_in_a_line(calibration):
-    assert repr(calibration).startswith('<Calibration of 2.00 h: force_x 0.333 -> 1e-17')
-    assert len(repr(calibration)) < 200

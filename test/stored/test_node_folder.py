@@ -12,7 +12,6 @@ from wrist_ft_comp.stored.node_folder import HistoryEntry, MAX_RECORDINGS, NodeF
 
 
 def entries(*paths):
-    """List models that were live."""
     return [
         HistoryEntry(path, 'a' * 64, '2026-01-05T06:00:00+00:00', 'It is better.', 'learnt', 'd')
         for path in paths
@@ -27,7 +26,7 @@ def store(tmp_path):
 def test_nothing_is_made_before_something_is_written(store):
     assert store.history() == []
     assert store.recordings() == []
-    assert store.given() == ''
+    assert (store.given(), store.newest_day()) == ('', '')
     assert store.new_model_path().parent == store.directory / 'models'
     assert not store.directory.exists()
 
@@ -59,6 +58,12 @@ def test_the_newest_recordings_are_listed_oldest_first_and_names_differ(store):
     (store.directory / 'recordings' / 'zzz.txt').write_text('')
     assert store.recordings() == sorted(paths)[-MAX_RECORDINGS:]
     assert len(set(paths)) == MAX_RECORDINGS + 3
+    (store.directory / 'days').mkdir()
+    for name in ('day_00010.csv', 'day_00009.csv', 'day_1.csv', 'day_00011.csv~'):
+        (store.directory / 'days' / name).touch()
+    assert store.newest_day() == 'day_00010.csv'
+    store.discard(paths[0])
+    assert not paths[0].exists()
 
 
 def test_links_are_followed_before_a_path_counts_as_inside(store, tmp_path):

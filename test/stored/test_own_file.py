@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 import errno
 from functools import partial
+import json
 import os
 from pathlib import Path
 import re
@@ -15,11 +16,11 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import OutputError, WristFtCompError
+from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
-from wrist_ft_comp.learning.diary import KIND as DIARY
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored import own_file
+from wrist_ft_comp.stored import model_file, own_file, payload_file, state_file
 from wrist_ft_comp.stored.node_folder import FileWriter, HistoryEntry, NodeFolder
 from wrist_ft_comp.stored.own_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.payload_file import load_payloads
@@ -111,13 +112,14 @@ def test_a_foreign_file_is_moved_aside_once(name, write, foreign, tmp_path):
     assert (path.read_bytes(), kept.read_bytes()) == (written, foreign)
 
 
-#: What reads each kind of file that is JSON.
+#: What reads each kind of file, and the kind where it has had an older version.
 READERS = {
-    'state.json': load_state,
-    'payloads.json': load_payloads,
-    'learning.json': lambda path: load_memory(path.parent),
-    'active.json': lambda path: NodeFolder(path.parent).history(),
-    'days/diary.json': lambda path: DIARY.load(Diary, path),
+    'model.yaml': (model_file.load_model, model_file.KIND),
+    'payloads.json': (load_payloads, payload_file.KIND),
+    'state.json': (load_state, state_file.KIND),
+    'learning.json': (lambda path: load_memory(path.parent), diary.MEMORY),
+    'days/diary.json': (lambda path: diary.KIND.load(Diary, path), diary.KIND),
+    'active.json': (lambda path: NodeFolder(path.parent).history(), None),
 }
 BROKEN = [
     b'', b'{', b'{}', b'[]', b'[[]]', b'3', b'nul', b'null', b'"a.yaml"', b'\xff\xfe', b'\x00',
@@ -133,9 +135,24 @@ def test_a_broken_file_is_refused_by_its_name_and_stays(name, tmp_path):
     for content in BROKEN:
         path.write_bytes(content)
         with pytest.raises(WristFtCompError, match=f'{path.name}') as refused:
-            READERS[name](path)
+            READERS[name][0](path)
         assert len(str(refused.value)) < 600
         assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize('name', [name for name, (_, kind) in READERS.items() if kind])
+def test_a_file_of_an_older_version_is_refused_and_stays(name, tmp_path):
+    (load, kind), path = READERS[name], tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    old = json.dumps({'format': kind.says, 'version': 1, 'since': 'then'})
+    path.write_text(old)
+    with pytest.raises(WristFtCompError) as refused:
+        load(path)
+    assert str(refused.value) == (
+        f'{path} was written by an older version of wrist_ft_comp (format 1); this one reads '
+        f'format {kind.version}. {kind.renewed_by}, or install that one.'
+    )
+    assert path.read_text() == old
 
 
 @pytest.mark.parametrize('content', ['mine', 'stamp_s,force_z\n1.0,2.0\n'])

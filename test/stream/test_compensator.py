@@ -34,7 +34,7 @@ def warming(stamp_ns):
 
 
 def stream(compensator, span_s, raw=LOAD, temperature=warming):
-    """50 wrenches a second and a temperature every half second; stamps and what came out."""
+    """50 wrenches and 2 temperatures a second; stamps, wrenches and external ones."""
     stamps = np.arange(round(span_s[0] * 50), round(span_s[1] * 50)) * (SECOND // 50)
     outputs, newest = [], None
     for k, stamp in enumerate(stamps.tolist()):
@@ -42,7 +42,7 @@ def stream(compensator, span_s, raw=LOAD, temperature=warming):
             for j in range(compensator.thermometers):
                 compensator.add_temperature(j, stamp, temperature(stamp), newest)
         newest = stamp, raw.tolist()
-        outputs.append(compensator.correct(*newest))
+        outputs.append(compensator.correct(*newest) + compensator.correct(*newest, external=True))
     return stamps, np.array(outputs)
 
 
@@ -58,16 +58,17 @@ def steps(outputs):
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
     """Temperatures come at the cells' borders, so the ramps of stream and batch are the same."""
     compensator = Compensator(1, StreamSettings(), model)
+    compensator.restore_tare(LOAD / 2, LOAD / 4)
     stamps, outputs = stream(compensator, (0, 120))
     temperatures = np.arange(240) * SECOND // 2
     celsius = np.array([[warming(stamp)] for stamp in temperatures.tolist()])
     raw = np.tile(LOAD, (len(stamps), 1))
     both = Samples(('temperature_c',), temperatures, celsius), Samples(AXES, stamps, raw)
     recording = grid_samples(both)
-    expected = correct_many(track_drift(model, recording), stamps, raw)
+    expected = correct_many(track_drift(model, recording), stamps, raw, LOAD / 2)
     settled = stamps >= 2 * SECOND
-    np.testing.assert_allclose(outputs[settled], expected[settled], atol=1e-6)
-    assert np.ptp(outputs[settled, 2]) > 2.0
+    np.testing.assert_allclose(outputs[settled, :6], expected[settled], atol=1e-6)
+    assert np.ptp(outputs[settled, 2]) > 1.5
 
 
 @pytest.mark.parametrize('set_s', [-50_000, -30, 90])
@@ -180,7 +181,7 @@ class TestModelSwap:
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))
         if tared:
-            compensator.set_tare(LOAD / 2, 30 * SECOND)
+            compensator.set_tare(LOAD / 2, 30 * SECOND, LOAD / 4)
         _, before = stream(compensator, (30, when_s))
         compensator.go_live(other, newest_before(when_s))
         assert compensator.model is other
@@ -292,8 +293,8 @@ class TestTare:
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))
         swapped = Compensator(1, StreamSettings())
         swapped.go_live(model, (0, LOAD.tolist()))
-        tared.set_tare(LOAD, 0)
-        alone.set_tare(LOAD, 0)
+        tared.set_tare(LOAD, 0, LOAD / 4)
+        alone.set_tare(LOAD, 0, LOAD / 4)
         for second in range(4):
             before = tared.tare
             tared.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
@@ -303,6 +304,8 @@ class TestTare:
                 compensator.add_temperature(0, second * SECOND, 35.0, (0, LOAD.tolist()))
         np.testing.assert_allclose(swapped.correct(4 * SECOND, LOAD.tolist()), LOAD)
         np.testing.assert_allclose(tared.correct(4 * SECOND, LOAD.tolist()), 0, atol=1e-9)
+        external = tared.correct(4 * SECOND, LOAD.tolist(), external=True)
+        np.testing.assert_allclose(external, LOAD / 4)
         assert swapped.tare.any()
         assert (tared.tared, swapped.tared) == (True, False), 'an offset that nobody took'
         np.testing.assert_allclose(alone.tare, tared.tare)

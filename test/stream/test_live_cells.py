@@ -153,6 +153,7 @@ def test_specific_force_may_come_without_a_speed_of_rotation_or_not_at_all():
         averager.add(live_cells.RAW, cell * SECOND, [1.0] * 6)
     for cell in (5, 6, 7):
         averager.add_cells([live_cells.ThermalCell(cell, np.array([20.0]), np.array([True]))])
+    assert live_cells.row_channels(1, with_force=True)[12::4][1] == 'rotation_speed'
     expected = [20, 0, 1, 10, math.sqrt(12.5)], [20, 0, 1, 8, NAN], [20, *[NAN] * 4]
     for (_, row), end in zip(averager.rows(final=True), expected, strict=True):
         np.testing.assert_allclose(row[-5:], end)

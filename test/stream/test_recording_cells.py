@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
+from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.recording_cells import grid_samples
 
@@ -47,36 +48,27 @@ def test_cells_are_means_in_pieces_of_any_size(period_s, size):
     assert recording.warnings == ()
 
 
-@pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'infinite', 'kelvin'])
+@pytest.mark.parametrize('fault', ['repeated', 'backward', 'ahead', 'nan', 'inf', 'kelvin', 'two'])
 def test_unusable_samples_are_dropped_and_counted(fault):
+    """They come first in a block: of the stamps before it, only the last one is known."""
     good = [(float(k), 20.0 + k / 10) for k in range(200)]
     bad = {
-        'repeated': (99.0, 1e6),
-        'backward': (50.0, 1e6),
-        'ahead': (9000.0, 1e6),
-        'kelvin': (99.5, 295.15),
-        'nan': (99.5, math.nan),
-        'infinite': (99.5, math.inf),
-    }[fault]
-    with_fault = [*good[:100], bad, *good[100:]]
+        'repeated': [(99.0, 1e6)], 'backward': [(50.0, 1e6)], 'ahead': [(9000.0, 1e6)],
+        'kelvin': [(99.5, 295.15)], 'nan': [(99.5, math.nan)], 'inf': [(99.5, math.inf)],
+        'two': [(99.0, 1e6), (99.5, math.nan)],
+    }[fault]  # fmt: skip
+    parts = good[:100], [*bad, *good[100:]]
     clean = grid_samples([samples('temperature_c', *good), wrenches(0.5)], name='a.csv')
-    gridded = grid_samples([samples('temperature_c', *with_fault), wrenches(0.5)], name='a.csv')
+    blocks = [samples('temperature_c', *part) for part in parts]
+    gridded = grid_samples([*blocks, wrenches(0.5)], name='a.csv')
     np.testing.assert_array_equal(gridded.temperature_c, clean.temperature_c)
-    words = {'nan': 'not finite', 'infinite': 'not finite', 'kelvin': 'such as 295.1 °C'}
+    words = {
+        'nan': 'not finite', 'inf': 'not finite', 'kelvin': 'such as 295.1 °C',
+        'two': 'are not finite and 1 of 202 samples have a stamp that',
+    }  # fmt: skip
     (warning,) = gridded.warnings
-    assert warning.startswith('temperature_c of a.csv: 1 of 201 samples ')
+    assert warning.startswith(f'temperature_c of a.csv: 1 of {200 + len(bad)} samples ')
     assert words.get(fault, 'does not increase') in warning
-
-
-def test_a_backward_stamp_is_seen_across_blocks():
-    blocks = [
-        samples('temperature_c', (0, 20), (1, 21), (1.5, math.nan), (2, 22)),
-        samples('temperature_c', (1, 1e6), (2, 1e6), (2.5, math.nan), (3, 23)),
-        wrenches(0),
-    ]
-    recording = grid_samples(blocks, max_bad_share=0.5)
-    np.testing.assert_array_equal(recording.temperature_c[:, 0], [20, 21, 22, 23])
-    assert '2 of 8 samples are not finite and 2 of 8 samples have' in recording.warnings[0]
 
 
 def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
@@ -90,6 +82,15 @@ def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
     assert warning.startswith('force_x, force_z of a.csv: exactly 0 in every sample')
     still = grid_samples([Samples(AXES[:3], stamps, 0 * force), temperature])
     assert (still.wrench[:, :3] == 0).all(), 'of a sensor that is off, none is broken alone'
+
+
+@pytest.mark.parametrize('lacking', ['temperature_c', 'temperature_2_c', 'force_z'])
+def test_what_a_recording_lacks_is_named_with_what_it_holds(lacking):
+    channels = {'temperature_3_c', 'temperature_2_c', 'temperature_c', 'force_z'} - {lacking}
+    no_wrench = 'day holds no wrench. .* of force_x, .*; got temperature_2_c, .*, temperature_c'
+    sentence = no_wrench if lacking == 'force_z' else f'day holds no usable {lacking}'
+    with pytest.raises(RecordingError, match=sentence):
+        grid_samples([samples(channel, (0, 20), (1, 21)) for channel in channels], name='day')
 
 
 def test_a_broken_first_stamp_is_not_taken_for_a_late_thermometer():
@@ -112,11 +113,10 @@ def test_speed_of_rotation_is_averaged_as_a_root_mean_square():
     ('force', 'seconds', 'doubt'),
     [
         (np.concatenate((POSES, [[30.0, 0, 0], [0, 0, 30.0]])), range(32), ''),
-        (POSES, [*range(15), *range(16, 31)], ''),
-        (POSES / 9.5, range(30), ''),
+        (POSES, [*range(15), *range(16, 31)], ''), (POSES / 9.5, range(30), ''),
         (POSES[:, :2], range(30), 'Record all three of linear_acceleration'),
     ],
-)
+)  # fmt: skip
 def test_specific_force_stays_as_measured_or_is_doubted_or_absent(force, seconds, doubt):
     block = Samples(FORCE_CHANNELS[: force.shape[1]], np.array(seconds) * SECOND, force)
     temperature = samples('temperature_c', *((s, 20.0) for s in range(32)))

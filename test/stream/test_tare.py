@@ -41,11 +41,10 @@ def test_the_stretch_is_complete_after_its_duration_and_ten_steps(step_ns, waiti
 @pytest.mark.parametrize(
     ('force', 'torque', 'moved'),
     [
-        (1.0, 0.09, ''),
-        (1.0, 0.11, 'torque_z moved by 0.11 N m while taring; at most 0.1 N m'),
+        (1.0, 0.09, ''), (1.0, 0.11, 'torque_z moved by 0.11 N m while taring; at most 0.1 N m'),
         (1.2, 0.09, 'force_x moved by 1.2 N while taring; at most 1 N'),
     ],
-)
+)  # fmt: skip
 def test_the_axis_that_moved_most_for_its_limit_is_named(force, torque, moved):
     """A fifth of the time each; by just its limit it may."""
     wrenches = np.zeros((50, 6))

@@ -58,12 +58,8 @@ def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
 @pytest.mark.parametrize(
     ('free_n', 'now_n', 'moves', 'noise', 'found'),
     [
-        (20.0, 0.0, 0.0, 0.1, 1),
-        (0.8, 0.0, 0.0, 0.05, 1),
-        (0.2, 0.0, 0.0, 0.1, 0),
-        (20.0, 3.0, 0.0, 0.1, 0),
-        (20.0, 0.0, 1.0, 0.1, 0),
-        (20.0, 0.0, 0.0, 0.0, 0),
+        (20.0, 0.0, 0.0, 0.1, 1), (0.8, 0.0, 0.0, 0.05, 1), (0.2, 0.0, 0.0, 0.1, 0),
+        (20.0, 3.0, 0.0, 0.1, 0), (20.0, 0.0, 1.0, 0.1, 0), (20.0, 0.0, 0.0, 0.0, 0),
     ],
     ids=['zeroed', 'by less than 1 N', 'a load is let go', 'another load', 'in motion',
          'zeros of a broken sensor'],

@@ -150,12 +150,10 @@ class SequentialWriter:
     def create_topic(self, topic):
         assert isinstance(topic, TopicMetadata)
         self._connections[topic.name] = self._writer.add_connection(
-            topic.name,
-            topic.type,
-            msgdef='',
+            topic.name, topic.type, msgdef='',
             rihs01=topic.type_description_hash or f'RIHS01_{0:064}',
             offered_qos_profiles=topic.offered_qos_profiles,
-        )
+        )  # fmt: skip
 
     def write(self, topic_name, message, time_stamp):
         assert (type(topic_name), type(message), type(time_stamp)) == (str, bytes, int)

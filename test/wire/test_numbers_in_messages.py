@@ -51,11 +51,9 @@ def test_every_part_is_found_as_rosbags_decodes_it(frame, define, messages, k, l
     layout = follow(define(frame.kind), frame.kind, frame(k, little))
     true = messages.store.deserialize_cdr(frame(k, little), frame.kind)
     paths = {
-        ('temperature',): true.temperature,
-        ('counter',): true.counter,
-        ('raw', 1): true.raw[1],
+        ('temperature',): true.temperature, ('counter',): true.counter, ('raw', 1): true.raw[1],
         ('header', 'stamp', 'nanosec'): true.header.stamp.nanosec,
-    }
+    }  # fmt: skip
     for n, motor in enumerate(true.motors):
         paths['motors', n, 'mode'] = motor.mode
         paths.update({('motors', n, 'heat', i): heat for i, heat in enumerate(motor.heat)})

@@ -89,13 +89,10 @@ def state(messages, lay_out):
 @pytest.mark.parametrize(
     ('entry', 'celsius'),
     [
-        ('/s', 300.0),
-        ('/s:data[1]*0.1', 2.1),
-        ('/s:temperature*0.99:K', 23.85),
-        ('/s:joints.1.motor_temp:F', 5.0),
-        ('/s:header.stamp.nanosec', 7.0),
+        ('/s', 300.0), ('/s:data[1]*0.1', 2.1), ('/s:temperature*0.99:K', 23.85),
+        ('/s:joints.1.motor_temp:F', 5.0), ('/s:header.stamp.nanosec', 7.0),
     ],
-)
+)  # fmt: skip
 def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
     source = parse_source(entry)
     number = state.find(source.number).values(np.frombuffer(state.data, np.uint8)[np.newaxis])[0]

@@ -14,7 +14,6 @@ TURNS = {name: Rotation.random(random_state=k) for k, name in enumerate('abcd')}
 
 
 def send(gravity, parent, child, seconds, turned, *, static=False):  # noqa: PLR0913
-    """Add transforms at some seconds."""
     stamps_ns = np.rint(np.atleast_1d(seconds) * SECOND).astype(np.int64)
     quaternions = np.broadcast_to(turned.as_quat(), (len(stamps_ns), 4))
     gravity.add(Transforms(parent, child, stamps_ns, quaternions), static=static)

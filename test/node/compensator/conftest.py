@@ -102,7 +102,6 @@ class Rig:
         self.node._on_wrench(data)
 
     def put_temperature(self, stamp, *values):
-        """Send one reading per value."""
         for j, value in enumerate(values):
             message = Temperature(temperature=float(value))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
@@ -121,7 +120,6 @@ class Rig:
         self.wait_until(lambda: inputs.usable + inputs.unusable >= goal, 'the temperatures')
 
     def warm_up(self, celsius, seconds=3, first=0):
-        """Send a temperature every second, of every thermometer."""
         for second in range(first, first + seconds):
             self.warm(START + second * SECOND, *[celsius] * self.thermometers)
 

@@ -101,7 +101,6 @@ def held(ros_domain, fake_hub, tmp_path):  # noqa: ARG001 -- which silences the 
 
 @pytest.fixture
 def holding(rig, tmp_path):
-    """Make nodes that hold the tool."""
     add_payloads(tmp_path / 'data/models/payloads.json', 'day', [TOOL, PART], FRAME)
     return lambda **more: rig(parameters={**IMU, 'payload.active': 'day-1', **more})
 

@@ -37,7 +37,6 @@ def minute():
 
 
 def send(node, minute, rows):
-    """Send some of it."""
     _, motion, imu = minute
     for k in rows:
         stamp = START + 2 * SECOND + k * SECOND // RATE_HZ

@@ -15,13 +15,8 @@ def start(bench, executable, tmp_path):
     def launch(name, *arguments):
         folder = tmp_path / 'data'
         words = [
-            '-r',
-            f'__ns:=/{name}',
-            '-r',
-            f'__node:={name}',
-            '-p',
-            f'data_directory:={folder}',
-        ]
+            '-r', f'__ns:=/{name}', '-r', f'__node:={name}', '-p', f'data_directory:={folder}',
+        ]  # fmt: skip
         module = 'wrist_ft_comp.node.compensator_node'
         process = executable(module, *words, *arguments, may_be_killed=True)
         bench.wait_for_node(name)

@@ -54,13 +54,11 @@ class Restarted:
         self.keeper.start()
 
     def warm(self, seconds, celsius=warming):
-        """Send a temperature a second."""
         for second in seconds:
             self.compensator.add_temperature(0, START + second * SECOND, celsius(second))
         self.keeper.poll()
 
     def output(self, second, raw):
-        """Correct a wrench; force z."""
         return self.compensator.correct(START + second * SECOND, list(raw))[2]
 
 

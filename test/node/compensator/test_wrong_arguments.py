@@ -12,7 +12,6 @@ IMU = ['-p', 'gravity.source:=imu']
 
 
 def start(context, tmp_path, *arguments):
-    """Make what the executable would make."""
     words = ['--ros-args', '-p', f'data_directory:={tmp_path / "data"}', *arguments]
     return CompensatorNode(context=context, cli_args=words)
 

@@ -50,7 +50,6 @@ class Terminal:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def run(self, words):
-        """Run a command to its end; returns what it prints."""
         if words[0] == 'ros2' and shutil.which('ros2') is None:
             return ''  # only rclpy is installed
         named = [name for word in words for name in self._expanded(word)]
@@ -83,11 +82,9 @@ class Terminal:
             words = words[3:] if shutil.which('ros2') is None else words
             program = program if shutil.which('ros2') is None else ['ros2']
         self._running[name] = subprocess.Popen(
-            [*program, *words[1:]],
-            cwd=self.folder,
-            env={**os.environ, 'PYTHONPATH': str(ROOT)},
+            [*program, *words[1:]], cwd=self.folder, env={**os.environ, 'PYTHONPATH': str(ROOT)},
             start_new_session=True,
-        )
+        )  # fmt: skip
 
     def end(self, name=''):
         """End a program, as Ctrl-C does; without a name, all of them, the last one first."""

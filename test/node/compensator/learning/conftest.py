@@ -43,7 +43,6 @@ class Learner:
         (self._folder / 'answer').write_text(json.dumps(said))
 
     def find(self, stored, **more):
-        """Let the next job find a model."""
         self.answer(
             success=True, learnt=True, path=str(stored.path), sha256=stored.sha256,
             document=stored.document, **{'message': 'leaves half', **more},
