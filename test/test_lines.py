@@ -14,7 +14,7 @@ MOST = {
     # and a zero that a program sets is found from 0.4 N on instead of 1 N.
     # 78 more: days, payloads and doubts are chosen in files named for that; before, strangers who
     # saw names only opened others.
-    'wrist_ft_comp': 22_901,
+    'wrist_ft_comp': 22_905,
     'test': 19_000,
     'bench': 5_200,
 }

@@ -279,7 +279,6 @@ def test_one_that_agrees_again_for_half_an_hour_is_believed(learn, make_day, fau
 
 
 def test_what_one_read_before_it_was_replaced_is_remembered_at_a_tare(learn, make_day):
-    """The drift had followed that; it does not follow what a replaced one reads."""
     model, day = learn(3).model, failing(make_day(7), 'dead', begin=BEGIN + 30)
     day.temperature_c[BEGIN : BEGIN + 30, 1] += 30.0
     compensator = Compensator(3, model=model)
@@ -290,8 +289,7 @@ def test_what_one_read_before_it_was_replaced_is_remembered_at_a_tare(learn, mak
     spikes = compensator.tracker.spikes[1]
     assert (spikes.stayed_k, spikes.jump.off_k) == (0.0, pytest.approx(30.0, abs=1.0))
     compensator.set_tare(np.zeros(6), compensator.tracker.end_ns)
-    said = ['remembers that thermometer 2 jumped' in why for why in compensator.zero_doubts]
-    assert any(said)
+    assert any('remembers that thermometer 2 jumped' in why for why in compensator.zero_doubts)
 
 
 def test_one_that_freezes_is_doubted_as_soon_as_the_drift_is_off(learn, make_day):

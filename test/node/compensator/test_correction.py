@@ -59,10 +59,9 @@ def test_no_correction_comes_before_the_drift_and_only_the_tare_without_a_model(
     assert controller.reference[2] < -1.0
     controller.node.node.compensator.go_live(None)
     controller.node.node.compensator.reset_tare()
-    before = controller.reference
     controller.node.set('uncalibrated', 'silent')
     controller.node.node.drift_topic.poll()
-    assert controller.reference is before, 'it is silent, too'
+    assert controller.reference[2] < -1.0, 'it is silent, too'
     controller.node.set('uncalibrated', 'passthrough')
     assert controller.hears(CONTACT)
     np.testing.assert_array_equal(controller.reference, np.zeros(6))

@@ -193,9 +193,8 @@ def test_a_zero_that_another_program_sets_is_doubted_but_no_wrong_tare(fake_hub,
         stream.doubt_zero(doubt)
     for k in range(80):
         reading = RAW * (k < 40) + rng.normal(0, 0.01, 6)
-        message = wrench_message(START + k, 'tool0', reading)
-        counts.newest = START + k, reading.tolist(), serialize_message(message)
-        counts.wrenches += 1
+        data = serialize_message(wrench_message(START + k, 'tool0', reading))
+        counts.newest, counts.wrenches = (START + k, reading.tolist(), data), k + 1
         part.poll()
     found = [doubt.startswith('the raw wrench jumped to zero') for doubt in stream.zero_doubts]
     assert found == ([False] if doubts else [True])
