@@ -94,7 +94,6 @@ def test_a_map_beside_the_recordings_is_written_once(logs, done, run, make):
 
 
 def test_a_bump_is_left_out_and_named_by_the_files_own_time(logs, run):
-    """Also where a part is cut off, times count from the file's first stamp."""
     words = ['calibrate', logs[2], '-o', 'model.yaml', '--method', 'pls', *GIVEN]
     for cut in ([], ['--from', '600']):
         said = ' '.join(run(*words, *cut).err.split())
@@ -139,7 +138,6 @@ UNITS = {
 
 @pytest.mark.parametrize('form', UNITS)
 def test_units_are_read_by_guess_and_by_a_map_that_names_none(form, done, tmp_path):
-    """As the guess writes them, and where a person gives the columns alone."""
     header, *factors = UNITS[form]
     t, wrench, celsius = day(1)
     scaled = t * factors[0], wrench[:, 2] * factors[1], wrench[:, 3] * factors[2], celsius
@@ -201,7 +199,6 @@ def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, t
     ('ScaleFactor,0.001,1', True), ('ScaleFactor,1,1', False), ('# cell 3, 100 N', False),
 ])  # fmt: skip
 def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_path):
-    """Until a unit or a factor is said."""
     t, wrench, celsius = day(1)
     path = write(tmp_path / 'log.csv', f'{line}\n\nt_s,Fz,T', (t, wrench[:, 2], celsius))
     columns, _ = proposed(done('show', path))
@@ -214,7 +211,6 @@ def test_a_line_above_that_tells_of_units_is_quoted(line, is_doubt, done, tmp_pa
 
 @pytest.mark.parametrize('names', [['Fz', 'T'], ['Fx', 'Fz', 'T'], ['Fx', 'Fz', 'T1', 'T2']])
 def test_channels_that_take_turns_in_a_long_log_are_found(names, run, tmp_path):
-    """Whatever rows are looked at, all channels are among them."""
     t, wrench, celsius = day(1)
     cells = [(n, s, v) for s, *two in zip(t, wrench[:, 2], celsius, strict=True)
              for n, v in zip(names, [two[n[0] == 'T'] for n in names], strict=True)]  # fmt: skip

@@ -9,8 +9,10 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
+from wrist_ft_comp.payload import learn_at_work
 from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
 from wrist_ft_comp.payload.learn_at_work import separate, separate_again
+from wrist_ft_comp.steps import Step
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)
@@ -31,6 +33,13 @@ def plain(make_working_day):
 @pytest.fixture(scope='module')
 def learnt(days):
     return calibrate(days, AT_WORK)
+
+
+def test_steps_that_leave_no_stretch_are_refused(plain, monkeypatch):
+    steps = [Step(cell, np.ones(6)) for cell in range(5, 1200, 5)]
+    monkeypatch.setattr(learn_at_work, 'find_steps', lambda *_: steps)
+    with pytest.raises(CalibrationRefusedError, match='so often that no stretch is left'):
+        separate(plain)
 
 
 class TestPayloads:

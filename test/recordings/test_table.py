@@ -52,7 +52,6 @@ STAMPS = [
 @pytest.mark.parametrize(('text', 'time', 'ns'), STAMPS)
 @pytest.mark.parametrize('count', [1, 3])
 def test_stamps_become_nanoseconds_exactly(make_csv, text, time, ns, count):
-    """Row by row and in blocks."""
     path = make_csv('stamp_s,force_z\n' + f'{text},1\n' * count)
     assert all_samples(path, time=time)[0]['force_z'] == ([ns], [1.0])
 
@@ -124,7 +123,6 @@ FORMS = {
 @pytest.mark.parametrize('form', FORMS)
 @pytest.mark.parametrize('block', [40, table_file.BLOCK])
 def test_every_form_of_a_table_holds_the_same(make_csv, monkeypatch, form, block):
-    """Also where it is read in small blocks."""
     monkeypatch.setattr(table_file, 'BLOCK', block)
     samples, warnings = all_samples(make_csv(FORMS[form]), SAID)
     stamps = [row[0] * 10**9 for row in ROWS]

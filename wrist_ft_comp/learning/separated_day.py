@@ -1,24 +1,25 @@
 """A day at work, separated into payload, contacts and drift; what models leave of the drift."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
-from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means
-from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.learning.diary import DayEntry, NONE
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.learn_at_work import payloads_of, separate, separate_again
+from wrist_ft_comp.payload.learn_at_work import (
+    payloads_of,
+    separate,
+    separate_again,
+    slow_drift,
+    SLOW_S,
+)
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.steps import Step
-from wrist_ft_comp.stream.drift_of_recordings import simulate_drift
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0
@@ -49,10 +50,8 @@ class Day:
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
     separation = separate([recording])
-    # Without a model, a press of over a minute looks like drift.
-    with suppress(CalibrationRefusedError):
-        model = calibrate(separation.drift, CalibrationSettings('recorded')).model
-        separation = separate_again(separation, [simulate_drift(model, recording).zero])
+    if recording.duration_s > SLOW_S:  # else a press of over a minute looks like drift
+        separation = separate_again(separation, slow_drift(separation))
     cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
     doubts = bodies.doubts()
     # Gravity has to move enough in the sensor's frame to tell weight from drift.

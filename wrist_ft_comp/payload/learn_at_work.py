@@ -8,10 +8,10 @@ What is learnt from recordings at work: payloads, apart from contacts, tares and
 4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
    payload's weight is the reference, from which gain drift is learnt.
 
-Steps 2 to 4 are done again when the drift is roughly known, by a model of the first result: sudden
-heat does not look like a step then, nor a long press like drift. Doubts are sentences with
-numbers, so that nothing fails in silence. Learnt payloads can be taken off the recordings again,
-which leaves the external wrench.
+Steps 2 to 4 are done again when the drift is roughly known, from its slowness or by a model of the
+first result: sudden heat does not look like a step then, nor a long press like drift. Doubts are
+sentences with numbers, so that nothing fails in silence. Learnt payloads can be taken off the
+recordings again, which leaves the external wrench.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,6 +32,8 @@ from wrist_ft_comp.series import FloatArray, IntArray
 from wrist_ft_comp.steps import find_steps, Step
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, simulate_drift, track_drift
 
+#: A shorter recording, s, does not show which changes are slow.
+SLOW_S = 7200.0
 #: Time on either side of a step that does not count, s, because the step's place may be wrong.
 _UNSURE_S = 2.0
 #: Above this share of changes between poses that do not turn with the specific force, no payload
@@ -151,6 +153,34 @@ def separate(recordings: Sequence[Recording]) -> Separation:
     return separate_again(start, nothing, BLOCK_S)
 
 
+def slow_drift(separation: Separation) -> list[FloatArray]:
+    """
+    Estimate drift without a model of it, N and N m, (N, 6) per recording: what is slow is drift.
+
+    A running median over ten bins on both sides follows slow and sudden drift, but no press of a
+    few minutes: presses of up to BLOCK_S in 15 % of the time do not harm it. Drift hardly moves
+    within a bin, a fifth of BLOCK_S.
+    """
+    drifts, half = [], 10
+    for recording in separation.drift:
+        residual = recording.wrench - recording.reference
+        length = payload_states.cells_in(BLOCK_S / 5, recording.period_s)
+        bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
+        bins = bins.reshape(-1, length, len(AXES))
+        # A few free cells of a bin may be of a long press that looks like drift.
+        free = np.isfinite(bins[..., :1]).mean(axis=1) > payload_states.LEAST_FREE_SHARE
+        bins = np.where(free, payload_states.medians(bins), np.nan)
+        bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
+        windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
+        path = payload_states.medians(windows.transpose(0, 2, 1))
+        measured = np.isfinite(windows[:, 0]).any(axis=1)
+        middles = (np.flatnonzero(measured) + 0.5) * length
+        cells = np.arange(len(residual)) + 0.5
+        slow = [np.interp(cells, middles, axis[measured]) for axis in path.T if measured.any()]
+        drifts.append(np.stack(slow, axis=1) if slow else np.zeros_like(residual))
+    return drifts
+
+
 def separate_again(
     start: Separation, drift: Sequence[FloatArray], block_s: float = 3 * BLOCK_S
 ) -> Separation:
@@ -163,6 +193,12 @@ def separate_again(
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
         cells = payload_states.cut(recordings, forces, ends, block_s, stepless)
+        if not cells.usable.any():
+            raise CalibrationRefusedError(
+                f'{", ".join(r.name for r in recordings)}: the readings step so often that no '
+                'stretch is left to learn a payload from. Does the specific force belong to this '
+                'sensor and time?'
+            )
         states, weights, levels = (
             np.concatenate(cells_before.join(part))[cells.rows]
             for part in (fit.states, fit.weights, fit.levels)

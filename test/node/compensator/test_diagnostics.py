@@ -103,7 +103,6 @@ def test_a_frame_that_is_no_text_does_not_end_the_node(rig, make_model, name):
 
 
 def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
-    """The model and what it does, its range, drift and its error, tare."""
     node = rig(parameters={'temperature_timeout': 3600})
     status = node.diagnosis('model')
     assert status.level == WARN

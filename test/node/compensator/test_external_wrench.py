@@ -177,7 +177,6 @@ STATUSES = [
 
 @pytest.mark.parametrize(('late_s', 'level'), [(0.04, OK), (0.15, WARN)])
 def test_specific_force_that_is_late_in_motion_is_a_warning(held, late_s, level):
-    """An arm that turns by 1 rad/s."""
     part = held(**{'payload.active': 'day-1'})
     for at_s in np.arange(0, 1, 0.01):
         part.feel(START + round(at_s * 1e9), Rotation.from_euler('x', at_s).apply(UP))

@@ -89,7 +89,6 @@ def test_only_the_operator_may_change_something(policy):
 
 @pytest.mark.parametrize('enclave', ['wrist_ft_comp_reader', 'wrist_ft_comp_operator'])
 def test_others_are_granted_what_any_node_has(bench, policy, enclave):
-    """Or they could not be made at all."""
     node = bench.make(Node, node_name=enclave, use_global_arguments=False)
     profile, me = profile_of(policy, enclave), (enclave, '/')
     for kind, right, found in (
