@@ -12,10 +12,8 @@ MOST = {
     # more: set points, second clocks, HHMMSS, and units above a header were read without a word.
     # 18 more: a tare is doubted while the model remembers a thermometer that is replaced by now,
     # and a zero that a program sets is found from 0.4 N on instead of 1 N.
-    # 33 more: a day at work is separated by what is slow, as before: by a model of its own, 184 of
-    # 261 days of a simulated year were taken for noise.
-    # 82 more: days, payloads and doubts are chosen in files named for that; before, strangers who
-    # saw names only opened others.
+    # 33 more: by a model of its own instead of its slowness, days at work were taken for noise.
+    # 82 more: days, payloads and doubts are chosen in files named for that, as strangers look.
     'wrist_ft_comp': 22_938,
     'test': 19_000,
     'bench': 5_200,
