@@ -18,7 +18,6 @@ NOISE = np.random.default_rng(1).standard_normal(CELLS)
     ],
 )
 def test_sensitivity_is_learnt_if_load_varies_more_than_noise(make_axis_data, raw, load, reason):
-    """A gain error is not mistaken for noise."""
     data = make_axis_data([np.linspace(20, 40, CELLS)], [raw], [load])
     assert (data.load is None) == bool(reason)
     assert reason in data.no_sensitivity

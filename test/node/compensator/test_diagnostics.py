@@ -11,6 +11,7 @@ from rclpy.serialization import serialize_message
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message
 from wrist_ft_comp.stream.clock import ClockComparison
+from wrist_ft_comp.stream.compensator import Compensator
 
 LOAD = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
 
@@ -54,7 +55,7 @@ def test_rates_and_ages_are_those_since_the_last_report(rig, monkeypatch):
     ],
 )  # fmt: skip
 def test_why_no_wrenches_arrive_is_said(fake_hub, kind, incompatible, words):
-    part = WrenchInput(Counts(), None)
+    part = WrenchInput(Counts(), Compensator(1))
     hub = fake_hub(part)
     hub.types, hub.incompatible = {'/wrench_raw': [kind]}, incompatible
     part.start()
