@@ -69,7 +69,6 @@ def learn(recordings, method):
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('count', [1, 2])
 def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run):
-    """By every method alike: the same folds, means of a cell of 10 s, and the same widening."""
     recordings = [run(seed) for seed in range(count)]
     fit = learn(recordings, method)
     held_out = fit.held_out
@@ -95,7 +94,6 @@ def test_errors_stand_in_time_order_and_add_up_to_the_figures(method, count, run
 
 @pytest.mark.parametrize('method', ['pls', 'auto'])
 def test_a_fold_is_judged_by_a_model_that_never_saw_it(run, method):
-    """What is added to the last fold alone can't be explained by a fit to the others."""
     recording = run(3)
     last = np.arange(ROWS) >= ROWS - ROWS // FOLDS
     recording.wrench[:, 2] += np.where(last, 2.0 * np.sin(np.arange(ROWS) / 20), 0.0)

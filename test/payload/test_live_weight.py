@@ -74,6 +74,8 @@ def test_the_newest_sample_at_or_before_a_wrench_holds_or_else_the_nearest(force
         assert forces.at(START + at) == (number, 0.0, 0.0)
     for at in (SECOND // 5 + 41, -SECOND // 5 - 1):
         assert forces.at(START + at) is None, 'beyond the timeout'
+    forces.add(START + 2 * SECOND, UP)
+    assert forces.at(START + 40) is None, 'a clock that is ahead'
 
 
 def test_a_late_sample_is_left_out_and_another_time_begins_anew(forces):

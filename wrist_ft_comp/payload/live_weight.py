@@ -59,8 +59,8 @@ class RecentForces:
 
     def at(self, stamp_ns: int) -> Force | None:
         """Find the sample for a stamp, ns; None where it is farther away than the timeout."""
-        if not self._kept:
-            return None
+        if not self._kept or self._kept[-1][0] - stamp_ns > self.timeout_ns + NANOSECONDS:
+            return None  # there is none, or they are stamped by a clock that is ahead
         for sample in reversed(self._kept):
             if sample[0] <= stamp_ns:
                 break
