@@ -35,6 +35,7 @@ class Scenario:
 
     title: str
     part: bool = True
+    tool_is_read: bool = True
     #: Different poses of a day; None: a new one for each leg.
     poses: int | None = None
     contacts: float = 0.15
@@ -57,6 +58,7 @@ SCENARIOS = {
     'imu': Scenario('IMU turned by 5°, scale error 3 %', scale_error=0.03, turned_deg=5.0),
     'tf': Scenario('TF instead of an IMU', tf=True),
     'tares': Scenario('two tares of the driver a day', tares=2.0),
+    'subtracted': Scenario('part, TF; tool subtracted', tool_is_read=False, tf=True),
 }
 
 
@@ -100,9 +102,8 @@ def work(
     """Work for a day with the payloads that ``tools`` draws, beside warmth (N,), K."""
     masses = np.random.default_rng([tools, 1])
     tool_kg, part_kg = between(masses, 0.7, 2.5), between(masses, 0.4, 2.5)
-    settings = robots.WorkSettings(
-        tool_kg, part_kg * scenario.part, scenario.contacts, between(rng, 0.4, 1.5)
-    )
+    tool_kg, part_kg = tool_kg * scenario.tool_is_read, part_kg * scenario.part
+    settings = robots.WorkSettings(tool_kg, part_kg, scenario.contacts, between(rng, 0.4, 1.5))
     drawn = robots.draw_work(settings, rng, np.random.default_rng(tools))
     # The tool points down within a cone; a day of few poses returns to them.
     legs = len(drawn.turns)
@@ -123,7 +124,8 @@ def work(
         part.reshape(-1, RATE, part.shape[1]).mean(axis=1)
         for part in (motion.weight + motion.contact, force, motion.omega**2)
     )
-    return Worked(wrench, force, np.sqrt(squares.sum(axis=1)), drawn.payloads)
+    payloads = tuple(payload for payload in drawn.payloads if payload.mass_kg)
+    return Worked(wrench, force, np.sqrt(squares.sum(axis=1)), payloads)
 
 
 def measure(
