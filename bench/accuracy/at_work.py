@@ -50,13 +50,9 @@ def left_of(calibration: Calibration, judged: Recording) -> FloatArray:
 def errors_of(world: Working, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Compare each payload with the nearest that was found."""
     mass, center = np.full((2, len(world.payloads)), np.nan)
-    learnt = calibration.payloads
-    if learnt is None:
-        return mass, center
-    for n, true in enumerate(world.payloads):
-        found = min(
-            learnt.payloads.values(), key=lambda payload: abs(payload.mass_kg - true.mass_kg)
-        )
+    learnt = calibration.payloads.payloads if calibration.payloads else {}
+    for n, true in enumerate(world.payloads if learnt else ()):
+        found = min(learnt.values(), key=lambda payload: abs(payload.mass_kg - true.mass_kg))
         mass[n] = abs(found.mass_kg - true.mass_kg) / true.mass_kg
         center[n] = np.linalg.norm(found.center_m - true.center_m)
     return mass, center
@@ -70,7 +66,9 @@ def judge(name: str, seed: int) -> Judged:
     left = left_of(calibration, world.judged)
     separation = calibration.separation
     states, steps = (len(separation.fit.gains), separation.steps) if separation else (0, [])
-    payloads, tares = (states, len(world.payloads)), (sum(map(len, steps)), world.tares)
+    # A flange that reads no weight is a state, too.
+    drawn = len(world.payloads) + (not SCENARIOS[name].tool_is_read)
+    payloads, tares = (states, drawn), (sum(map(len, steps)), world.tares)
     return Judged(left, empty, *errors_of(world, calibration), payloads, tares)
 
 
