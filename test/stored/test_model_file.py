@@ -15,8 +15,7 @@ import yaml
 from wrist_ft_comp import __version__
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.arx import Arx, relaxation
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, relaxation
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features

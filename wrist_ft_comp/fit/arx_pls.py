@@ -16,8 +16,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx, free_run
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.fit.competition import simplest_good

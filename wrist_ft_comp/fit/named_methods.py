@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.drift.arx import static_gain
+from wrist_ft_comp.drift.arx_pls import static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit import ridge_average as ridges
