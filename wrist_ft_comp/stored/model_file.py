@@ -12,8 +12,12 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.channels import SENSOR_FACTS
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import (
+    Document,
+    DriftModel,
+    StoredModel,
+    ThermometerPrediction,
+)
 from wrist_ft_comp.errors import ModelFileError, WristFtCompError
 from wrist_ft_comp.ranges import check_range, PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
