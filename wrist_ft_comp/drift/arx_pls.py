@@ -21,8 +21,7 @@ import sys
 
 import numpy as np
 
-from wrist_ft_comp.errors import ModelFileError
-from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.errors import check_range, ModelFileError
 from wrist_ft_comp.series import FloatArray
 
 #: Most coefficients and longest first lag, cells, of a file's filter: poles and states are

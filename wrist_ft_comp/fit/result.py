@@ -14,9 +14,8 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray, rounded
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05

@@ -17,8 +17,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, SensorNames, temperature_channel
 from wrist_ft_comp.drift.drift_model import DriftModel, order_problem
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.recording import Recording, Samples, Topics
+from wrist_ft_comp.recording import PERIODS_S, Recording, Samples, Topics
 from wrist_ft_comp.recordings import column_proposal, read_options
 from wrist_ft_comp.recordings.bag import Bag, read_bag, sensor_of, SUFFIXES, translated
 from wrist_ft_comp.recordings.column_proposal import Proposal, propose

@@ -18,8 +18,8 @@ from wrist_ft_comp.drift.drift_model import (
     StoredModel,
     ThermometerPrediction,
 )
-from wrist_ft_comp.errors import ModelFileError, WristFtCompError
-from wrist_ft_comp.ranges import check_range, PERIODS_S
+from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
+from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import Kind, to_plain
 
