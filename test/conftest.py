@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS
-from wrist_ft_comp.drift.arx import Arx
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.drift.features import Features

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.cli.main import main
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.stored.model_file import load_model, save_model
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.channels import axis_unit
-from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.errors import check_range, RecordingError, SettingsError
 from wrist_ft_comp.recording import Recording, Topics
 from wrist_ft_comp.series import noise_level, robust_cost, robust_weight, stretches
 

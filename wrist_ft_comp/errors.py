@@ -1,5 +1,6 @@
-"""The error family: every sentence that this package says on purpose."""
+"""The error family: every sentence that this package says on purpose, and ranges of settings."""
 
+import math
 import re
 
 #: What a command that Ctrl-C ended says.
@@ -58,3 +59,23 @@ class NodeError(WristFtCompError):
 
 class TareRefusedError(WristFtCompError):
     """The load moved, or no wrenches came, while taring."""
+
+
+def check_range(
+    name: str, value: float, least: float, most: float = math.inf, *, above: bool = False
+) -> None:
+    """Raise SettingsError for NaN, infinities and what lies outside; ``above`` excludes least."""
+    inside = least < value <= most if above else least <= value <= most
+    if math.isfinite(value) and inside:
+        return
+    words = range_words(least, most, above=above) or 'that is finite'
+    raise SettingsError(f'{name} must be a number {words}; got {value}.')
+
+
+def range_words(least: float, most: float = math.inf, *, above: bool = False) -> str:
+    """Write limits as they follow the word "number"; an empty string where there are none."""
+    if math.isfinite(least) and math.isfinite(most):
+        return f'from {least:g} to {most:g}'
+    if math.isfinite(least):
+        return f'above {least:g}' if above else f'of at least {least:g}'
+    return f'of at most {most:g}' if math.isfinite(most) else ''

@@ -10,6 +10,8 @@ from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, PLAUSIBLE_C, SensorName
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.series import BoolArray, CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 
+#: Thermal cells that a person may choose, s: longer ones would average a warm-up away.
+PERIODS_S = (0.1, 600.0)
 #: What is known of the true wrench in a recording.
 Reference = Literal['unloaded', 'constant', 'payload', 'recorded']
 

@@ -1,5 +1,5 @@
 """
-Series of numbers: their types, time in integers, noise, stretches, and robust weights.
+Series of numbers: types, time in integers, noise, stretches, robust weights, numbers for people.
 
 The robust weight of an observation is of Geman and McClure, the same wherever contacts or outliers
 must not count: one whose error is e, in units of a width, weighs 1 / (1 + e²)² and costs
@@ -68,3 +68,8 @@ def robust_cost(weight: FloatArray) -> FloatArray:
 def part_of(report: Progress, number: int, count: int) -> Progress:
     """Turn the progress of part ``number`` of ``count`` into the progress of the whole."""
     return lambda done: report((number + done) / count)
+
+
+def rounded(value: float, count: int = 3) -> str:
+    """Write a number with some significant figures, and never with an exponent."""
+    return np.format_float_positional(value, count, unique=False, fractional=False, trim='-')

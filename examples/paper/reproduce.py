@@ -27,8 +27,7 @@ import yaml
 
 import wrist_ft_comp as wfc
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run, relaxation
 from wrist_ft_comp.drift.drift_model import correct
 from wrist_ft_comp.fit.settings import IdentificationSettings, Method, METHODS
 from wrist_ft_comp.series import FloatArray

@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.ranges import rounded
+from wrist_ft_comp.series import rounded
 from wrist_ft_comp.stored.model_file import load_model
 
 

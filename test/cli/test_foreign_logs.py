@@ -13,8 +13,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import open_recording, read_recording
-from wrist_ft_comp.recordings.read_options import parse_map
-from wrist_ft_comp.stream.part_of_recording import Excerpt, parse_excerpt
+from wrist_ft_comp.recordings.read_options import Excerpt, parse_excerpt, parse_map
 
 ROWS = 3600
 BEGIN = datetime(2026, 11, 20, 8)

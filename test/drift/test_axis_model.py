@@ -10,8 +10,7 @@ import pytest
 import scipy.signal
 
 from wrist_ft_comp.drift import arx_pls
-from wrist_ft_comp.drift.arx import Arx, free_run, relaxation, static_gain
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run, relaxation, static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError

@@ -7,8 +7,7 @@ import pytest
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
-from wrist_ft_comp.drift.drift_model import Drift
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import Drift, ThermometerPrediction
 from wrist_ft_comp.errors import ModelFileError
 
 #: Per axis: gain of zero drift, of sensitivity drift, time constant.

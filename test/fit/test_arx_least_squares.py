@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Arx, free_run
+from wrist_ft_comp.drift.arx_pls import Arx, free_run
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.arx_pls import fit_one_step, MAX_POLE_RADIUS, stabilise
 from wrist_ft_comp.fit.settings import Orders

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
-from wrist_ft_comp.drift.arx import relaxation
+from wrist_ft_comp.drift.arx_pls import relaxation
 from wrist_ft_comp.fit.pls import fit_filtered_pls, scale_block
 
 CELLS, PERIOD_S = 400, 10.0

@@ -10,7 +10,7 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.axis_data import build_features
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.competition import simplest_good
+from wrist_ft_comp.fit.folds import simplest_good
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS, Orders
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 

@@ -11,7 +11,7 @@ from wrist_ft_comp.channels import temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings import bag as bag_file
-from wrist_ft_comp.recordings.open_bag import backend as chosen_backend
+from wrist_ft_comp.recordings.read import backend as chosen_backend
 from wrist_ft_comp.wire.numbers_in_messages import define_installed
 
 BAGS = 'wrist_ft_comp.recordings'

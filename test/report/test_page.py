@@ -8,10 +8,10 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import judge_errors
 from wrist_ft_comp.report.page import headline, page, write_report
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
+from wrist_ft_comp.series import rounded
 
 VOID = {'meta', 'br', 'hr', 'img', 'link', 'input'}
 KINDS = ('good', 'weak', 'none', 'evaluation', 'plateaus', 'work')

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.stream.doubts import gap_doubts

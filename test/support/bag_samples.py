@@ -6,7 +6,7 @@ import numpy as np
 
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.bag import read_bag
-from wrist_ft_comp.recordings.open_bag import open_bag
+from wrist_ft_comp.recordings.read import open_bag
 
 
 def read(path, topics=None):

@@ -13,7 +13,7 @@ from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit import settings
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
-from wrist_ft_comp.ranges import PERIODS_S
+from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.recordings.read import period_of
 from wrist_ft_comp.report.page import page, REPORT
 from wrist_ft_comp.stored.model_file import KIND as MODEL

@@ -14,14 +14,13 @@ from wrist_ft_comp.fit.data_checks import silent_stretches
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
 from wrist_ft_comp.payload.weight import same_payload
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.advice import IMU_TOPIC, SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
 from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.series import NANOSECONDS, part_of, Progress
+from wrist_ft_comp.series import NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS
 from wrist_ft_comp.stream.drift_of_recordings import exchange_doubts, thermometer_doubts

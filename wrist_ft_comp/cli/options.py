@@ -11,8 +11,7 @@ import re
 import shlex
 from typing import Any, get_args, NoReturn
 
-from wrist_ft_comp.errors import RecordingError, UsageError, WristFtCompError
-from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.errors import range_words, RecordingError, UsageError, WristFtCompError
 from wrist_ft_comp.recording import Reference, Topics
 from wrist_ft_comp.recordings.read import files_of
 from wrist_ft_comp.recordings.read_options import parse_options

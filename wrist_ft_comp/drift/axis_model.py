@@ -12,8 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx, static_gain
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, static_gain
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.errors import ModelFileError
 from wrist_ft_comp.series import FloatArray

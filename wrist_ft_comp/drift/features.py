@@ -5,8 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.series import FloatArray
 
 #: Features follow temperatures up to this share of the calibrated span beyond it: farther out is a

@@ -16,12 +16,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx, free_run
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run
 from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit.axis_data import AxisData
-from wrist_ft_comp.fit.competition import simplest_good
-from wrist_ft_comp.fit.folds import fold_means
+from wrist_ft_comp.fit.folds import fold_means, simplest_good
 from wrist_ft_comp.fit.pls import fit_pls, Pls, stack, XyBlock
 from wrist_ft_comp.fit.settings import Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING

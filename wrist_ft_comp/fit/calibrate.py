@@ -25,9 +25,8 @@ from wrist_ft_comp.fit.segments import MOVING, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording, require_recordings
-from wrist_ft_comp.series import IntArray, Progress
+from wrist_ft_comp.series import IntArray, Progress, rounded
 
 
 def calibrate(

@@ -1,14 +1,16 @@
-"""What is expected of another day, RMS, and the limit that its largest error stays below."""
+"""What is stated of another day: what a fit leaves, RMS, and the limit of its largest error."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from wrist_ft_comp.channels import axis_unit
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.fit.axis_data import AxisData, FOLDS
 from wrist_ft_comp.fit.folds import averaged_cells, bin_means, tared_means
+from wrist_ft_comp.fit.result import AxisFit, Candidate, HeldOut
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray
+from wrist_ft_comp.series import FloatArray, ROUNDING
 
 #: What another day is expected to keep is stated of a day of at least this length, s.
 DAY_S = 10800.0
@@ -18,6 +20,48 @@ DAY_S = 10800.0
 _LIMIT_OF_ONE = 9.0
 #: ... and from several.
 _LIMIT_OF_SEVERAL = 6.0
+
+
+def state_fit(  # noqa: PLR0913, PLR0917 -- what was chosen, and from what
+    data: AxisData,
+    model: AxisModel | None,
+    chosen: str,
+    left: HeldOut,
+    names: Sequence[str],
+    weights: FloatArray,
+    notes: tuple[str, ...] = (),
+) -> AxisFit:
+    """
+    State what an average of candidates leaves: names and weights, (C,), the first no compensation.
+
+    Candidates of one name are stated together, in their weighted mean.
+    """
+    held_out = left.averaged(weights)
+    squares = held_out.squares()  # (folds, C + 1)
+    each = np.sqrt(squares).mean(axis=0)
+    before, after = float(each[0]), float(each[-1])
+    factor = day_over_blocks(data, before)
+    rounding = ROUNDING * max(np.fmax.reduce(np.abs(r), initial=0.0) for r in data.residual)
+
+    def of_a_day(rms: float) -> float:
+        # What leaves less of blocks than no compensation does not leave more of a day.
+        stated = max(rms, min(factor * rms, before))
+        return stated if stated > rounding else 0.0
+
+    tried = []
+    for name in dict.fromkeys(names):
+        members = [position for position, one in enumerate(names) if one == name]
+        shares = weights[members]
+        rms = np.average(each[members], weights=shares if shares.any() else None)
+        tried.append(Candidate(name, of_a_day(float(rms)), float(shares.sum())))
+    expected = expected_rms(data, squares[:, -1], squares[:, :-1] @ weights, squares[:, 0])
+    if data.no_sensitivity:
+        notes = (*notes, f'zero drift only: {data.no_sensitivity}')
+    return AxisFit(
+        model=model, chosen=chosen, candidates=tuple(tried), rms_before=tried[0].rms,
+        rms_after=of_a_day(after), notes=notes, unit=axis_unit(data.axis),
+        held_out=held_out, expected_rms=expected if after else 0.0,
+        )  # fmt: skip
 
 
 def expected_rms(

@@ -1,4 +1,4 @@
-"""Which stretches of recordings are held out in turn, and what a model leaves of them."""
+"""Which stretches are held out in turn, what models leave of them, and which is good by that."""
 
 from collections.abc import Sequence
 
@@ -12,6 +12,8 @@ from wrist_ft_comp.fit.result import HeldOut
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
 
+#: A candidate has to lower the mean square error by this share to be worth its complexity.
+WORTHWHILE = 0.15
 #: What is left of a held-out fold is counted from its first minute, as people tare, s.
 _TARE_S = 60.0
 
@@ -112,3 +114,9 @@ def hold_out(data: AxisData, cells: Sequence[FloatArray], errors: Sequence[Float
     return HeldOut(
         recording, fold, np.concatenate(cells), np.concatenate(errors), data.bin_s, data.tared
     )
+
+
+def simplest_good(squares: Sequence[float]) -> int:
+    """Find the simplest candidate within 15 % of the best by mean squares, the simplest first."""
+    best = min(squares)
+    return next(i for i, square in enumerate(squares) if square - best <= WORTHWHILE * square)

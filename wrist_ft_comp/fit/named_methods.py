@@ -1,6 +1,8 @@
 """
 The methods that a person may name, and hats: candidates compete, and the simplest good one runs.
 
+Candidates are scored on folds that they did not see, in free run, on means over bins.
+
 Source: "Design of Temperature Compensation Module of the Industrial Robot Wrist Force Sensor Based
 on Multivariate Regression Method", Sensors & Transducers, 2014; docs/paper.md goes through it
 equation by equation. ``pcr`` and ``pls`` are static (eq. 3 to 10), ``filtered_pls`` has a filter
@@ -8,6 +10,7 @@ for each latent (eq. 11 to 14, all in ``pls``), ``arx_pls`` an ARX for each late
 ``arx_pls_oe`` has free time constants that minimise the error of the free run (eq. 16).
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -15,18 +18,24 @@ from itertools import combinations
 import numpy as np
 import scipy  # which loads its parts when they are used
 
-from wrist_ft_comp.drift.arx import static_gain
+from wrist_ft_comp.drift.arx_pls import static_gain
 from wrist_ft_comp.drift.axis_model import AxisModel
 from wrist_ft_comp.drift.features import Features
+from wrist_ft_comp.errors import TooShortError
 from wrist_ft_comp.fit import ridge_average as ridges
 from wrist_ft_comp.fit.arx_pls import choose_orders, fit_arx_pls
 from wrist_ft_comp.fit.axis_data import AxisData, build_features
-from wrist_ft_comp.fit.competition import compete, Fitted, Refit
+from wrist_ft_comp.fit.day_limit import state_fit
+from wrist_ft_comp.fit.folds import fold_means, hold_out, simplest_good, unexplained, WORTHWHILE
 from wrist_ft_comp.fit.pls import build_xy_block, fit_filtered_pls, fit_pcr
 from wrist_ft_comp.fit.result import AxisFit
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders, STATIC
 from wrist_ft_comp.series import FloatArray, ROUNDING
 
+#: A model, None for "no compensation", and what had to be mended, in sentences.
+Fitted = tuple[AxisModel | None, tuple[str, ...]]
+#: Fits an axis, of which a fold may be held out.
+Refit = Callable[[AxisData], Fitted]
 #: What each latent is: its orders, or the time constant of its filter, s.
 Structure = tuple[Orders | float, ...]
 
@@ -185,3 +194,61 @@ def _behind(
     rest = products[-1, -1] * (1 - gains @ scaled[:-1, -1])
     gains = np.divide(gains * size[:-1], size[-1], out=np.zeros_like(gains), where=size[-1] > 0)
     return max(float(rest), 1e-300), gains
+
+
+def compete(data: AxisData, refits: Mapping[str, Refit], *, may_be_none: bool = False) -> AxisFit:
+    """
+    Let the simplest good candidate run, fix its constants, and state held-out errors.
+
+    Candidates stand in order, the simplest first; no compensation is scored beside them. What is
+    too long for the recordings does not compete; TooShortError is raised where nothing is left.
+    """
+    refits = {'none': lambda _: (None, ()), **refits}
+    means = {}
+    for name, refit in refits.items():
+        try:
+            means[name] = [
+                fold_means(data, i, fold, unexplained(data, refit(data.without(fold))[0], i))
+                for i, fold in data.folds_by_recording
+            ]
+        except TooShortError as error:  # noqa: PERF203 -- each may be refused
+            too_short = error
+    first = 0 if may_be_none else 1
+    names = list(means)
+    if not names[first:]:
+        raise too_short
+    cells = [cells for cells, _ in means['none']]
+    by_fold = zip(*([errors for _, errors in of_one] for of_one in means.values()), strict=True)
+    left = hold_out(data, cells, [np.stack(errors, axis=1) for errors in by_fold])
+    squares = left.squares().mean(axis=0)[first:].tolist()
+    winner = simplest_good(squares)
+    chosen, best = names[first + winner], names[first + squares.index(min(squares))]
+    model, notes = refits[chosen](data)
+    if model is not None:
+        model = anchor(data, model)
+    weights = np.eye(len(names))[first + winner]
+    fit = state_fit(data, model, chosen, left, names, weights, notes)
+    reason = (
+        f'{chosen} leaves {fit.rms_after:.3g} {fit.unit} RMS on held-out data, no compensation '
+        f'{fit.rms_before:.3g} {fit.unit}. Of {len(squares)} candidates it is the simplest within '
+        f'{100 * WORTHWHILE:.0f} % of the best in mean square, which is {best}.'
+    )
+    return replace(fit, reason=reason)
+
+
+def anchor(data: AxisData, model: AxisModel) -> AxisModel:
+    """Fix the constants: no zero drift when soaked at T_ref, and the gain error there, if any."""
+    model = model.anchored([0.0] * model.outputs)
+    if data.load is None or model.outputs == 1:
+        return model
+    above, below, whole = 0.0, 0.0, 0.0
+    for i, load in enumerate(data.load):
+        values = unexplained(data, model, i)
+        rows = np.isfinite(values) & np.isfinite(load)
+        if rows.any():
+            w = load[rows] - load[rows].mean()
+            above += float(w @ values[rows])
+            below += float(w @ w)
+            whole += float(load[rows] @ load[rows])
+    # A load that is constant within each recording leaves the gain error at T_ref open.
+    return model.anchored([0.0, above / below if below > ROUNDING * whole else 0.0])

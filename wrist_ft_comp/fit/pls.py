@@ -24,8 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
-from wrist_ft_comp.drift.arx_pls import ArxPls
+from wrist_ft_comp.drift.arx_pls import Arx, ArxPls, free_run, relaxation
 from wrist_ft_comp.drift.features import Features
 from wrist_ft_comp.fit.axis_data import AxisData
 from wrist_ft_comp.series import FloatArray, ROUNDING, stretches

@@ -1,6 +1,6 @@
 """What a calibration found: records for the model file, the report and the summary."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -14,9 +14,8 @@ from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray, rounded
 
 #: A model that leaves this many times what no model leaves does harm; less may be chance.
 HARMFUL_RATIO = 1.05
@@ -71,6 +70,11 @@ class HeldOut:
     def after(self) -> FloatArray:
         """Errors of what runs, (n,)."""
         return self.errors[:, -1]
+
+    def averaged(self, weights: FloatArray) -> 'HeldOut':
+        """Add the errors of an average of candidates, weights (C,)."""
+        errors = np.column_stack((self.errors, self.errors @ weights))
+        return replace(self, errors=errors)
 
     def squares(self) -> FloatArray:
         """Mean squares fold by fold, in increasing order of the fold's number, (folds, C)."""

@@ -6,8 +6,7 @@ from typing import get_args, Literal
 import numpy as np
 
 from wrist_ft_comp.drift.features import FeatureKind
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.recording import Reference
 
 Method = Literal['pcr', 'pls', 'filtered_pls', 'arx_pls', 'arx_pls_oe', 'auto']

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ranges import check_range
+from wrist_ft_comp.errors import check_range, SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray
 

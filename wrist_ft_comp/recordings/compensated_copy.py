@@ -11,8 +11,7 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import OutputError, RecordingError
 from wrist_ft_comp.recording import Correction, Topics
 from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
-from wrist_ft_comp.recordings.open_bag import backend
-from wrist_ft_comp.recordings.read import open_recording, OpenTable
+from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
 from wrist_ft_comp.recordings.read_options import COMPENSATED
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.own_file import Output, writing

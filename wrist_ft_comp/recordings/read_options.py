@@ -1,16 +1,18 @@
 """
-How columns of a table become channels: names, units, factors, and the form of times.
+How a recording is read: how columns of a table become channels, and which part of it counts.
 
 ``--columns`` names ours first: ``stamp=time,force_x=fx:kN,force_z=cell*9.8,temperature_c=temp:F``;
 a number, from 1 on and through all tables that are joined, stands for a column without a name;
 ``stamp_date`` for a date beside times of day; ``stamp=#*0.01`` for rows a hundred times a second.
 ``--time`` says what stamps are: a unit, iso (ISO 8601), excel (days since 1899-12-30), datenum
-(days of MATLAB), timedelta (of pandas, or 75:00.5), or a form of strptime. The same may stand in
+(days of MATLAB), timedelta (of pandas, or 75:00.5), or a form of strptime. What is before
+``--from``, after ``--until`` or within ``--exclude`` does not count. The same may stand in
 ``recording.yaml`` beside the recordings.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 import re
 
@@ -19,11 +21,11 @@ import yaml
 
 from wrist_ft_comp.channels import AXES, CHANNELS, GROUPS
 from wrist_ft_comp.errors import RecordingError, SettingsError
-from wrist_ft_comp.recording import Samples, Topics
+from wrist_ft_comp.recording import clock_time, Samples, Topics
 from wrist_ft_comp.recordings.table_form import Header
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stored.own_file import beginning
-from wrist_ft_comp.stream.part_of_recording import Excerpt, parse_excerpt
+from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import units
 from wrist_ft_comp.wire.temperature_source import to_celsius
 from wrist_ft_comp.wire.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
@@ -192,6 +194,82 @@ def samples_of(stamps_ns: IntArray, values: Mapping[str, FloatArray]) -> Iterato
 #: File beside recordings that says how they are read.
 MAP_FILE = 'recording.yaml'
 _KEYS = 'columns', 'time', 'from', 'until', 'exclude'
+#: Units of times since the beginning, s.
+_UNITS_S = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
+
+
+@dataclass(frozen=True)
+class Excerpt:
+    """What of a recording counts."""
+
+    #: Seconds since the first stamp of the file.
+    begin_s: float = -math.inf
+    end_s: float = math.inf
+    #: Beginning and end of stretches whose wrenches are left out; temperatures go on.
+    excluded_s: tuple[tuple[float, float], ...] = ()
+
+    def select(
+        self, blocks: Iterable[Samples], name: str, first_ns: list[int]
+    ) -> Iterator[Samples]:
+        """
+        Leave out what does not count; SettingsError where nothing is left of a recording.
+
+        The first stamp of all, from which times count, is put into ``first_ns``.
+        """
+        lasts_s = 0.0
+        #: Whether a sample was left, by what came.
+        is_left: dict[str, bool] = {}
+        for block in blocks:
+            timed = block.stamps_ns != NO_TIME  # the first messages may have no stamp yet
+            first_ns += block.stamps_ns[timed][:1].tolist()
+            begin_ns = first_ns[0] if first_ns else 0
+            since_s = np.where(timed, block.stamps_ns - begin_ns, 0) / NANOSECONDS
+            kind = 'wrench' if block.channels[0] in AXES else block.channels[0].split('_')[0]
+            counts = (since_s >= self.begin_s) & (since_s <= self.end_s)
+            for begin_s, end_s in self.excluded_s if kind == 'wrench' else ():
+                counts &= (since_s < begin_s) | (since_s > end_s)
+            lasts_s = max(lasts_s, float(since_s.max(initial=0.0)))
+            if timed.any():
+                is_left[kind] = is_left.get(kind, False) or bool(counts.any())
+            yield Samples(block.channels, block.stamps_ns[counts], block.values[counts])
+        for kind in ('wrench', 'temperature'):
+            if not is_left.get(kind, True):
+                is_clock = first_ns[0] >= CLOCK_NS
+                begins = f'begins at {clock_time(first_ns[0])} and ' if is_clock else ''
+                raise SettingsError(
+                    f'Every {kind} of {name}, which {begins}lasts {lasts_s:.0f} s, is left out '
+                    'by --from, --until and --exclude. Leave some in.'
+                )
+
+
+def parse_excerpt(begin: str, end: str, exclude: Iterable[str]) -> Excerpt:
+    """Understand ``--from``, ``--until`` and ``--exclude``, or refuse them by a SettingsError."""
+    excluded_s = []
+    for text in exclude:
+        first, dots, last = text.partition('..')
+        if not dots:
+            raise SettingsError(
+                f'A stretch is A..B, such as 4790..4830 or 79min..81min; got {text!r}.'
+            )
+        excluded_s.append((_seconds(first), _seconds(last)))
+    begin_s = _seconds(begin) if begin else -math.inf
+    end_s = _seconds(end) if end else math.inf
+    for first_s, last_s in (*excluded_s, (begin_s, end_s)):
+        if not first_s < last_s:
+            raise SettingsError(
+                f'A part must end after it begins; got {first_s:g} to {last_s:g} s.'
+            )
+    return Excerpt(begin_s, end_s, tuple(excluded_s))
+
+
+def _seconds(text: str) -> float:
+    """Read a time since the beginning: 4800, 80min, 1.5h or 1:20:00."""
+    if match := re.fullmatch(r'(\d+\.?\d*|\.\d+)(s|min|h|)', text.strip()):
+        return float(match[1]) * _UNITS_S[match[2]]
+    if re.fullmatch(r'\d+(:\d\d){1,2}(\.\d+)?', text.strip()):
+        hours, minutes, seconds = (*map(float, text.strip().split(':')), 0.0)[:3]
+        return 3600 * hours + 60 * minutes + seconds
+    raise SettingsError(f'A time is written 4800, 80min, 1.5h or 1:20:00; got {text!r}.')
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.fit.folds import bin_means
 from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.bag_topics import survey_bag, TEMPERATURE
-from wrist_ft_comp.recordings.open_bag import open_bag
+from wrist_ft_comp.recordings.read import open_bag
 from wrist_ft_comp.report.verdict import Level
 from wrist_ft_comp.series import FloatArray
 

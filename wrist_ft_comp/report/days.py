@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrist_ft_comp.learning.diary import DayEntry, Diary, NONE
-from wrist_ft_comp.ranges import rounded
-from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.series import NANOSECONDS, rounded
 from wrist_ft_comp.stored.own_file import Output
 
 #: What the picture of days names as its software, by which it is known again.

@@ -12,11 +12,15 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
-from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, SettingsError
+from wrist_ft_comp.errors import (
+    CalibrationRefusedError,
+    check_range,
+    RecordingError,
+    SettingsError,
+)
 from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
-from wrist_ft_comp.ranges import check_range
 from wrist_ft_comp.recording import Recording, Reference, require_recordings
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, tare_at_start

@@ -9,10 +9,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.fit.result import Calibration
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
+from wrist_ft_comp.series import rounded
 from wrist_ft_comp.stored.own_file import Output
 
 #: What every page names as its generator, by which it is known again.

@@ -22,11 +22,10 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.learning.diary import Diary
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report import days as day_figures
 from wrist_ft_comp.report.report_content import ErrorSeries, starts_h
-from wrist_ft_comp.series import FloatArray, IntArray
+from wrist_ft_comp.series import FloatArray, IntArray, rounded
 
 # One palette, after Okabe and Ito: its colours differ with every common colour deficiency and in
 # grey, and have a contrast of 3 or more to the report's papers, light and dark.

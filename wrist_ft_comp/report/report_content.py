@@ -16,12 +16,11 @@ from wrist_ft_comp.fit.result import AxisFit, Calibration, HeldOut, rms_by_fold
 from wrist_ft_comp.payload.learn_at_work import Separation
 from wrist_ft_comp.payload.payload_states import COUNTS
 from wrist_ft_comp.payload.weight import LearntPayloads
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.recording import elapsed_s, Recording, Reference, Topics
 from wrist_ft_comp.report import advice as advices
 from wrist_ft_comp.report import verdict as verdicts
 from wrist_ft_comp.report.evaluation import AxisEvaluation, judge_errors, mean_over, TaredErrors
-from wrist_ft_comp.series import FloatArray, IntArray, noise_level
+from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded
 
 #: Most things to do next that are shown at once: the first ones help most.
 MOST_ADVICE = 3

@@ -20,8 +20,8 @@ import numpy as np
 
 from wrist_ft_comp.fit.folds import averaged_s
 from wrist_ft_comp.fit.result import Calibration, FoldErrors, HARMFUL_RATIO, SURE_SHARE
-from wrist_ft_comp.ranges import rounded
 from wrist_ft_comp.report.evaluation import AxisEvaluation
+from wrist_ft_comp.series import rounded
 
 Level = Literal['good', 'weak', 'harmful', 'uncalibrated', 'unjudged']
 #: The levels in words for people, the best first.

@@ -14,8 +14,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParam
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ranges import range_words
+from wrist_ft_comp.errors import range_words, SettingsError
 from wrist_ft_comp.ros.rclpy_internals import given_parameters
 
 NODE_NAME = 'wrist_ft_comp'

@@ -12,10 +12,14 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.channels import SENSOR_FACTS
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import Document, DriftModel, StoredModel
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
-from wrist_ft_comp.errors import ModelFileError, WristFtCompError
-from wrist_ft_comp.ranges import check_range, PERIODS_S
+from wrist_ft_comp.drift.drift_model import (
+    Document,
+    DriftModel,
+    StoredModel,
+    ThermometerPrediction,
+)
+from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
+from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.own_file import Kind, to_plain
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import check_fits, Drift, DriftModel, no_drift
-from wrist_ft_comp.errors import SettingsError
-from wrist_ft_comp.ranges import check_range, PERIODS_S
+from wrist_ft_comp.errors import check_range, SettingsError
+from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream.clock import Sample
 from wrist_ft_comp.stream.doubts import (

@@ -23,8 +23,7 @@ from wrist_ft_comp.channels import (
     temperature_channel,
 )
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.ranges import PERIODS_S
-from wrist_ft_comp.recording import Recording, Samples
+from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stream.clock import in_order, NO_TIME
 from wrist_ft_comp.stream.thermal_memory import fill_gaps

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import ThermometerPrediction
 from wrist_ft_comp.series import BoolArray, differ, FloatArray, IntArray, NANOSECONDS
 
 #: A thermometer in metal does not change by more than this from sample to sample, K ...

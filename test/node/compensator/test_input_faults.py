@@ -13,8 +13,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Temperature
 
-from wrist_ft_comp.drift.drift_model import no_drift
-from wrist_ft_comp.drift.thermometer_prediction import ThermometerPrediction
+from wrist_ft_comp.drift.drift_model import no_drift, ThermometerPrediction
 from wrist_ft_comp.node import wrench_topics
 from wrist_ft_comp.node.wrench_topics import Counts, WrenchInput
 from wrist_ft_comp.ros.topics import wrench_message

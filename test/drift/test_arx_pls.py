@@ -1,9 +1,9 @@
-"""The inner model: its free run."""
+"""The inner model of ARX-PLS: its free run."""
 
 import numpy as np
 import pytest
 
-from wrist_ft_comp.drift.arx import Arx, free_run, relaxation
+from wrist_ft_comp.drift.arx_pls import Arx, free_run, relaxation
 
 PAIR = 0.8 * np.exp([0.7j, -0.7j])
 #: Poles, gains on inputs, and first lag: 0 is a direct term, 2 the paper's first H(z).
