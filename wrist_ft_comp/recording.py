@@ -48,6 +48,12 @@ class Topics:
         """Where specific force comes from: imu, tf, or an empty string."""
         return 'imu' if self.imu else 'tf' if self.gravity_frame else ''
 
+    @property
+    def column_options(self) -> list[str]:
+        """The options that say what the columns of a table mean."""
+        time = ['--time', self.time] if self.time else []
+        return ['--columns', self.columns, *time] if self.columns else []
+
     def __post_init__(self) -> None:
         """Refuse one name in the place of several: its letters would be topics."""
         names: object = self.temperatures

@@ -191,6 +191,9 @@ def test_counts_are_no_tenths_of_degrees_and_volts_of_a_bridge_no_newtons(run, t
         assert proposed(run('show', path).out)[0] == 'stamp=t_s,force_z=fz,temperature_c=…'
     path = write(tmp_path / 'log.csv', 't_s,Fz_V,T', (t, wrench[:, 2], celsius))
     assert 'Fz_V of log.csv is in v, a unit that is not understood' in run('show', path).out
+    head = 'Y_Unit_Label,Digits,Volts\nt_s,Fz,T'
+    path = write(tmp_path / 'log.csv', head, (t, wrench[:, 2], celsius))
+    assert 'Fz of log.csv is in Digits, a unit that is not understood' in run('show', path).out
 
 
 @pytest.mark.parametrize(('line', 'is_doubt'), [

@@ -72,6 +72,7 @@ ASKED = [
     (WARM_UP[HOUR // 2 :], JUDGED | {'levels': {'force_x': 'weak'}}, '', 'beginning of the warm'),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'uncalibrated'}}, 'order of', ''),
     (PAIR, JUDGED | {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'the order of'),
+    (PAIR, JUDGED | {'levels': {'force_x': 'harmful'}}, 'Do not run this model: it makes fo', ''),
     (ramp(20, 35), {'levels': {'force_x': 'weak'}, 'learnt_c': [(0.0, 50.0)]}, '', 'order of'),
     (ramp(20, 30), {'levels': {'force_x': 'good'}}, '', 'not explain'),
     (PAIR, {'levels': {'force_x': 'weak', 'force_y': 'good'}}, '', 'not explain'),

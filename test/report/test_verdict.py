@@ -25,6 +25,7 @@ def judge(before=10.0, after=1.0, peak=0.0, **known):
         ({'after': 10 * verdict.GOOD_REMAINDER + JUST}, 'weak'),
         ({'after': 10 * HARMFUL_RATIO - JUST}, 'weak'),
         ({'after': 10 * HARMFUL_RATIO + JUST}, 'harmful'),
+        ({'after': 12.0, 'noise': 12.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
         ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN + JUST}, 'good'),
         ({'after': 8.0, 'noise': 8.0 / verdict.NOISE_MARGIN - JUST}, 'weak'),
         ({'slowest_s': 5000.0 - JUST, 'longest_s': 10000.0}, 'good'),

@@ -110,6 +110,7 @@ def test_a_number_is_found_anywhere_in_a_message(state, entry, celsius):
         ('/s:joints[0].enabled', 'joints[0].enabled is no number'),
         ('/s:joints[0].motor', 'joints[0] has no motor. Its numbers are joints[0].motor_temp'),
         ('/s:temperature[0]', 'temperature has no [0]'),
+        ('/s:data[wrist_3]', 'data has no [wrist_3]. Its numbers are'),
     ],
 )
 def test_the_sentence_for_a_missing_number_names_the_fields_there_are(state, entry, sentence):

@@ -189,8 +189,7 @@ def commands(summary: RecordingSummary, path: Path) -> list[str]:
     at_work = force is not None and force.seen > 0 and not referred
     if referred or at_work:
         words += ['--reference', 'recorded' if referred else 'payload']
-    if topics.columns:
-        words += ['--columns', topics.columns, *(['--time', topics.time] * bool(topics.time))]
+    words += topics.column_options
     if topics.wrench.strip('/') != usual.wrench.strip('/'):
         words += ['--wrench-topic', topics.wrench]
     if topics.temperatures != usual.temperatures:

@@ -205,11 +205,14 @@ def _candidate_lines(candidates: Sequence[Candidate]) -> Iterator[str | Table]:
         ['as', 'values', 'topic'], [[c.role, _range(c.reads), c.entry] for c in candidates]
     )
     yield ''
-    for candidate in candidates:
-        if candidate.reads and (suffix := suffix_of(*candidate.reads)):
-            field = '' if ':' in candidate.entry else ':temperature'
-            unit = 'kelvin' if suffix == ':K' else 'tenths of °C'
-            yield f'If {candidate.entry} is in {unit}, write {candidate.entry}{field}{suffix}.'
+    alike: dict[tuple[str, str], str] = {}  # one sentence for all numbers of a topic
+    for entry, reads in ((c.entry, c.reads) for c in candidates if c.reads):
+        if suffix := suffix_of(*reads):
+            alike.setdefault((entry.partition(':')[0], suffix), entry)
+    for (_, suffix), entry in alike.items():
+        unit = 'kelvin' if suffix == ':K' else 'tenths of °C'
+        field = '' if ':' in entry else ':temperature'
+        yield f'If {entry} is in {unit}, write {entry}{field}{suffix}.'
 
 
 def _refusal(summary: recording_summary.RecordingSummary, recording: Recording | None) -> str:

@@ -118,6 +118,8 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
         drawn.add_column(
             cells[0], justify='left' if words or numbers else 'right', no_wrap=names,
             overflow='ignore' if names else 'fold')  # fmt: skip
+    if sum(max(map(len, cells)) + 2 for cells in columns) - 2 > WIDTH:
+        drawn.padding = (0, 1, 0, 0)
     for row in list(zip(*columns, strict=True))[1:]:
         drawn.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
     return drawn

@@ -97,7 +97,8 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             raise CalibrationRefusedError(
                 f'{axis} of {recording.name} moves by up to {size} for {100 * share:.0f} % '
                 f'of the time, although the load was declared {reference}, first at {first}: the '
-                'robot moved, or something touched the sensor. Record again without, or record '
+                'robot turned the sensor, whose own flange weighs something, too, or something '
+                'touched it. Leave these times out (--exclude), record again without, or record '
                 'what makes it known: the specific force (--reference payload) or the load itself '
                 '(--reference recorded).'
             )

@@ -61,8 +61,8 @@ def run_job(
     found = calibrate(recordings, job.settings, lambda done: report(0.5 + 0.5 * done))
     found = replace(found, warnings=(*left_out, *found.warnings))
     calibration, stored = save(job, found, paths)
-    reference = job.settings.reference
-    return calibration, calibration_content(calibration, recordings, stored, reference)
+    reference, options = job.settings.reference, job.topics.column_options
+    return calibration, calibration_content(calibration, recordings, stored, reference, options)
 
 
 def _read(

@@ -129,7 +129,8 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
     sensor are not used. The thermometer inside the sensor comes first: the one without the name of
     a motor, with most words of the wrench's topic, or with the name of something at the tool; the
-    same holds for IMUs. Of an array, the last element. Without a raw wrench, its topic is empty.
+    same holds for IMUs. Of an array, the element with the highest number, such as that of the last
+    joint. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     # /wrench is what compensate adds.
@@ -146,11 +147,11 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     ours = names(wrench)
     theirs = {name for other in wrenches[1:] for name in names(other.entry)}
 
-    def distance(candidate: Candidate) -> tuple[bool, int, bool, int]:
-        indices = re.findall(r'\[(\d+)\]', candidate.entry)
+    def distance(candidate: Candidate) -> tuple[bool, int, bool, list[int]]:
+        numbers = [-int(n) for n in re.findall(r'\d+', candidate.entry.partition(':')[2])]
         far, near = FAR.search(candidate.entry), _NEAR.search(candidate.entry)
         common = len(names(candidate.entry) & ours)
-        return far is not None, -common, near is None, -int(indices[-1] if indices else -1)
+        return far is not None, -common, near is None, numbers or [1]
 
     def may_be_ours(candidate: Candidate) -> bool:
         words = names(candidate.entry)

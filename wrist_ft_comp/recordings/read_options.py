@@ -144,7 +144,10 @@ def parse_map(columns: str, time: str) -> tuple[tuple[Column, ...], str]:
             times.append(unit)
         elif unit and unit not in units_of(ours.channel):
             allowed = ', '.join(units_of(ours.channel))
-            raise SettingsError(f'{match["ours"]} may be in {allowed}; got {entry!r}.')
+            raise SettingsError(
+                f'{match["ours"]} may be in {allowed}, or have a factor such as *0.1 instead of a '
+                f'unit; got {entry!r}.'
+            )
         factor = float(match['factor']) if match['factor'] else None
         # temperature_c says what is wanted; temperature_k and stamp_ms, what stands there.
         said = '' if ours.unit == 'C' else ours.unit

@@ -180,14 +180,15 @@ def find_header(as_written: Sequence[str], columns_before: int = 0) -> Header:
     names = next(filter(_is_of_names, above), above[-1] if above else [])
     in_cells = [unit_behind(cell) or '' for row in rows[first : first + 1] for cell in row]
     others = [k for k in range(first) if [*filter(None, rows[k])] != [*filter(None, names)]]
+    labelled = [['', *row[1:]] for row in rows[:first] if row and _UNIT_ROW.fullmatch(row[0])]
     said = [
         max((row for row in above if row is not names), key=_units_in, default=[]),
-        *(['', *row[1:]] for row in rows[:first] if row and _UNIT_ROW.fullmatch(row[0])),
+        *labelled,
         in_cells,
         # A cell that is merged in a spreadsheet tells of those behind it, which are empty.
         *(_merged_units(rows[k]) for k in others if len(rows[k]) == width),
     ]
-    said_units = next(filter(_units_in, said), [])
+    said_units = next(filter(_units_in, said), labelled[0] if labelled else [])
     doubts = (lines[k] for k in others if rows[k] != said_units and _is_doubtful(lines[k]))
     for row in rows[:first]:
         if len(row) > 1 and row[0] and row[0] in names and row not in above:

@@ -156,9 +156,9 @@ def advise(case: Case) -> tuple[str, ...]:
         steps += _judged(case, outside)
     elif poor and (k_per_h := case.coverage.begins_k_per_h) > _STEEP_K_PER_H:
         steps.append(
-            'The beginning of the warm-up is missing: the temperature rises by '
-            f'{k_per_h:.0f} K/h from the first minutes on. Switch the robot off for two hours, '
-            'start recording first, then switch it on.'
+            f'The temperature rises by {k_per_h:.0f} K/h from the first minutes on. If something '
+            'was switched on earlier than the recording, the beginning of the warm-up is '
+            'missing: switch the robot off for two hours, start recording, then switch it on.'
         )
     some_are_good = 'good' in case.levels.values()
     if unexplained and not outside and not (some_are_good and len(case.coverage.range_c) > 1):
@@ -168,6 +168,8 @@ def advise(case: Case) -> tuple[str, ...]:
             f'Much of the drift of {_enumerate(poor)} is left; --verbose says why. '
             f'{_CALIBRATE_AGAIN}'
         )
+    if harmful := [axis for axis, level in case.levels.items() if level == 'harmful']:
+        steps.insert(0, f'Do not run this model: it makes {_enumerate(harmful)} worse.')
     return (*steps, *(() if case.learnt_c else _recorded(case)))
 
 

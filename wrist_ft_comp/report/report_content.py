@@ -153,8 +153,9 @@ def calibration_content(
     recordings: Sequence[Recording],
     stored: StoredModel,
     reference: Reference,
+    options: Sequence[str] = (),
 ) -> ReportContent:
-    """Fill a report's content from a calibration."""
+    """Fill a report's content from a calibration; ``options`` read another such table."""
     fits, work = calibration.fits, calibration.separation
     # At work, what a payload weighs is the load that was known.
     coverage = advices.cover(recordings if work is None else work.drift)
@@ -189,7 +190,7 @@ def calibration_content(
         recordings, coverage, reference, levels, calibration.warnings,
         [Path(path) for path, _ in model_sources(stored)],
         stored.sensor.get('temperature_topics', ()), loose=loose,
-        run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY']),
+        run=shlex.join(['wrist_ft_comp', 'evaluate', str(stored.path), 'ANOTHER_DAY', *options]),
         slowest_s=max(map(_slowest_s, fits.values()), default=0.0))  # fmt: skip
     legend, caption, first = _FIGURES, '', next(iter(held.values()))
     if len(recordings) == 1 and first.tared:

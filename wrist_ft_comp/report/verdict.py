@@ -7,7 +7,7 @@ Is an axis' compensation good? One table of thresholds, one sentence with the nu
 | weak | more is left; or a part of the data got worse and keeps 25 % of the axis' drift or more; |
 | | or the slowest time constant is above half of the longest recording, where it looks like a |
 | | trend; or no limit of another day's errors can be promised; or an error is above that limit |
-| harmful | more is left than without compensation; here as of a part, 5 % more may be chance |
+| harmful | more is left than without, and than the noise; here as of a part, 5 % may be chance |
 | uncalibrated | no compensation: nothing that was tried was better, or there is no drift |
 | unjudged | no thermometer moved by 0.5 K within a recording, so that nothing can be judged |
 """
@@ -94,7 +94,7 @@ def judge(evidence: Evidence) -> Verdict:
             f'{SMALLEST_CHANGE_K:g} K are needed. Evaluate a recording of a warm-up.',
         )
     figures = f'{rounded(before)} → {rounded(after)} {evidence.unit} RMS'
-    if after > HARMFUL_RATIO * before:
+    if after > max(HARMFUL_RATIO * before, noise * evidence.widening):
         return Verdict('harmful', f'The model leaves more drift than no compensation: {figures}.')
     share = rounded(100 * after / before, 2) if before > 0 else '0'
     remainder = f'{share} % of the drift is left ({figures})'

@@ -8,6 +8,7 @@ have the same lengths at the same bytes: for each one that arrives, or for many 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 import importlib
 from operator import itemgetter
 import re
@@ -25,7 +26,8 @@ FieldType = tuple[str, int | None]
 SEQUENCE = -1
 #: Fields of every type in their order, by the type's name, such as ``std_msgs/msg/Header``.
 Definitions = Mapping[str, Sequence[tuple[str, FieldType]]]
-#: Names of fields, and indices, from a message down to a number in it.
+#: Names of fields, and indices, from a message down to a number in it. ``[wrist_3]``, in brackets,
+#: is the index at which an array of texts beside has this name.
 Path = tuple[str | int, ...]
 #: Bytes of n messages, one per row, shape (n, size).
 Rows = NDArray[np.uint8]
@@ -44,6 +46,8 @@ _MESSAGE_NAME = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 _FIELD_TYPE = re.compile(
     r'(?:sequence<)?(?P<element>[\w/]+)(?:<\d+>)?(?:(?P<sequence>(?:, \d+)?>)|\[(?P<size>\d+)\])?'
 )
+#: What a name in brackets is made of; a number would be an index.
+_NAME = re.compile(r'[A-Za-z_/][^][:*]*')
 #: A message that claims to hold more than this is damaged.
 _MOST_PARTS = 100_000
 #: Most sizes of messages with remembered layouts: new texts in every message must not fill memory.
@@ -129,6 +133,7 @@ class Layout:
 
     def find(self, path: Path) -> Place | None:
         """Find a number, which may be an element of an array."""
+        path = self.numbered(path)
         place = self.places.get(path)
         if place is not None:
             return place if place.size is None else None
@@ -136,6 +141,26 @@ class Layout:
         if array is None or array.size is None or isinstance(index, str) or index >= array.size:
             return None
         return Place(array.offset + index * struct.calcsize(array.code), array.code, None)
+
+    @cached_property
+    def _names(self) -> dict[tuple[Path, str | int], str]:
+        """Give the names in arrays of texts, by what the array is in, and by index."""
+        texts = {path: self.text(path) for path in self.texts if isinstance(path[-1], int)}
+        names = [(p[:-2], p[-1], text) for p, text in texts.items() if _NAME.fullmatch(text)]
+        return {(outside, index): f'[{text}]' for outside, index, text in reversed(names)}
+
+    def numbered(self, path: Path) -> Path:
+        """Put an index in the place of each name in brackets that is found."""
+        indices = {(outside, name): index for (outside, index), name in self._names.items()}
+        found: Path = ()
+        for step in path:
+            found += (indices.get((found[:-1], str(step)), step),)
+        return found
+
+    def named(self, path: Path) -> Path:
+        """Put names in the places of indices, where this is clear."""
+        named = tuple(self._names.get((path[: n - 1], s), s) for n, s in enumerate(path))
+        return named if self.numbered(named) == path else path
 
     def text(self, path: Path) -> str:
         """Read a text."""
@@ -278,7 +303,10 @@ class NumberReader:
         self.has_header = any(name == 'header' for name, _ in definitions.get(kind, ()))
         wanted = [*_STAMP, *paths]
         self._columns = len(wanted)
-        self._layouts = Layouts(definitions, kind, lambda layout: list(map(layout.find, wanted)))
+        by_name = any(str(step).startswith('[') for path in paths for step in path)
+        self._layouts = Layouts(
+            definitions, kind, lambda layout: list(map(layout.find, wanted)), same_texts=by_name
+        )
 
     def read(self, messages: Sequence[bytes]) -> tuple[IntArray, FloatArray]:
         """

@@ -6,6 +6,7 @@ An entry of ``temperature_topics``, or of ``--temperature-topic``, is one of::
     /ft_sensor/temperature                    sensor_msgs/Temperature, °C
     /bota/bota_frame:temperature              a field of any message, °C
     /joint_states_extra:data[5]:K             an element of an array, in kelvin
+    /motors:temperatures[wrist_3]             the one that an array of names beside calls so
     /drives:joints[2].motor.temperature:F     any depth, in degrees Fahrenheit
     /plc/state:data[3]*0.1                    in tenths of °C; with :K behind it, of a kelvin
 
@@ -39,7 +40,7 @@ _NAME_PART = r'(?![0-9])(?:[A-Za-z0-9_]|\{(?:node|ns|namespace)\})+'
 _TOPIC = re.compile(rf'(?:~?/)?{_NAME_PART}(?:/{_NAME_PART})*')
 #: What stands behind the topic's colon: names of fields and indices, a factor, a unit.
 _FIELD = re.compile(
-    r'(?P<path>[A-Za-z]\w*(?:\.[A-Za-z]\w*|\.\d+|\[\d+\])*)'
+    r'(?P<path>[A-Za-z]\w*(?:\.[A-Za-z]\w*|\.\d+|\[\d+\]|\[[A-Za-z_/][^][:*]*\])*)'
     r'(?:\*(?P<factor>[^:]*))?(?::(?P<unit>[CKF]?))?', re.ASCII)  # fmt: skip
 #: Names of fields that are probably temperatures, but not those of a template or an attempt.
 _TEMPERATURE_NAME = re.compile(r'(?<!at)temp(?!la|o)|thermo|celsius|kelvin', re.IGNORECASE)
@@ -107,18 +108,18 @@ class TemperatureSource:
 
     def missing(self, layout: Layout) -> str:
         """Say that a message holds no finite number at the path, and which numbers it has."""
-        path = self.number
+        path = layout.numbered(self.number)
         if layout.find(path) is not None:
             return f'The temperature {self.entry!r} is NaN or infinite; expected a finite number.'
         depth = max(n for n in range(len(path) + 1) if n == 0 or path[:n] in layout.sizes)
         present, size = path_text(path[:depth]) or 'the message', layout.sizes.get(path[:depth])
         found = f'{present} has no {path_text(path[depth:])}'
-        if size is not None:
+        if size is not None and "'[" not in str(path[depth:]):
             found = f'{present} is an array of {size}, counted from 0'
         elif depth == len(path):
             found = f'{present} is no number'
         # Its numbers: first the most similar one, then those that may be meant.
-        paths = {path_text(number): number for number in numbers_in(layout)}
+        paths = {path_text(layout.named(number)): number for number in numbers_in(layout)}
         temperatures = [text for text, number in paths.items() if may_be_temperature(number)]
         alike = difflib.get_close_matches(path_text(path), paths, _NAMED, 0.5)
         named = list(dict.fromkeys([*alike[:1], *temperatures, *alike, *paths]))
@@ -151,7 +152,7 @@ def parse_source(entry: str) -> TemperatureSource:
         factor = math.nan
     if not math.isfinite(factor) or factor == 0:
         raise SettingsError(f'A factor is a number, such as *9.81; got {entry!r}.')
-    steps = re.findall(r'\w+', found['path'])
+    steps = re.findall(r'\[\D[^]]*\]|\w+', found['path'])
     path = tuple(int(step) if step.isdecimal() else step for step in steps)
     return TemperatureSource(topic, path, found['unit'] or 'C', factor, entry)
 
@@ -176,7 +177,7 @@ def parse_sources(
 def path_text(path: Path) -> str:
     """Write a path as in an entry, such as ``joints[2].temperature``."""
     steps = (f'[{step}]' if isinstance(step, int) else f'.{step}' for step in path)
-    return ''.join(steps).lstrip('.')
+    return ''.join(steps).lstrip('.').replace('.[', '[')
 
 
 def may_be_temperature(path: Path) -> bool:
@@ -211,4 +212,5 @@ def temperatures_in(layout: Layout, topic: str) -> list[Path]:
     named = {beside(path) for path in texts if _TEMPERATURE_NAME.search(layout.text(path))}
     paths = [path for path in numbers_in(layout) if path[0] != 'layout']
     found = [path for path in paths if may_be_temperature(path) or beside(path) in named]
-    return found or (paths if _TEMPERATURE_NAME.search(topic) else [])
+    found = found or (paths if _TEMPERATURE_NAME.search(topic) else [])
+    return list(map(layout.named, found))
