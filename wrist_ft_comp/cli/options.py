@@ -88,7 +88,7 @@ def add_topics(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
         '--temperature-topic', action='append', metavar='TOPIC[:FIELD]',
         help='once per thermometer, the one inside the sensor first: a topic of '
         'sensor_msgs/Temperature, or a number in other messages, with a factor, and its unit, C '
-        "(default), K or F: '/driver/state:joints[2].temp:K', '/plc/state:data[3]*0.1' "
+        "(default), K or F: '/driver/state:joints[wrist].temp:K', '/plc/state:data[3]*0.1' "
         f"(default: the model's, else {defaults.temperatures[0]})")  # fmt: skip
     group.add_argument(
         '--reference-topic', default=defaults.reference, metavar='TOPIC',
