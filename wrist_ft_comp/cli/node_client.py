@@ -33,7 +33,8 @@ _KNOWN_BY = '/identify_payload'
 class Operator:
     """A node that asks a compensator; sros2's policy has a profile for its name."""
 
-    def __init__(self, context: Context, name: str = 'wrist_ft_comp_operator') -> None:
+    def __init__(self, context: Context) -> None:
+        name = 'wrist_ft_comp_operator'
         self.node: Any = Node(name, context=context, use_global_arguments=False)
         self.executor = EventsExecutor(context=context)
         self.executor.add_node(self.node)

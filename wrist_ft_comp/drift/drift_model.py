@@ -18,7 +18,6 @@ from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 
-Document = dict[str, Any]
 #: While a start is averaged, the temperature of metal changes by less than this, K.
 _NEAR_K = 5.0
 #: Filter state of each modelled axis, by name: what the last cell left.
@@ -150,7 +149,7 @@ class StoredModel:
     #: Ready to run.
     model: DriftModel
     #: Everything in the file, as plain values.
-    document: Document
+    document: dict[str, Any]
 
     @property
     def sensor(self) -> SensorNames:

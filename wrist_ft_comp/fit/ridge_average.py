@@ -185,10 +185,10 @@ def weigh(left: HeldOut, compared: Sequence[FloatArray]) -> FloatArray:
     The mean of a logarithm over folds is a geometric mean of errors: no day outvotes the others.
     """
     logs = np.log(np.maximum(compared, np.finfo(float).tiny)).mean(axis=0) / 2
-    weights = np.exp(-_SHARPNESS * (logs - logs[1:].min()))
+    weights: FloatArray = np.exp(-_SHARPNESS * (logs - logs[1:].min()))
     weights[0] = 0.0
     weights /= weights.sum()
-    # Whether the average leaves less of the folds than no compensation.
+    # An average runs where it leaves less of the folds than no compensation.
     before, after = rms_by_fold(left.averaged(weights))
     several = len(np.unique(left.recording)) > 1
     harmful = several and (after > HARMFUL_FOLD * before).any()

@@ -27,18 +27,15 @@ def answer(job: CalibrationJob) -> dict[str, Any]:
     try:
         if job.learning is not None:
             return learn(job, job.learning)
-        return _calibrate(job) if job.minute is None else _identify(job, job.minute)
+        if job.minute is not None:
+            return _identify(job, job.minute)
+        _, content = run_job(job)
     except (WristFtCompError, OSError) as error:
         return {'success': False, 'message': str(error)}
-
-
-def _calibrate(job: CalibrationJob) -> dict[str, Any]:
-    """Calibrate; a model is not given up because its report could not be written."""
-    _, content = run_job(job)
     stored = content.stored
     lines = [*content.lines(), f'saved as {stored.path}']
     if job.report is not None:
-        try:
+        try:  # a model is not given up because its report cannot be written
             REPORT.write(job.report, page(content))
             lines.append(f'report: {job.report}')
         except WristFtCompError as error:

@@ -7,14 +7,8 @@ import numpy as np
 from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means
 from wrist_ft_comp.learning.diary import DayEntry, NONE
+from wrist_ft_comp.payload import learn_at_work as work
 from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.learn_at_work import (
-    payloads_of,
-    separate,
-    separate_again,
-    slow_drift,
-    SLOW_S,
-)
 from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
@@ -49,9 +43,9 @@ class Day:
 
 def look_at(recording: Recording, before: Recording | None = None) -> Day:
     """Separate drift from weight and contacts; CalibrationRefusedError where that fails."""
-    separation = separate([recording])
-    if recording.duration_s > SLOW_S:  # else a press of over a minute looks like drift
-        separation = separate_again(separation, slow_drift(separation))
+    separation = work.separate([recording])
+    if recording.duration_s > work.SLOW_S:  # else a press of over a minute looks like drift
+        separation = work.separate_again(separation, work.slow_drift(separation))
     cells, fit, bodies = separation.cells, separation.fit, separation.bodies()
     doubts = bodies.doubts()
     # Gravity has to move enough in the sensor's frame to tell weight from drift.
@@ -63,7 +57,7 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
         contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
         unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
         noise=fit.noise,
-        payloads=None if doubts else payloads_of(separation, bodies),
+        payloads=None if doubts else work.payloads_of(separation, bodies),
         doubt=doubts[-1] if doubts and bodies.contrast[1] >= CONTRAST else '',
         before=before,
     )

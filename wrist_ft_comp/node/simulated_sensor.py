@@ -129,27 +129,23 @@ class SimulatedSensor(Node):
         #: Of a robot at work: its program.
         self._work: robot.Work | None = None
         if chosen['tool_mass'] > 0:
-            self._begin_work(chosen['tool_mass'], seeds)
+            tools, program, self._imu_rng, imu_rng = (
+                np.random.default_rng(seed)
+                for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
+            )
+            self._accelerometer = robot.draw_accelerometer(imu_rng)
+            self._work = robot.draw_work(robot.WorkSettings(chosen['tool_mass']), program, tools)
+            imu = Imu(header=Header(frame_id=_IMU_FRAME))
+            imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
+            felt = imu.linear_acceleration, imu.angular_velocity
+            self._imu = _Topic(self, 'imu', imu, felt, 'xyz')
+            self._contact = _wrench_topic(self, 'wrench_external_reference')
         logger = cast('Any', self).get_logger()
         warn_of_unknown(self, logger)
         logger.info('Waiting for subscribers; the run begins when the last of them has come.')
         wake_s = max(SHORTEST_WAKE_S, 1.0 / max(self._wrench_rate, self._temperature_rate))
         # A steady clock: neither a simulated nor a stepped clock changes the rate.
         self.create_timer(wake_s, self._wake, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _begin_work(self, tool_kg: float, seeds: Sequence[int]) -> None:
-        """Draw a robot's program, the noise of its IMU, and what else it publishes."""
-        tools, program, self._imu_rng, imu_rng = (
-            np.random.default_rng(seed)
-            for seed in ([seeds[0], 4], [*seeds, 2], [*seeds, 3], [seeds[0], 1])
-        )
-        self._accelerometer = robot.draw_accelerometer(imu_rng)
-        self._work = robot.draw_work(robot.WorkSettings(tool_kg), program, tools)
-        imu = Imu(header=Header(frame_id=_IMU_FRAME))
-        imu.orientation_covariance[0] = -1.0  # REP 145: no orientation
-        felt = imu.linear_acceleration, imu.angular_velocity
-        self._imu = _Topic(self, 'imu', imu, felt, 'xyz')
-        self._contact = _wrench_topic(self, 'wrench_external_reference')
 
     def _wake(self) -> None:
         """Publish what has become due since the last wake-up, in the order of the stamps."""

@@ -22,13 +22,8 @@ from wrist_ft_comp.stream.clock import ClockComparison
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.doubts import frozen_doubts, gap_doubts, seldom_doubts
 from wrist_ft_comp.stream.recording_cells import why_unusable
+from wrist_ft_comp.wire import numbers_in_messages as in_messages
 from wrist_ft_comp.wire.cdr import TEMPERATURE
-from wrist_ft_comp.wire.numbers_in_messages import (
-    define_installed,
-    Definitions,
-    follow,
-    NumberReader,
-)
 from wrist_ft_comp.wire.temperature_source import other_unit, TemperatureSource, unit_remedy
 
 
@@ -52,7 +47,7 @@ class TemperatureTopic:
         self._is_plain = not all(source.path for source in sources.values())
         #: Of the messages that are subscribed to; empty while none are.
         self._type = ''
-        self._definitions: Definitions = {}
+        self._definitions: in_messages.Definitions = {}
         #: Where messages wait for ``poll``, if they do.
         self._kept: Any = None
         if self._is_plain:
@@ -82,9 +77,9 @@ class TemperatureTopic:
     def _subscribe(self, name: str) -> None:
         """Subscribe to messages of a type; WristFtCompError where they cannot be had."""
         kind, (source, *_) = ros_topics.load_type(self._topic, name), self.sources.values()
-        self._definitions = define_installed(self._topic, name)
+        self._definitions = in_messages.define_installed(self._topic, name)
         paths = [source.number for source in self.sources.values()]
-        self._reader = NumberReader(self._definitions, name, paths)
+        self._reader = in_messages.NumberReader(self._definitions, name, paths)
         if self._is_plain:
             take = self._hub.guarded(self._part, self.read)
             self._hub.subscribe(kind, source.topic, take, ros_topics.SLOW_SENSOR)
@@ -109,7 +104,7 @@ class TemperatureTopic:
         stamped = stamp_ns if self._reader.has_header else None
         for (thermometer, source), number in zip(self.sources.items(), numbers, strict=True):
             if math.isnan(number):
-                layout = follow(self._definitions, self._type, data)
+                layout = in_messages.follow(self._definitions, self._type, data)
                 if layout.find(source.number) is None:
                     self.unreadable += 1
                     self.problems[thermometer] = source.missing(layout).rstrip('.')

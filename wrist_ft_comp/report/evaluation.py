@@ -10,14 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wrist_ft_comp import errors as refusals
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel, no_drift
-from wrist_ft_comp.errors import (
-    CalibrationRefusedError,
-    check_range,
-    RecordingError,
-    SettingsError,
-)
 from wrist_ft_comp.fit.folds import averaged_cells
 from wrist_ft_comp.fit.segments import segment
 from wrist_ft_comp.payload.learn_at_work import learn_at_work
@@ -82,7 +77,7 @@ def tared_errors(
         When the tare is not longer than 0 s.
 
     """
-    check_range('tare_s', tare_s, 0.0, above=True)
+    refusals.check_range('tare_s', tare_s, 0.0, above=True)
     if reference == 'payload':
         recording, reference = learn_at_work([recording]).drift[0], 'recorded'
     recording, _ = without_steps(recording, reference)
@@ -93,7 +88,7 @@ def tared_errors(
         for drift in (no_drift(len(recording)), streamed)
     )
     if not (np.isfinite(before) & np.isfinite(after)).any():
-        raise RecordingError(
+        raise refusals.RecordingError(
             f'{recording.name} holds no cell with both wrench and reference. Declare the '
             'reference unloaded or constant, or record it.'
         )
@@ -105,7 +100,7 @@ def without_steps(recording: Recording, reference: Reference) -> tuple[Recording
     """Take steps and outliers out of a still load, and say so; one that moves is left as it is."""
     try:
         ((still,), sentences) = segment([recording], reference)
-    except CalibrationRefusedError:
+    except refusals.CalibrationRefusedError:
         return recording, []
     return still, sentences
 
@@ -151,7 +146,7 @@ def thermal_sensitivity_drift(
     at_reference = np.flatnonzero(temperature_c == reference_c)
     spans = full_scale_output - zero_output
     if len(at_reference) != 1 or spans[at_reference[0]] == 0:
-        raise SettingsError(
+        raise refusals.SettingsError(
             f'The reference temperature of K_s must be one of {temperature_c.tolist()} °C, where '
             f'zero and full load read differently; got {reference_c:g} °C.'
         )
@@ -168,5 +163,5 @@ def accuracy(output: FloatArray, expected: FloatArray, full_scale: float) -> flo
     that broadcasts with it, and the output of full load over that without; SettingsError at 0.
     """
     if full_scale == 0:
-        raise SettingsError('The full scale of A must not be 0.')
+        raise refusals.SettingsError('The full scale of A must not be 0.')
     return float(100 * np.nanmax(np.abs(output - expected)) / abs(full_scale))

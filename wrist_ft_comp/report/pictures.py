@@ -42,7 +42,7 @@ _WIDTH = 11.0
 
 def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
     """Draw the errors of an axis over time; thin lines where one part ends and the next begins."""
-    figure, panel = _panel('time, h', f'error, {unit}')
+    figure, panel = _panel(f'error, {unit}')
     for at in np.flatnonzero(np.diff(series.part)):
         panel.axvline(series.hours[at : at + 2].mean(), color=FRAME, lw=0.6, ls=':')
     _line(panel, series.hours, series.before, series.part, **_DASHED)
@@ -52,7 +52,7 @@ def errors_over_time(series: ErrorSeries, unit: str) -> Figure:
 
 def temperatures_over_time(recordings: Sequence[Recording]) -> Figure:
     """Draw all thermometers over time, recordings one after the other."""
-    figure, panel = _panel('time, h', 'temperature, °C')
+    figure, panel = _panel('temperature, °C')
     pairs = zip(starts_h(recordings), recordings, strict=True)
     hours = np.concatenate([start + recording.elapsed_s / 3600 for start, recording in pairs])
     part = np.repeat(np.arange(len(recordings)), list(map(len, recordings)))
@@ -110,10 +110,10 @@ def svg_text(
     return text.replace('<svg', f'<svg {more}', 1)
 
 
-def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
-    """Prepare a picture with one pair of axes."""
+def _panel(y_label: str) -> tuple[Figure, Axes]:
+    """Prepare a picture of something over time."""
     figure = Figure(figsize=(4.6, 2.1), layout='constrained')
-    panel = figure.add_subplot(xlabel=x_label, ylabel=y_label)
+    panel = figure.add_subplot(xlabel='time, h', ylabel=y_label)
     panel.locator_params(nbins=6)
     _frame(panel)
     return figure, panel

@@ -201,13 +201,13 @@ class Hub(Node):
     def advertise(self, kind: Any, topic: str, *, negotiable: bool = False) -> Any:
         """Make a publisher."""
         with opening(topic):
-            options = self._negotiated(PublisherEventCallbacks, topic) if negotiable else {}
+            options = negotiated(self, PublisherEventCallbacks, topic) if negotiable else {}
             return self.create_publisher(kind, topic, copy(OUTPUT), **options)
 
     def subscribe(self, kind: Any, topic: str, callback: Callable[[bytes], None], qos: Any) -> Any:
         """Subscribe to serialized messages."""
         with opening(topic):
-            options = self._negotiated(SubscriptionEventCallbacks, topic)
+            options = negotiated(self, SubscriptionEventCallbacks, topic)
             return self.create_subscription(kind, topic, callback, copy(qos), raw=True, **options)
 
     def subscribe_unserved(self, kind: Any, topic: str, qos: Any = NEWEST) -> Any:
@@ -216,13 +216,6 @@ class Hub(Node):
         keep_from_executors(self, result)
         self._unserved.append(result)
         return result
-
-    def _negotiated(self, callbacks: Any, topic: str) -> dict[str, Any]:
-        def note(trouble: str) -> None:
-            self.incompatible[topic] = trouble
-            self.log.error(trouble)
-
-        return negotiated(self, callbacks, topic, note)
 
     def now_ns(self) -> int:
         """Time for drivers that do not stamp."""

@@ -4,7 +4,7 @@ Topics: their quality of service with its reasons, their types, and what is said
 The type of a topic is known to the ROS graph once there is a publisher.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from copy import copy
 import difflib
@@ -66,10 +66,8 @@ def opening(topic: str) -> Iterator[None]:
         ) from error
 
 
-def negotiated(
-    node: Node, callbacks: Any, topic: str, note: Callable[[str], None]
-) -> dict[str, Any]:
-    """Make options of a topic: policies are overridable; ``note`` is told of one that differs."""
+def negotiated(hub: Any, callbacks: Any, topic: str) -> dict[str, Any]:
+    """Make options of a hub's topic: policies are overridable; one that differs is logged."""
     ours = 'subscription' if callbacks is SubscriptionEventCallbacks else 'publisher'
 
     def say(event: Any) -> None:
@@ -79,9 +77,10 @@ def negotiated(
         )
         if ours == 'subscription':
             trouble = f'a publisher of {topic} offers less {policy} than is asked for'
-        name = f'qos_overrides.{node.resolve_topic_name(topic)}.{ours}.{policy}'
-        here = f'{name} of this node, or ' if node.has_parameter(name) else ''
-        note(f'{trouble}: set {here}the quality of service of the other side')
+        name = f'qos_overrides.{hub.resolve_topic_name(topic)}.{ours}.{policy}'
+        here = f'{name} of this node, or ' if hub.has_parameter(name) else ''
+        hub.incompatible[topic] = f'{trouble}: set {here}the quality of service of the other side'
+        hub.log.error(hub.incompatible[topic])
 
     return {
         'event_callbacks': callbacks(incompatible_qos=say),

@@ -12,16 +12,11 @@ import yaml
 import wrist_ft_comp
 from wrist_ft_comp.channels import SENSOR_FACTS
 from wrist_ft_comp.drift.axis_model import AxisModel
-from wrist_ft_comp.drift.drift_model import (
-    Document,
-    DriftModel,
-    StoredModel,
-    ThermometerPrediction,
-)
+from wrist_ft_comp.drift.drift_model import DriftModel, StoredModel, ThermometerPrediction
 from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import Kind, to_plain
+from wrist_ft_comp.stored.own_file import Document, Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration
