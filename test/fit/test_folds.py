@@ -5,7 +5,7 @@ import pytest
 
 from wrist_ft_comp.fit.axis_data import bin_cells
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import assign_folds, FOLDS
+from wrist_ft_comp.fit.folds import assign_folds, FOLDS, simplest_good
 from wrist_ft_comp.fit.result import rms_by_fold
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS
 
@@ -19,6 +19,14 @@ def test_a_bin_lasts_ten_seconds_unless_a_fold_had_fewer_than_eight(cells, perio
     width = bin_cells(cells, period_s)
     assert 1 <= width <= max(1, 10.0 / period_s)
     assert width in {1, 100} or cells // (width + 1) < FOLDS * 8 <= cells // width
+
+
+@pytest.mark.parametrize(
+    ('squares', 'chosen'),
+    [((9.0, 4.0, 1.0), 2), ((1.0, 0.86), 0), ((1.0, 0.84), 1), ((2.0, 1.0, 1.01), 1)],
+)
+def test_the_simplest_wins_within_15_percent_of_the_best(squares, chosen):
+    assert simplest_good(squares) == chosen
 
 
 def test_one_recording_is_cut_into_equal_times_or_at_plateaus(make_recording):

@@ -10,7 +10,6 @@ from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.fit.axis_data import build_features
 from wrist_ft_comp.fit.calibrate import calibrate
-from wrist_ft_comp.fit.folds import simplest_good
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings, METHODS, Orders
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
@@ -123,14 +122,6 @@ class TestEveryMethod:
             runs.append(make_recording(temperature_c, {'force_z': raw}, {'force_z': payload}))
         _, sensitivity = drift_of(calibrate(runs, settings(method, 'recorded')), runs[0])
         assert np.abs(sensitivity).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ('squares', 'chosen'),
-    [((9.0, 4.0, 1.0), 2), ((1.0, 0.86), 0), ((1.0, 0.84), 1), ((2.0, 1.0, 1.01), 1)],
-)
-def test_the_simplest_wins_within_15_percent_of_the_best(squares, chosen):
-    assert simplest_good(squares) == chosen
 
 
 def test_hats_stand_on_the_plateaus_or_where_they_were_put():

@@ -76,33 +76,26 @@ def run(arguments: argparse.Namespace) -> int:
         if action == 'set':
             answer = node_client.set_parameters(operator, name, values)
         else:
-            answer = _request(operator, name, action, watch)
+            service = 'record' if action == 'stop' else action
+            if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
+                raise NodeError(
+                    f'{name} has no service {action}. Ask for status, stop, set, or one of '
+                    f'{", ".join(operator.services(f"{name}/"))}.'
+                )
+            with terminal.waiting(action) as describe:
+
+                def show() -> None:
+                    # What takes long has a status of its own, as payload for identify_payload.
+                    said = [s.message for n, s in watch.statuses.items() if n in action]
+                    describe(': '.join([action, *said]))
+
+                operator.node.create_timer(0.5, show)
+                answer = node_client.ask(operator, name, action, watch)
     if arguments.json:
         terminal.print_json({'node': name, 'action': action, 'answer': answer})
     else:
         print(answer)
     return 0
-
-
-def _request(operator: 'Operator', name: str, action: str, watch: 'Watch') -> str:
-    """Let a node serve an action, and show how it goes on; give its answer."""
-    from wrist_ft_comp.cli.node_client import ask  # noqa: PLC0415 -- as above
-
-    service = 'record' if action == 'stop' else action
-    if not operator.wait_for(lambda: service in operator.services(f'{name}/'), 1.0):
-        offered = ', '.join(operator.services(f'{name}/'))
-        raise NodeError(
-            f'{name} has no service {action}. Ask for status, stop, set, or one of {offered}.'
-        )
-    with terminal.waiting(action) as describe:
-
-        def show() -> None:
-            # What takes long has a status of its own, as payload for identify_payload.
-            said = [s.message for n, s in watch.statuses.items() if n in action]
-            describe(': '.join([action, *said]))
-
-        operator.node.create_timer(0.5, show)
-        return ask(operator, name, action, watch)
 
 
 def _show(operator: 'Operator', name: str, watch: 'Watch', arguments: argparse.Namespace) -> int:

@@ -350,7 +350,14 @@ def propose(placed: Placed, rows: Sequence[Sequence[str]] = ()) -> tuple[dict[st
         name = names[looks.place]
         by_number = not name or _MAP_SIGNS.search(name) or names.count(name) > 1
         name = str(header.columns_before + looks.place + 1) if by_number else name
-        proposed[channel] = name + _behind(looks, channel, header)
+        # Behind it stand the factor and the unit that the map has to have.
+        behind = ''
+        if channel.startswith('temperature'):
+            behind = looks.thermometer() or ''
+        elif channel not in read_options.STAMP_COLUMNS:
+            unit = looks.unit_of(channel)
+            behind = f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
+        proposed[channel] = name + behind
     # Six numbers without a name are a wrench in an order that a person knows.
     unnamed = [looks for looks in free if looks.may_be('force_z')]
     if len(unnamed) >= len(AXES) and not {*AXES} & {*placed.columns, *proposed}:
@@ -375,16 +382,6 @@ def _refuse_long_form(table: str, free: Sequence[_Looks], header: Header) -> Non
                 f'{header.decimal!r}).pivot_table({pivot}, sort=False).to_csv('
                 "'wide.csv', mode='x')\"."
             )
-
-
-def _behind(looks: _Looks, channel: str, header: Header) -> str:
-    """Write the factor and the unit that a map has to have behind a column."""
-    if channel in read_options.STAMP_COLUMNS:
-        return ''
-    if channel.startswith('temperature'):
-        return looks.thermometer() or ''
-    unit = looks.unit_of(channel)
-    return f':{unit}' if unit else header.said.get(channel.split('_', maxsplit=1)[0], '')
 
 
 def _find_times(free: list[_Looks], header: Header) -> tuple[dict[str, _Looks], str]:
