@@ -47,8 +47,8 @@ PARAMETERS = (
         'temperature_topics', ('temperature',),
         'The thermometers, the one inside the sensor first: topics of sensor_msgs/Temperature, or '
         'TOPIC:FIELD for a number in messages of any type, such as '
-        '/driver/state:joints[wrist].temperature:K, with a factor where it is in other steps, such as '
-        '/plc/state:data[3]*0.1 for tenths of a degree.'),
+        '/driver/state:joints[wrist].temperature:K, with a factor where it is in other steps, '
+        'such as /plc/state:data[3]*0.1 for tenths of a degree.'),
     at_start(
         'hardware_id', '',
         'Serial number of the sensor, which no topic holds. Recordings and models keep it, and a '
