@@ -14,7 +14,7 @@ MOST = {
     # and a zero that a program sets is found from 0.4 N on instead of 1 N.
     # 33 more: by a model of its own instead of its slowness, days at work were taken for noise.
     # 82 more: days, payloads and doubts are chosen in files named for that, as strangers look.
-    'wrist_ft_comp': 22_851,
+    'wrist_ft_comp': 22_853,
     'test': 19_000,
     'bench': 5_200,
 }
