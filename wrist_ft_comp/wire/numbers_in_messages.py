@@ -151,10 +151,10 @@ class Layout:
 
     def numbered(self, path: Path) -> Path:
         """Put an index in the place of each name in brackets that is found."""
-        found: Path = ()
         if '[' not in ''.join(map(str, path)):
             return path
         indices = {(outside, name): index for (outside, index), name in self._names.items()}
+        found: Path = ()
         for step in path:
             found += (indices.get((found[:-1], str(step)), step),)
         return found
