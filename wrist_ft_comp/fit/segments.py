@@ -97,10 +97,9 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
             raise CalibrationRefusedError(
                 f'{axis} of {recording.name} moves by up to {size} for {100 * share:.0f} % '
                 f'of the time, although the load was declared {reference}, first at {first}: the '
-                'robot turned the sensor, whose own flange weighs something, too, or something '
-                'touched it. Leave these times out (--exclude), record again without, or record '
-                'what makes it known: the specific force (--reference payload) or the load itself '
-                '(--reference recorded).'
+                'robot turned the sensor, whose own flange has a weight, or something touched it. '
+                'Leave that out (--exclude), record again without, or record what makes it known: '
+                'specific force (--reference payload), or the load (--reference recorded).'
             )
         wrench[cells, column] = np.nan
         sentences.append(

@@ -16,7 +16,8 @@ from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
 from wrist_ft_comp.stored.model_file import load_model
-from wrist_ft_comp.stored.node_folder import FileWriter, HistoryEntry, How, NodeFolder
+from wrist_ft_comp.stored.node_folder import HistoryEntry, How, NodeFolder
+from wrist_ft_comp.stored.own_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
 
 

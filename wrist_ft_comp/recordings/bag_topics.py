@@ -129,8 +129,7 @@ def suggested_topics(candidates: Sequence[Candidate], topics: Topics) -> Topics:
     The raw wrench is one whose name shows no processing. Topics with the name of another wrench's
     sensor are not used. The thermometer inside the sensor comes first: the one without the name of
     a motor, with most words of the wrench's topic, or with the name of something at the tool; the
-    same holds for IMUs. Of an array, the element with the highest number, such as that of the last
-    joint. Without a raw wrench, its topic is empty.
+    same holds for IMUs. Of an array, the highest number. Without a raw wrench, its topic is empty.
     """
     wrenches = [c for c in candidates if c.role == RAW_WRENCH]
     # /wrench is what compensate adds.

@@ -1,5 +1,5 @@
 """
-Where a node keeps what it made: models, own recordings, which model is active; and the writer.
+Where a node keeps what it made: models, own recordings, and which model is active.
 
     <directory>/models/*.yaml        every calibration's result
     <directory>/recordings/*.csv     the node's own recordings
@@ -10,7 +10,7 @@ Where a node keeps what it made: models, own recordings, which model is active; 
     <directory>/lock                 held by the node that keeps its files here
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -18,11 +18,10 @@ import fcntl
 from itertools import chain, count
 import os
 from pathlib import Path
-import threading
 from typing import Literal
 from weakref import finalize
 
-from wrist_ft_comp.errors import ModelFileError, SettingsError, WristFtCompError
+from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, remove_leftovers, to_plain
 
 #: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
@@ -77,78 +76,6 @@ def model_on(history: Sequence[HistoryEntry], day: str) -> HistoryEntry | None:
 def day_of_choice(history: Sequence[HistoryEntry]) -> str:
     """Name the newest day before a person's last decision; empty where nobody decided."""
     return next((entry.day for entry in reversed(history) if entry.how != 'learnt'), '')
-
-
-class FileWriter:
-    """
-    Writes files in a thread, in turn, so that no callback waits for the disk.
-
-    What waits for the same file is written once, by the newest request.
-    """
-
-    def __init__(self) -> None:
-        #: By name of a file, why its last write failed; empty when it did not.
-        self.problems: dict[str, str] = {}
-        self._waiting: dict[str, tuple[Callable[[], None], list[Callable[[str], None]]]] = {}
-        #: What is to be called with the outcomes of writes.
-        self._outcomes: list[tuple[Callable[[str], None], str]] = []
-        self._ended = False
-        self._changed = threading.Condition()
-        # A daemon: a disk that never answers must not keep the process.
-        self._thread = threading.Thread(target=self._run, name='file writer', daemon=True)
-
-    def put(
-        self, name: str, write: Callable[[], None], then: Callable[[str], None] | None = None
-    ) -> None:
-        """
-        Have a file written; return at once. ``poll`` tells ``then`` why that failed, or ''.
-
-        What comes after the end is written at once, unless the disk does not answer.
-        """
-        with self._changed:
-            _, callers = self._waiting.pop(name, (None, []))
-            self._waiting[name] = write, [*callers, then] if then else callers
-            self._changed.notify()
-        if self._ended and not self._thread.is_alive():
-            self._run()
-            self.poll()
-        elif self._thread.ident is None:
-            self._thread.start()
-
-    def poll(self) -> bool:
-        """Tell the outcomes of writes to whoever waits for them; whether there were any."""
-        with self._changed:
-            outcomes, self._outcomes = self._outcomes, []
-        for then, problem in outcomes:
-            then(problem)
-        return bool(outcomes)
-
-    def end(self, timeout_s: float) -> bool:
-        """Write what waits, and stop; False where the disk takes longer than the timeout."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
-        if self._thread.ident is not None:
-            self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._ended)
-                if not self._waiting:
-                    return
-                name = next(iter(self._waiting))
-                write, callers = self._waiting.pop(name)
-            problem = ''
-            try:
-                write()
-            except Exception as error:  # the next file is written all the same
-                fault = f'{name} was not written, by a fault of this program: {error!r}'
-                problem = str(error) if isinstance(error, WristFtCompError) else fault
-            with self._changed:
-                self.problems[name] = problem
-                self._outcomes += [(then, problem) for then in callers]
 
 
 class NodeFolder:
