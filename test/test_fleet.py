@@ -26,7 +26,7 @@ def robots(tmp_path, make):
         folder = root / f'SN-{number}'
         folder.mkdir(parents=True)
         for day in (2, 10):  # by name, day_10 comes first
-            make.csv(folder / f'day_{day}.csv', make.drifting(900, 10 * number + day))
+            make.csv(folder / f'day_{day}.csv', make.drifting(450, 10 * number + day))
     (root / 'SN-2/day_2.csv').write_text('stamp_s,fx\n1,2\n')
     return root
 

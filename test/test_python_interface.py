@@ -126,7 +126,6 @@ def loaded_by(statement):
 
 
 def test_imports_are_light():
-    """The package alone, and what a control loop needs."""
     loaded = loaded_by('import wrist_ft_comp')
     assert [name for name in loaded if name.startswith('wrist_ft_comp')] == ['wrist_ft_comp']
     assert 'numpy' not in loaded

@@ -47,13 +47,14 @@ def test_the_command_line_gives_its_results(site, tmp_path):
     names = ('oven.csv', 'b.yaml', 'out.csv', 'b.html')
     oven, model, out, report = (tmp_path / name for name in names)
     assert not run(site, ROOT / CONVERTER, ROOT / TABLE, '-o', oven).stderr
-    for words in (
+    commands = [
         ['calibrate', oven, '--reference', 'recorded', '-o', model, '--report', report],
         ['show', model], ['evaluate', model, oven], ['compensate', model, oven, '-o', out],
-    ):  # fmt: skip
-        done = run(site, '-m', 'wrist_ft_comp', *map(str, words))
-        assert done.returncode == 0, done.stderr
-        assert done.stdout
+    ]  # fmt: skip
+    each = f'for words in {[[*map(str, words)] for words in commands]}: assert main(words) == 0'
+    done = run(site, '-c', f'from wrist_ft_comp.cli.main import main\n{each}')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
     assert out.read_text('utf-8').count('\n') == oven.read_text('utf-8').count('\n')
 
 

@@ -122,7 +122,6 @@ def test_exchanged_columns_are_noticed(done, make, pair_model, tmp_path):
 
 
 def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair_model, tmp_path):
-    """Also one whose column is empty, because its thermometer was dead all day."""
     columns, out = lagged_pair(7), ['-o', tmp_path / 'out.csv']
     nothing = {'temperature_2_c': [None] * len(columns['force_z'])}
     dead = make.csv(tmp_path / 'dead.csv', columns | nothing)

@@ -14,7 +14,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors
 
 Z = AXES.index('force_z')
-CELLS = 480
+CELLS = 360
 OF_CALIBRATION = {'reference', 'min_temperature_span_k'}
 
 

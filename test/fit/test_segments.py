@@ -95,7 +95,6 @@ def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, period_s, first, l
 
 @pytest.mark.parametrize('period_s', [40.0, 240.0, 1500.0])
 def test_a_robot_that_swings_is_said_to_move(day, period_s):
-    """By 8 N, within minutes or as slowly as heat."""
     swings = [8.0 * np.sin(2 * np.pi * (np.arange(CELLS) / period_s + 0.3 * n)) for n in (0, 1)]
     said = ' '.join(calibrate([day(n, swing) for n, swing in enumerate(swings)]).warnings)
     assert re.search(r'force_z \d\.?\d* N\. The load was declared unloaded: did the robot', said)

@@ -14,9 +14,9 @@ PERIOD_S = 2
 
 def record(  # noqa: PLR0913 -- what a day's robot is like
     number, *, mass_kg=1.5, center_m=(0.0, 0.01, 0.1), gain=1.0, noise=0.02, turned_deg=0.0,
-    contact=0.1, jump=0.0, stopped=False, cells=CELLS,
+    contact=0.1, jump=0.0, stopped=False, unseen=0.0, cells=CELLS,
 ):  # fmt: skip
-    """Record a robot that goes from pose to pose and warms up; its sensor drifts."""
+    """Record a robot that goes from pose to pose; its sensor drifts, also by unseen heat."""
     rng = np.random.default_rng(number)
     hours = PERIOD_S * np.arange(cells) / 3600
     warm = 10.0 * (1 - np.exp(-hours / rng.uniform(0.05, 0.2)))
@@ -36,6 +36,7 @@ def record(  # noqa: PLR0913 -- what a day's robot is like
     raw = gain * true + 0.5 * units * (inside - 22.0)[:, None]
     raw += rng.normal(0, 5, 6) * units
     raw[350:] += jump * units
+    raw[:, 3] += unseen * units[3] * hours * np.exp(-hours)
     raw += rng.normal(0, noise, raw.shape) * units
     angle = np.deg2rad(turned_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0],

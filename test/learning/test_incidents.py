@@ -56,6 +56,11 @@ def test_a_day_in_contact_is_named(separated, before):
         assert incident(replace(separated(3), **more), before[-1], before[:-1])[0] == 'contacts'
 
 
+def test_drift_that_no_thermometer_sees_is_no_noise(separated, before):
+    """A model of the day itself would answer it with the noise of the thermometers."""
+    assert named(separated(3, unseen=200.0, cells=3660), before) == ('', '')
+
+
 def test_a_weight_that_is_lost_on_two_days_is_another_gain(separated, before):
     day = replace(separated(3), payloads=None, doubt='It is crooked.')
     lost = replace(before[-1], payloads=())
@@ -68,7 +73,6 @@ def test_a_weight_that_is_lost_on_two_days_is_another_gain(separated, before):
     [('silent', '2 of .* is silent'), ('frozen', '2 of .* keeps one'), ('loose', '2 .* by -5')],
 )
 def test_a_thermometer_that_fails_within_the_day_is_named(separated, before, fault, said):
-    """Also where nothing is left of the day to learn from."""
     day = separated(9, cells=1200)
     measured, temperature_c = day.recording.measured.copy(), day.recording.temperature_c.copy()
     measured[500:, 1] = fault != 'silent'

@@ -4,7 +4,7 @@ import json
 
 
 def test_damaged_inputs_are_taken_or_refused(run_python):
-    code, printed, errors = run_python('bench/faults', 'fuzz', '100')
+    code, printed, errors = run_python('bench/faults', 'fuzz', '50')
     assert code == 0, printed + errors
     for reader in ('wire', 'model file', 'state file', 'diary', 'CSV', 'mcap', 'sqlite'):
         assert f'{reader} ' in printed

@@ -70,7 +70,6 @@ CELLS = st.one_of(st.floats(-1e9, 1e9), st.just(math.nan))
                 unique_by=lambda row: row[0]))  # fmt: skip
 @UNSHARED
 def test_a_written_recording_is_read_back(tmp_path_factory, rows):
-    """Its stamps exactly, its values to twelve digits."""
     path = tmp_path_factory.mktemp('csv') / 'own.csv'
     channels = ('force_x', 'force_y', 'temperature_c')
     with closing(CsvRecordingWriter(path, channels)) as writer:
@@ -181,7 +180,6 @@ def test_empty_cells_are_no_samples_wherever_they_are(make_csv):
 
 
 def test_rows_of_one_stamp_are_one_sample(make_csv):
-    """Of a clock that is too coarse for its recorder."""
     path = make_csv(f'{HEADER}0,1,20\n0,3,21\n1,5,22\n2,7,\n2,9,24\n')
     samples, _ = all_samples(path)
     assert samples['force_z'] == ([0, 10**9, 2 * 10**9], [2.0, 5.0, 8.0])

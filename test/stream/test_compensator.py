@@ -176,7 +176,6 @@ class TestModelSwap:
         ('when_s', 'period_s'), [(40.0, 1.0), (40.5, 1.0), (40.99, 0.5), (40.2, 2.0), (40.0, None)]
     )
     def test_going_live_moves_no_loaded_output(self, make_model, model, when_s, period_s, tared):
-        """Whatever the period of the other model, and without one, too."""
         other = make_model(OTHER, period_s=period_s) if period_s else None
         compensator = Compensator(1, StreamSettings(), model)
         stream(compensator, (0, 30))

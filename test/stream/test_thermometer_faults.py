@@ -239,7 +239,6 @@ def test_two_that_failed_move_along_with_the_one_that_reports(learn, make_day, f
 
 
 def test_healthy_thermometers_are_believed(learn, make_day, monkeypatch):
-    """Also where they are judged in every cell."""
     monkeypatch.setattr(drift_of_recordings, '_stands_still', lambda *_: True)
     for thermometers in (2, 3):
         model = learn(thermometers).model

@@ -43,7 +43,6 @@ def test_axes_that_repeat_one_value_while_another_one_moves_are_stuck(stays_at, 
 
 @pytest.mark.parametrize('whole', [True, False], ids=['frozen', 'saturated'])
 def test_pulses_of_the_same_reading_are_found_by_their_share(whole):
-    """Four seconds of every eight, at ten looks a second."""
     watch, rng = SensorWatch(), np.random.default_rng(0)
     found = []
     for _ in range(10):

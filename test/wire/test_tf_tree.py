@@ -48,7 +48,6 @@ def test_the_frames_may_lie_on_two_branches():
 
 @pytest.mark.parametrize(('gap', 'turned'), [(0.1, 0.0), (5.0, 4.0)])
 def test_what_turned_unseen_is_known(gap, turned):
-    """Over a gap, and where a static transform comes again."""
     gravity = GravityByTf('world', 'tool')
     send(gravity, 'world', 'tool', [1.0, 1.0 + gap], turning([1.0, 1.0 + gap]))
     ask(gravity, 1.0, 1.0 + gap)

@@ -114,6 +114,19 @@ def test_a_process_without_a_result_is_a_sentence(ready, monkeypatch, command, w
     check_refused(node, node.call('calibrate'), words, 'call again')
 
 
+@pytest.fixture
+def found(make_model, monkeypatch):
+    """Let a calibration find a model that was made by hand."""
+    stored = make_model('later.yaml', {'force_z': (2.0, 0.0, 600.0)})
+
+    def run_job(_job):
+        yield
+        return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
+
+    monkeypatch.setattr('wrist_ft_comp.node.jobs.run_job', run_job)
+
+
+@pytest.mark.usefixtures('found')
 def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     node = ready()
     (node.directory / 'active.json').mkdir()
@@ -125,18 +138,10 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message
 
 
+@pytest.mark.usefixtures('found')
 @pytest.mark.parametrize('reference', ['payload', 'unloaded'])
-def test_what_is_learnt_at_work_was_carried_without_a_name(
-    ready, make_model, monkeypatch, reference
-):
+def test_what_is_learnt_at_work_was_carried_without_a_name(ready, reference):
     """So a tare of that time may hold its weight."""
-    stored = make_model('later.yaml', {'force_z': (2.0, 0.0, 600.0)})
-
-    def run_job(_job):
-        yield
-        return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
-
-    monkeypatch.setattr('wrist_ft_comp.node.jobs.run_job', run_job)
     node = ready(parameters={'calibration.reference': reference, 'gravity.source': 'imu'})
     assert node.call('calibrate').success
     assert node.node.counts.unnamed == (reference == 'payload')

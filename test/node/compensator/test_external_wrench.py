@@ -316,7 +316,6 @@ def turned_by(axis, degrees):
     ids=['right', 'presses', 'mirrored', 'quarter', 'tilted', 'pounds', 'heavier', 'other TCP'],
 )
 def test_a_wrench_unlike_the_weight_is_a_warning(held, felt_turn, shift_m, contact_n, words):
-    """An arm that turns and comes back, and a noise of 0.05 N."""
     part, rng = held(**{'payload.active': 'day-1'}), np.random.default_rng(0)
     mounted = replace(TOOL, center_m=TOOL.center_m + shift_m * np.eye(3)[0])
     for k in range(100):

@@ -169,7 +169,6 @@ FORCE, REFERENCE, WRENCH = 'on_specific_force', 'send_reference', 'put'
     ],
 )
 def test_a_minute_without_what_was_there_before_is_a_warning(rig, lacking, apart_s, words):
-    """It does not come, or its stamps are of another time."""
     node = rig(parameters={'gravity.source': 'imu'})
     start_recording(node)
     for second in range(140):
