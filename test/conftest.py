@@ -149,7 +149,7 @@ def _warm_day(seconds, seed):
     return t, inside, 20 + 6 * (1 - np.exp(-t / 400)) + 2 * np.sin(t / 150)
 
 
-def _drifting(seconds=400, seed=0, *, both=False, offset=3.0):
+def _drifting(seconds=400, seed=0, *, both=False, offset=3.0, every=1):
     """Columns of an unloaded recording: force z drifts with temperatures, torque x hardly."""
     t, inside, outside = _warm_day(seconds, seed)
     rng = np.random.default_rng(seed + 100)
@@ -159,7 +159,7 @@ def _drifting(seconds=400, seed=0, *, both=False, offset=3.0):
         'force_z': offset + drift + rng.normal(0, 0.02, seconds),
         'torque_x': 0.01 * (inside - 20) + rng.normal(0, 0.001, seconds),
     }  # fmt: skip
-    return {name: column.tolist() for name, column in columns.items()}
+    return {name: column.tolist()[::every] for name, column in columns.items()}
 
 
 def _loaded(seconds=600, seed=0):

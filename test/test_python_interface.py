@@ -103,7 +103,6 @@ def test_attributes_of_results_and_defaults_of_settings_stay():
 
 
 def test_type_checkers_see_what_is_loaded():
-    """Every name is imported for them from where it is loaded from."""
     source = Path(wrist_ft_comp.__file__).read_text('utf-8')
     seen = {
         alias.name: getattr(import_module(str(node.module)), alias.name)

@@ -94,10 +94,7 @@ def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, 
 
 def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
     """Of one recording as of two; the file says what the command said."""
-    days = []
-    for seed in (1, 2, 3):
-        rows = {name: column[::3] for name, column in make.drifting(1950, seed).items()}
-        days.append(make.csv(tmp_path / f'{seed}.csv', rows))
+    days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, n, every=3)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
     for recordings in (days[:1], days[:2]):
         argv = ['calibrate', *recordings, '-o', path, '--method', 'pls']

@@ -136,15 +136,10 @@ def test_a_file_without_all_thermometers_of_the_model_is_refused(run, make, pair
             assert f'{path.name} has 1 thermometers, the model expects 2. {words}' in sentence
 
 
-def hour(make, seed=0):
-    """A warm-up that was recorded for an hour, every 4 s."""
-    return {name: column[::4] for name, column in make.drifting(3600, seed).items()}
-
-
 @pytest.fixture(scope='module')
 def slow_model(make, tmp_path_factory):
     folder = tmp_path_factory.mktemp('slow')
-    path = make.csv(folder / 'day.csv', hour(make))
+    path = make.csv(folder / 'day.csv', make.drifting(3600, every=4))
     assert main(['calibrate', str(path), '-o', str(folder / 'model.yaml'), '--method', 'pls']) == 0
     return folder / 'model.yaml'
 
@@ -160,7 +155,7 @@ def slow_model(make, tmp_path_factory):
 def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR0913, PLR0917
     channels, begin_s, end_s, who, run, make, slow_model, tmp_path
 ):
-    columns = hour(make, 3)
+    columns = make.drifting(3600, 3, every=4)
     for channel in channels:
         columns[channel][begin_s // 4 : end_s // 4] = [None] * ((end_s - begin_s) // 4)
     path = make.csv(tmp_path / 'day.csv', columns)
@@ -178,7 +173,7 @@ def test_long_silence_is_named_once_by_every_command_that_reads(  # noqa: PLR091
 
 def test_axes_beyond_their_stated_limit_are_named(run, done, make, slow_model, tmp_path):
     """The driver tared in the middle of the day: little is left, and the axis is not good."""
-    columns, limits = hour(make, 3), load_model(slow_model).model.day_limits
+    columns, limits = make.drifting(3600, 3, every=4), load_model(slow_model).model.day_limits
     days = [make.csv(tmp_path / 'day.csv', columns)]
     assert 'largest error is above' not in run('evaluate', slow_model, days[0]).out
     columns['force_z'] = [value + 4.0 * (k > 450) for k, value in enumerate(columns['force_z'])]

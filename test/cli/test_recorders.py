@@ -101,7 +101,6 @@ def follow(said):
 
 @pytest.mark.parametrize('name', FORMS)
 def test_what_is_printed_leads_to_right_channels_units_and_times(name, run, tmp_path, monkeypatch):
-    """Or to a sentence whose remedy, carried out, does."""
     form = FORMS[name]
     path = write(form, tmp_path)
     if mended := form.get('mended'):

@@ -166,7 +166,6 @@ def test_the_page_is_whole_legible_and_without_complaints(kind, width, scheme, b
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_the_page_prints(kind, browser, files):
-    """On paper it is light whatever the screen is, and nothing is hidden."""
     browser.open(files(kind), 1280, 'dark')
     assert browser.pdf().startswith(b'%PDF')
     paper = browser.evaluate('getComputedStyle(document.body).backgroundColor')

@@ -46,7 +46,6 @@ def test_the_stretch_is_complete_after_its_duration_and_ten_steps(step_ns, waiti
     ],
 )  # fmt: skip
 def test_the_axis_that_moved_most_for_its_limit_is_named(force, torque, moved):
-    """A fifth of the time each; by just its limit it may."""
     wrenches = np.zeros((50, 6))
     wrenches[:20, [0, 5]] = np.repeat([[force, torque], [-force, -torque]], 10, axis=0)
     if not moved:

@@ -69,7 +69,6 @@ def test_a_jump_is_told_until_it_comes_back_or_a_tare():
 
 
 def test_a_jump_is_told_over_a_restart_until_it_comes_back(make_model, tmp_path):
-    """Neither for ever, nor as a jump to the other side."""
     model = make_model({'force_z': (0.4, 0.0, 20.0)})
     before, after = (Compensator(1, model=model) for _ in range(2))
     for second, celsius in enumerate([20.0] * 300 + [25.0] * 300):

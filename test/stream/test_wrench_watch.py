@@ -79,7 +79,6 @@ def test_a_sensor_that_is_zeroed_by_its_driver_is_found_once(free_n, now_n, move
 
 @pytest.mark.parametrize(('step', 'looks'), [(1e-6, 1), (0.03, 1), (1e-6, 8)])
 def test_a_sensor_with_coarse_steps_or_few_readings_lives(step, looks):
-    """Steps of three times the noise, and a reading in 0.8 s; ten minutes of looks."""
     watch, rng = SensorWatch(), np.random.default_rng(0)
     for reading in np.round(rng.normal(0.014, 0.01, (6000 // looks, 6)) / step) * step:
         for _ in range(looks):

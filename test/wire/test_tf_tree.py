@@ -28,7 +28,6 @@ def turning(seconds):
 
 
 def test_the_frames_may_lie_on_two_branches():
-    """Up from the sensor to the frame above both, and down again to the one with z upwards."""
     gravity = GravityByTf('table', '/sensor')
     send(gravity, 'map', 'table', 0, TURNS['a'], static=True)
     send(gravity, '/map', 'base', 0, TURNS['b'], static=True)
