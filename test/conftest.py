@@ -33,7 +33,8 @@ LONGEST = (
     'test_tutorial', 'test_benches', 'test_separation', 'test_at_work', 'test_bad_recordings',
     'test_show_bag', 'test_readme', 'test_calibrate', 'test_browser',
     'test_page', 'test_learning_job', 'test_model_choice', 'test_model_file', 'test_compensate',
-    'test_payload', 'test_main', 'test_fleet', 'test_bag_recording', 'test_gaps',
+    'test_payload', 'test_main', 'test_fleet', 'test_bag_recording', 'test_gaps', 'test_truth',
+    'test_identification', 'test_thermometer_faults',
 )  # fmt: skip
 
 
