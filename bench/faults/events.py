@@ -235,7 +235,8 @@ def _events() -> Iterator[tuple[str, Event]]:
         yield f'thermometer {kind}', Event('thermometer', words, script)
     yield 'thermometers exchanged', Event('thermometer', 'thermometer', exchanged)
     for source in CLOCKS:
-        words = 'clock|stamp|apart|' + ('specific force' if source == IMU else 'temperatures came')
+        missing = 'specific force' if source == IMU else 'before the .*temperatures'
+        words = f'clock|stamp|apart|{missing}'
         for how in ('differs', 'stops'):
             script = clock(source, stands_still=how == 'stops')
             yield f'clock of {source} {how}', Event('clock', words, script)

@@ -132,7 +132,6 @@ def commands(out):
 def test_the_commands_that_show_prints_learn_judge_and_run(  # noqa: PLR0913, PLR0917
     run, done, drivers, messages, tmp_path, monkeypatch, kind, storage, compression, words
 ):
-    """Every storage reads alike (test_temperature_fields.py): each driver is learnt from one."""
     day = messages.write(tmp_path / 'a day', getattr(drivers, kind)(), storage, compression)
     calibrate, evaluate, node = commands(done('show', day))
     named = ['-o', 'a day.yaml', '--report', 'a day.html']

@@ -286,9 +286,10 @@ class TestTare:
                 compensator.set_tare(LOAD, second * SECOND)
                 said = ['thermometer 2 was silent' in why for why in compensator.zero_doubts]
                 assert any(said) == (second == 300)
+        compensator.set_tare(LOAD, 600 * SECOND)
+        assert 'before the next temperatures' in compensator.zero_doubts[-1], 'for a restart, too'
 
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_as_the_drift_begins(self, model):
-        """After a tare, or after a model went live under a wrench."""
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))
         swapped = Compensator(1, StreamSettings())
         swapped.go_live(model, (0, LOAD.tolist()))

@@ -99,7 +99,10 @@ class Compensator:
     @property
     def zero_doubts(self) -> list[str]:
         """Sentences on what has happened since the last tare that may have moved the zero."""
-        return self._said + doubts.jump_doubts(self.tracker)
+        said = self._said + doubts.jump_doubts(self.tracker)
+        if self.compensating and self.tared and self._waits_since_ns is not None:
+            said += doubts.early_tare_doubts(-math.inf, 0, 'next temperatures')
+        return said
 
     def add_temperature(
         self,
