@@ -14,9 +14,10 @@ MOST = {
     # and a zero that a program sets is found from 0.4 N on instead of 1 N.
     # 33 more: by a model of its own instead of its slowness, days at work were taken for noise.
     # 82 more: days, payloads and doubts are chosen in files named for that, as strangers look.
-    # 3 more: a tare while the drift is held was not doubted after a restart.
-    'wrist_ft_comp': 22_856,
-    'test': 18_984,
+    # 29 more: a tare while the drift is held, thermometers that were exchanged and a tool that was
+    # on at a tare without its name left up to 12 N with every status OK.
+    'wrist_ft_comp': 22_886,
+    'test': 18_976,
     'bench': 5_200,
 }
 

@@ -289,6 +289,19 @@ class TestTare:
         compensator.set_tare(LOAD, 600 * SECOND)
         assert 'before the next temperatures' in compensator.zero_doubts[-1], 'for a restart, too'
 
+    def test_thermometers_that_were_exchanged_are_said_until_they_are_put_back(self, make_model):
+        model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
+        compensator = Compensator(2, model=model)
+        for second in range(900):
+            for j in (0, 1):
+                warm = 20.0 + 8.0 * (j if second < 300 or second >= 600 else 1 - j)
+                compensator.add_temperature(j, second * SECOND, warm)
+            if second in {400, 700}:
+                compensator.set_tare(LOAD, second * SECOND)
+            said = ''.join(compensator.zero_doubts)
+            if second in {399, 500, 800}:
+                assert ('1 and 2 jumped to the readings of each other' in said) == (second < 600)
+
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_as_the_drift_begins(self, model):
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))
         swapped = Compensator(1, StreamSettings())

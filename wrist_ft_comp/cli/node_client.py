@@ -192,6 +192,10 @@ def set_parameters(operator: Operator, name: str, settings: Sequence[str]) -> st
             f'{name} does not answer within {DISCOVERY_S:.0f} s; it hangs or has ended.'
         )
     result = future.result().result
+    if 'undeclared' in result.reason:  # rclpy does not say which
+        raise NodeError(
+            f'{name} has no such parameter: {", ".join(settings)}. See compensator -h.'
+        )
     if not result.successful:
         raise NodeError(f'{", ".join(settings)} was refused: {result.reason}')
     return f'set {", ".join(settings)}'

@@ -36,6 +36,8 @@ _APART_S = 5.0
 _REPORTS = 10
 #: As many payloads are judged by turns.
 _CHECKS = 16
+#: When a payload becomes active after a tare without one, its weight has to show within this, s.
+_SHOWN_S = 10.0
 #: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
 _JUDGED_S = 15.0
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
@@ -71,6 +73,8 @@ class ExternalWrench(Part):
     wrong: str = ''
     #: When wrench_external was tared, by the steady clock, s.
     tared_s: float = -math.inf
+    #: When the payload became active after a tare without one, while its weight has not shown, s.
+    _hidden_s: float = math.inf
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
@@ -105,7 +109,6 @@ class ExternalWrench(Part):
 
     def collect(self, collector: MotionCollector | None) -> None:
         """Hand wrenches and specific force to a collector until it is full; None ends that."""
-        self.counts.unnamed |= collector is not None and self.payload is None
         self.collector = collector
         self.hub.listen(self, wanted=self.wanted)
 
@@ -125,7 +128,9 @@ class ExternalWrench(Part):
             return
         self._behind_ns += stamp_ns - forces.newest_ns
         external = self.compensator.correct(stamp_ns, raw, external=True)
-        if self.payload is not None:
+        waits = not self.compensator.compensating
+        silent = waits and self.hub.get_parameter('uncalibrated').value == 'silent'
+        if self.payload is not None and not silent:
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
@@ -177,12 +182,8 @@ class ExternalWrench(Part):
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
-        elif tared and self.counts.unnamed and np.allclose(tare, external_tare):
-            self.compensator.doubt_zero(
-                'the tare was taken while payload.active was empty, and a payload was identified '
-                f'so, too: the weight of {payload.name} may be in the tare; call ~/tare'
-            )
-        self.counts.unnamed = False
+        elif tared and np.allclose(tare, external_tare):
+            self._hidden_s = time.monotonic()
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
@@ -199,8 +200,17 @@ class ExternalWrench(Part):
         force = newest and self.specific_force.forces.at(newest[0])
         if payload is not None and newest is not None and force is not None:
             wrench = self.compensator.correct(*newest[:2], external=True)
-            for axis, value in zip(AXES, payload.taken_off(wrench, force), strict=True):
+            external = payload.taken_off(wrench, force)
+            for axis, value in zip(AXES, external, strict=True):
                 numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
+            shows = 2 * math.hypot(*external[:3]) < math.hypot(*payload.weight(force)[:3])
+            if shows or self.tared_s > self._hidden_s:
+                self._hidden_s = math.inf
+            elif time.monotonic() - self._hidden_s > _SHOWN_S:
+                self.compensator.doubt_zero(
+                    f'the weight of {payload.name} does not show, and the tare was taken while '
+                    'payload.active was empty: if it was mounted then, call ~/tare'
+                )
         well = 'no payload is active'
         if self.collector is not None:
             well = f'identifying a payload: {self.collector.share:.0%} of a minute'

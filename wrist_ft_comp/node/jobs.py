@@ -94,8 +94,6 @@ class Jobs(Part):
         path, sha256, document = (outcome[name] for name in ('path', 'sha256', 'document'))
         model = restore_model(Path(path), sha256, document)
         self.live.take(model, why='a person called ~/calibrate')
-        if job.settings.reference == 'payload' and self.external.payload is None:
-            self.external.counts.unnamed = True
         return (yield from self.live.kept(outcome['message']))
 
     def job(self) -> CalibrationJob:

@@ -194,8 +194,8 @@ class LiveModel(Part):
                 if given and not store.contains(store.locate(given)):
                     raise SettingsError(
                         f'{name} set at run time must lie inside data_directory '
-                        f'({store.directory}); got {given}. Copy the file there, or give it at '
-                        'start-up.'
+                        f'({store.directory}), models in models/; got {given}. Copy the file '
+                        'there, or give it at start-up.'
                     )
             if name == 'model_file':
                 self._validated = self.load(store.locate(value)) if value else None
@@ -212,9 +212,7 @@ class LiveModel(Part):
         history = self.history
         standing = [n for n, entry in enumerate(history) if not entry.withdrawn]
         if len(standing) < 2:
-            raise SettingsError(
-                'There is no earlier model to go back to; the running model stays.'
-            )
+            raise SettingsError('There is no earlier model to go back to; nothing changes.')
         before, live = standing[-2:]
         path, left = history[before].path, history[live].path
         try:
@@ -232,7 +230,7 @@ class LiveModel(Part):
         self._write_down(
             f'a person went back from {names[0]} to {names[1]} with ~/rollback', 'back'
         )
-        now = 'no model was live before: wrenches pass uncompensated'
+        now = f'no model was live before: wrenches pass uncompensated; model_file {left} undoes it'
         if path is not None:
             now = f'compensating with {path} again'
         return (yield from self.kept(now))

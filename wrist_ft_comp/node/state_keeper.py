@@ -77,7 +77,6 @@ class StateKeeper(Part):
             )
             self.hub.log.info('the tare from before the restart is active')
             self.counts.drivers = set(state.drivers)
-        self.counts.unnamed = state.unnamed
         for doubt in state.zero_doubts:
             self.compensator.doubt_zero(doubt)
         if memory is None or model is None:
@@ -97,7 +96,7 @@ class StateKeeper(Part):
         """Collect what is saved at once when it changes, and where the thermal state ends, ns."""
         stream, drivers = self.compensator, sorted(self.counts.drivers)
         tares = stream.tare.tobytes(), stream.external_tare.tobytes()
-        key = (self.live.sha256, tares, [*stream.zero_doubts], drivers, self.counts.unnamed)
+        key = (self.live.sha256, tares, [*stream.zero_doubts], drivers)
         return key, stream.tracker.end_ns if stream.compensating else None
 
     def poll(self) -> None:
@@ -125,7 +124,7 @@ class StateKeeper(Part):
         saved_ns = self._loaded_ns if stream.tracker.awaited is not None else time.time_ns()
         state = SavedState(
             saved_ns, self.live.sha256, stream.tare, stream.memory(), stream.external_tare,
-            tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)), self.counts.unnamed,
+            tuple(stream.zero_doubts), tuple(sorted(self.counts.drivers)),
         )  # fmt: skip
         self.writer.put(self.path.name, partial(self._write, state), then)
 

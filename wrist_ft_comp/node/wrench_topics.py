@@ -41,8 +41,6 @@ class Counts:
     newest: tuple[int, Sequence[float], bytes] | None = None
     #: The publishers, by their identity in the graph; at first, those before a restart.
     drivers: set[str] = field(default_factory=set)
-    #: Whether a payload was identified, and so carried, while none was active.
-    unnamed: bool = False
     #: Usable wrenches that arrived, and corrected ones that were published.
     wrenches: int = 0
     published: int = 0

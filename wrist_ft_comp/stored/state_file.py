@@ -45,8 +45,6 @@ class SavedState:
     zero_doubts: tuple[str, ...] = ()
     #: The publishers of raw wrenches, by their identity in the graph.
     drivers: tuple[str, ...] = ()
-    #: Whether a payload was identified, and so carried, while none was active.
-    unnamed: bool = False
 
 
 def save_state(path: Path, state: SavedState) -> None:

@@ -189,7 +189,7 @@ class Compensator:
         if keep_output_of is None or self.compensating:
             self._waits_since_ns = None
         elif self._waits_since_ns is None:
-            self._waits_since_ns = math.inf
+            self._waits_since_ns = keep_output_of[0] if self.tared else math.inf
         self._settle(self.limits.saturate(self.tracker.drift), keep_output_of)
 
     def set_tare(
@@ -227,7 +227,8 @@ class Compensator:
 
     def _forget_doubts(self) -> None:
         self._said.clear()
-        for spikes in self.tracker.spikes:
+        kept = {j for pair in doubts.exchanged(self.tracker) for j in pair}
+        for spikes in (one for j, one in enumerate(self.tracker.spikes) if j not in kept):
             spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 
     def reset_tare(self) -> None:

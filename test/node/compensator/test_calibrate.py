@@ -136,12 +136,3 @@ def test_a_model_that_cannot_be_remembered_is_live_with_a_warning(ready):
     assert 'active.json cannot be written' in said.message
     assert node.node.live.stored is not None
     assert 'active.json' in node.diagnosis('model', lambda status: status.level == b'\1').message
-
-
-@pytest.mark.usefixtures('found')
-@pytest.mark.parametrize('reference', ['payload', 'unloaded'])
-def test_what_is_learnt_at_work_was_carried_without_a_name(ready, reference):
-    """So a tare of that time may hold its weight."""
-    node = ready(parameters={'calibration.reference': reference, 'gravity.source': 'imu'})
-    assert node.call('calibrate').success
-    assert node.node.counts.unnamed == (reference == 'payload')

@@ -39,7 +39,7 @@ def test_a_rollback_goes_back_model_by_model_to_none_and_no_further(abc):
     assert answer.message == f'compensating with {node.directory / "models/a.yaml"} again'
     assert live(node) == 'a.yaml'
     answer = node.call('rollback')
-    assert answer.message == 'no model was live before: wrenches pass uncompensated'
+    assert answer.message.startswith('no model was live before: wrenches pass uncompensated')
     assert live(node) is None
     assert node.refusal('rollback').startswith('There is no earlier model to go back to')
 

@@ -162,15 +162,10 @@ def test_a_tare_that_is_not_saved_brings_back_no_older_one(restart, warm, tmp_pa
 
 
 def test_what_is_doubted_of_the_zero_and_the_driver_outlive_a_restart(restart, warm):
-    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',), unnamed=True)
+    state = replace(warm, zero_doubts=('the frame was moved',), drivers=('abc',))
     restarted = restart(state)
     assert restarted.compensator.zero_doubts == ['the frame was moved']
     assert restarted.keeper.counts.drivers == {'abc'}
-    assert restarted.keeper.counts.unnamed
-    restarted.keeper.counts.unnamed = False
-    restarted.keeper.save()
-    restarted.keeper.end()
-    assert not load_state(restarted.keeper.path).unnamed
 
 
 def test_without_temperature_or_tare_nothing_is_written(restart, tmp_path):
