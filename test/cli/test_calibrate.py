@@ -114,7 +114,6 @@ def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
 
 
 def test_a_single_warm_up_that_comes_to_rest_promises_what_another_day_keeps(done, make, tmp_path):
-    """What README asks to record, and a day whose room went its own way."""
     rng, time_s = np.random.default_rng(0), np.arange(7200)
     warming = 20 * (1 - np.exp(-time_s / 1500))
     cooling = np.where(time_s < 4800, warming, warming[4800] * np.exp(-(time_s - 4800) / 1500))

@@ -110,7 +110,6 @@ def test_a_process_is_ended_by_its_own_id(monkeypatch):
 
 
 def test_the_demonstration_keeps_out_of_the_user_s_domain(monkeypatch):
-    """A robot on this computer must never hear the simulated wrench."""
     domain = demo.own_domain()['ROS_DOMAIN_ID']
     assert int(domain) in range(60, 101)
     monkeypatch.setenv('ROS_DOMAIN_ID', domain)

@@ -13,7 +13,6 @@ from wrist_ft_comp.cli.main import main
 
 @pytest.mark.parametrize('tare_s', [5, 60])
 def test_the_numbers_are_those_of_the_core(tare_s, done, make, model, tmp_path):
-    """Which test_evaluation.py computes by hand."""
     path = make.csv(tmp_path / 'run.csv', make.drifting(seed=3))
     judged = json.loads(done('evaluate', model, path, '--tare', tare_s, '--json'))
     expected = evaluate(load_model(model).model, [read_recording(path)], tare_s=tare_s)

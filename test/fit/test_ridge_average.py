@@ -46,7 +46,6 @@ class TestWhatIsFound:
         assert (single.chosen, single.rms_before, single.rms_after) == ('none', 0.0, 0.0)
 
     def test_a_day_that_drifts_much_decides_what_another_day_is_expected_to_keep(self, pose):
-        """Two calm days, and a hot one that keeps what no thermometer sees."""
         made = pose(0.5, days=3)
         unseen = 2.0 * np.sin(np.arange(CELLS) / 15)
         calm = [0.2 * residual for residual in made.residual[:2]]
@@ -69,7 +68,6 @@ class TestWhatIsFound:
         assert f'The largest shares: {heaviest} ({share:.0f} %)' in single.reason
 
     def test_of_noise_next_to_nothing_is_learnt(self, pose):
-        """And mostly nothing: one day in many seems to be foretold by chance."""
         fits = []
         for seed, days in enumerate((1, 2, 1, 2)):
             problem = pose(0.0, days=days, noise=1.0, seed=seed)

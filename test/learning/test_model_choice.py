@@ -61,7 +61,6 @@ def test_a_model_is_learnt_where_there_is_none(look):
 
 
 def test_all_days_replace_the_live_model_unless_they_leave_clearly_more(look, good, monkeypatch):
-    """Or more at all, where a person chose the live model."""
     champion = Champion('a' * 12, good)
     before = past(look, champion, 1, 2, 3, 4)
     for ratio, chosen, taken in (

@@ -52,7 +52,6 @@ def test_answers_reach_their_askers_in_any_order(bench, executor):
 
 
 def test_each_of_twenty_callers_at_once_is_answered_and_no_reply_is_kept(bench):
-    """The usual queue of a service holds ten."""
     node, deep = bench.make(Example), QoSProfile(depth=1000)  # every client hears all answers
     name = '/example/at_once'
     clients = [bench.helper.create_client(Trigger, name, qos_profile=deep) for _ in range(20)]

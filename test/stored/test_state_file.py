@@ -74,7 +74,6 @@ def test_a_state_comes_back_to_the_last_bit(tmp_path, state):
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e101])
 @pytest.mark.parametrize('place', range(9))
 def test_a_state_of_impossible_numbers_is_written_so_that_it_can_be_read(tmp_path, place, value):
-    """The thermal state goes as a whole, each tare by itself, and nothing else."""
     known = ThermometerState(np.ones(1), *np.ones((2, 1, 1)), *np.ones((7, 1)), 1.0, ('silent',))
     thermal = replace(example().thermal, thermometers=known)
     state = replace(example(), external_tare=np.arange(6.0), thermal=thermal)

@@ -80,7 +80,6 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
 
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():
-    """A simulation that runs hundreds of times as fast as the clock does not leap."""
     watch, at = SensorWatch(), 3600 * SECOND
     for step_ns, ran_back, leapt in (
         (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),

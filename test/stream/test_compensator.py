@@ -10,7 +10,7 @@ from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import Samples
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
-from wrist_ft_comp.stream.doubts import seldom_doubts
+from wrist_ft_comp.stream.doubts import gap_doubts, seldom_doubts
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, track_drift
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.recording_cells import grid_samples
@@ -56,7 +56,6 @@ def steps(outputs):
 
 
 def test_the_output_is_the_equation_with_the_drift_of_its_time(model):
-    """Temperatures come at the cells' borders, so the ramps of stream and batch are the same."""
     compensator = Compensator(1, StreamSettings(), model)
     compensator.restore_tare(LOAD / 2, LOAD / 4)
     stamps, outputs = stream(compensator, (0, 120))
@@ -126,7 +125,6 @@ def test_seldom_reports_are_followed_on_a_ramp_and_said_how_far_behind(make_mode
 
 
 def test_the_force_path_has_no_memory(model):
-    """Correcting a wrench, whatever it holds, leaves everything as it was."""
     compensator = Compensator(1, StreamSettings(), model)
     stream(compensator, (0, 10))
     before = pickle.dumps(compensator)
@@ -161,7 +159,6 @@ def test_a_drift_is_as_large_as_its_limit_at_most_and_nothing_where_it_is_no_num
 
 
 def test_thermometers_that_report_each_second_are_followed_within_one(make_model):
-    """Also behind a gap of a minute, and where a report in four is missing."""
     compensator = Compensator(1, model=make_model({'force_z': (2.0, 0.0, 1.0)}))
     for second in (*range(40), *(k for k in range(100, 200) if k % 4)):
         compensator.add_temperature(0, second * SECOND, 20.0 + second / 1000)
@@ -222,7 +219,6 @@ class TestModelSwap:
 
 class TestTare:
     def test_the_tared_wrench_reads_zero_at_once_and_without_gain_drift_for_ever(self, make_model):
-        """The raw wrench drifts as the model says; what is left is the load, which was tared."""
         model = make_model({'force_z': (0.4, 0.0, 30.0)})
         compensator = Compensator(1, StreamSettings(), model)
         for k in range(200):
@@ -265,7 +261,6 @@ class TestTare:
 
     @pytest.mark.parametrize(('waited_s', 'doubts'), [(20, 0), (60, 1), (None, 1)])
     def test_a_tare_long_before_the_model_is_doubted(self, model, waited_s, doubts):
-        """It is no zero of what drifted between them; None is a tare from before a restart."""
         compensator = Compensator(1, StreamSettings())
         if waited_s is None:
             compensator.restore_tare(LOAD, LOAD, before_drift=True)
@@ -288,6 +283,23 @@ class TestTare:
                 assert any(said) == (second == 300)
         compensator.set_tare(LOAD, 600 * SECOND)
         assert 'before the next temperatures' in compensator.zero_doubts[-1], 'for a restart, too'
+
+    def test_a_model_of_longer_cells_goes_on_from_the_history(self, make_model):
+        fine, coarse = (make_model({'force_z': (0.4, 0.0, 900.0)}, period_s=s) for s in (1, 10))
+        compensator = Compensator(1, StreamSettings(), fine)
+        for second in range(1800):
+            compensator.add_temperature(0, second * SECOND, 20.0 + second / 100)
+        before = compensator.tracker.drift.zero[2]
+        compensator.go_live(coarse, (1800 * SECOND, LOAD.tolist()))
+        assert compensator.tracker.drift.zero[2] == pytest.approx(before, rel=0.02)
+
+    @pytest.mark.parametrize('rises', [False, True])
+    def test_a_gap_of_a_quiet_robot_that_moves_after_it_is_doubted(self, make_model, rises):
+        compensator = Compensator(1, StreamSettings(), make_model({'force_z': (1.0, 0.0, 900.0)}))
+        for second in (*range(300), *range(2700, 2800)):
+            warmer = rises * max(second - 2700, 0) / 100
+            compensator.add_temperature(0, second * SECOND, 20.0 + warmer)
+        assert bool(gap_doubts(compensator.tracker)) == rises
 
     def test_thermometers_that_were_exchanged_are_said_until_they_are_put_back(self, make_model):
         model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)

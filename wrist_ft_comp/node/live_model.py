@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import partial
+import math
 from pathlib import Path
 from typing import Any
 
@@ -148,8 +149,11 @@ class LiveModel(Part):
         self._write_down(why, 'learnt' if judged else 'chosen', judged)
 
     def _make_live(self, stored: StoredModel | None) -> None:
-        newest = self.counts.newest
-        self.compensator.go_live(stored.model if stored else None, newest and newest[:2])
+        stream, newest = self.compensator, self.counts.newest
+        keep = newest[:2] if newest else None
+        if keep is None and stream.tared:  # no wrench has come: unloaded
+            keep = stream.tracker.end_ns, [math.nan] * len(AXES)
+        stream.go_live(stored.model if stored else None, keep)
         self.stored = stored
         if stored is not None:
             self.hub.log.info(f'{summary(stored)} with {stored.path} ({stored.sha256[:12]})')

@@ -16,6 +16,7 @@ from wrist_ft_comp.node.wrench_topics import WrenchInput
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
+from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.tare import TareCollector
 
@@ -39,6 +40,8 @@ class TareService(Part):
     _collector: TareCollector | None = None
     #: Weight of the payload at every wrench, N and N m; None where it was not known.
     _weights: list[list[float] | None] = field(default_factory=list)
+    #: The drift at every wrench, N and N m.
+    _drifts: list[FloatArray] = field(default_factory=list)
 
     title = 'tare'
     parameters = (
@@ -63,6 +66,7 @@ class TareService(Part):
         if self._collector is None:
             return
         self._weights.append(self.external.weight_at(stamp_ns))
+        self._drifts.append(self.compensator.compensation_at(stamp_ns).zero)
         if self._collector.add(stamp_ns, raw):
             self._collector = None
 
@@ -76,7 +80,7 @@ class TareService(Part):
         chosen, payload = self.hub.chosen(), self.external.payload
         collector = TareCollector(chosen['tare.duration'], chosen['tare.max_deviation'])
         lasted_ns, went_on_s = 0, time.monotonic()
-        self._collector, self._weights = collector, []
+        self._collector, self._weights, self._drifts = collector, [], []
         self.hub.listen(self, wanted=True)
         try:
             # Simulated time may be slow: the tare waits for as long as the stamps go on.
@@ -115,6 +119,9 @@ class TareService(Part):
                 f'wrench_external cannot be tared: {why}. Both tares stay as they were. Look at '
                 'the status payload and call again.'
             )
+        # The tare is of the drift at one stamp, and a minute of a warm-up drifts.
+        now = self.compensator.compensation_at(stamp_ns).zero
+        mean = mean + now - np.mean(self._drifts, axis=0)
         tare = self.compensator.set_tare(mean, stamp_ns, weight)
         self.external.tared_s = time.monotonic()
         problems: list[str] = []

@@ -64,6 +64,8 @@ class DriftTracker:
         self._start_c: FloatArray = self.history_c
         #: How far the drift may be off, because temperatures were missing, or moved at the start.
         self.uncertainty: Uncertainty | None = None
+        #: The last gap, s, how fast temperatures moved in it, K per cell, and the cells after it.
+        self._gap_s, self._slope_k, self._cells_after = 0.0, np.zeros(self._count), 0
 
     @property
     def replaced(self) -> list[int]:
@@ -160,6 +162,9 @@ class DriftTracker:
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
+            if gap_s > thermal_memory.LEAST_GAP_S:
+                self._gap_s, self._slope_k = gap_s, line_c[1] - line_c[0]
+                self._cells_after = 0
         most = max(round(thermal_memory.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
@@ -181,6 +186,12 @@ class DriftTracker:
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
+        self._cells_after += 1
+        if self._gap_s and self._cells_after == (span := self._span(self.model)):
+            # Where they move otherwise than in the gap on the mean, they may have done so in it.
+            after_c = self.history_c[-span:] - self._slope_k * np.arange(span)[:, np.newaxis]
+            gap_s = min(self._gap_s, self.memory_s)
+            off = off + thermal_memory.doubt_start(self.model, after_c, gap_s)
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -188,10 +199,14 @@ class DriftTracker:
 
     def _off_at_start(self, model: DriftModel, cells_before: int) -> FloatArray:
         """Bound what the start left wrong of the drift, once SPAN_S has come; else 0, (6,)."""
-        span = max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
+        span = self._span(model)
         if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
         return thermal_memory.doubt_start(model, self.history_c[:span], self.memory_s)
+
+    @staticmethod
+    def _span(model: DriftModel) -> int:
+        return max(round(SPAN_S * NANOSECONDS / model.period_ns), 2)
 
     def _goes_on(self, gap_s: float) -> bool:
         """Decide whether the drift goes on over a gap, and say so."""
@@ -221,8 +236,12 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
+            before_ns, uncertainty = self.grid.period_ns, self.uncertainty
+            at = np.arange(len(self.history_c) * before_ns // model.period_ns)
+            history_c = self.history_c[at * model.period_ns // before_ns]
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
+            self.history_c, self.uncertainty = history_c, uncertainty
         self.model, self.state, self.awaited = model, None, None
         self.memory_s = thermal_memory.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False

@@ -164,7 +164,7 @@ def bound_drift(  # noqa: PLR0913, PLR0917 -- what a gap is between
 
 def warmest_room_c(model: DriftModel) -> FloatArray:
     """Give what thermometers may read in a room, °C, (J,), by the coldest of the calibration."""
-    coldest_c = [axis.range_c[0] for axis in model.axes.values()]
+    coldest_c = [axis.range_c[0] for axis in model.axes.values()] or [np.full(1, np.inf)]
     return np.asarray(np.min(coldest_c, axis=0) + _ROOMS_K)
 
 

@@ -133,7 +133,8 @@ def test_the_figures_that_people_look_for_are_in_the_statuses(rig, make_model):
 
 def test_a_model_that_compensates_no_axis_is_a_warning(rig, make_model):
     node = rig(model=make_model('m.yaml', {}), parameters={'temperature_timeout': 3600})
-    node.warm_up(30.0)
+    for second in range(65):  # after a minute it is judged whether they moved
+        node.node.compensator.add_temperature(0, START + second * SECOND, 30.0 + second / 10)
     assert node.ask_output(START + 3 * SECOND, LOAD) == tuple(LOAD)
     for name, words in (
         ('model', 'the model compensates no axis, because nothing could be'),

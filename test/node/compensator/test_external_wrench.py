@@ -365,7 +365,6 @@ def test_a_tare_zeroes_both_and_outlives_a_restart(holding):
 
 @pytest.mark.parametrize(('on', 'name'), [(True, ''), (False, ''), (True, 'day-1')])
 def test_a_tool_that_was_on_at_a_tare_without_its_name_is_a_warning(held, monkeypatch, on, name):
-    """The tare of the empty sensor is its zero under every payload."""
     monkeypatch.setattr('wrist_ft_comp.node.external_wrench._SHOWN_S', -1.0)
     part, weight = held(**{'payload.active': name}), TOOL.weight(UP)
     compensator = part.part.compensator

@@ -345,7 +345,6 @@ class TestTemperature:
 class TestQualityOfService:
     @executors
     def test_a_publisher_of_other_quality_is_a_warning(self, wired, log, executor):
-        """The node insists on reliable messages; the drivers are best effort."""
         topics = {'wrench_raw': WrenchStamped, 'temperature': Temperature}
         name = f'/unheard_{executor}'
         override = f'qos_overrides.{name}/{{}}.subscription.reliability'

@@ -3,6 +3,7 @@ import json
 import os
 
 from moments import ERROR, OK, START, WARN
+import numpy as np
 import pytest
 
 from wrist_ft_comp.errors import SettingsError
@@ -42,6 +43,18 @@ def test_a_rollback_goes_back_model_by_model_to_none_and_no_further(abc):
     assert answer.message.startswith('no model was live before: wrenches pass uncompensated')
     assert live(node) is None
     assert node.refusal('rollback').startswith('There is no earlier model to go back to')
+
+
+def test_a_model_before_the_first_wrench_moves_a_tare_from_before_a_restart(abc):
+    node = abc()
+    choose(node, 'a')
+    node.warm_up(30.0)
+    stream = node.node.compensator
+    stream.set_tare(np.ones(6), stream.tracker.end_ns)
+    unloaded = stream.tare[0] + stream.compensation.zero[0]
+    assert node.node.counts.newest is None
+    choose(node, 'c')
+    assert stream.tare[0] + stream.compensation.zero[0] == pytest.approx(unloaded)
 
 
 def test_a_rollback_passes_over_a_model_that_cannot_be_used(abc):

@@ -5,6 +5,7 @@ from moments import SECOND, START
 import numpy as np
 import pytest
 
+from wrist_ft_comp.drift.drift_model import Drift
 from wrist_ft_comp.recordings.read import read_recording
 
 OFFSET = np.array([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
@@ -72,6 +73,14 @@ def test_a_moving_load_is_refused_and_the_tare_stays(rig):
     assert tare(node, STAMPS + 15 * SECOND, moving).success
 
 
+def test_a_tare_is_of_the_mean_drift_of_its_time(rig):
+    node = rig()
+    stream, counts = node.node.compensator, node.node.counts
+    stream.compensation_at = lambda _: Drift(np.full(6, counts.wrenches / 50000), np.zeros(6))
+    tare(node)
+    np.testing.assert_allclose(stream.tare, OFFSET - 0.0005, atol=5e-5)
+
+
 @pytest.mark.parametrize(
     ('wrenches', 'sentence'),
     [
@@ -97,7 +106,6 @@ def test_a_tare_of_a_stuck_axis_is_refused(rig):
 
 
 def test_simulated_time_may_be_slower_than_a_tare_waits(rig):
-    """The stamps go on for longer than the patience with a silent sensor."""
     node = rig(parameters={'tare.duration': 0.1})
     answers, stamps = begin(node), iter(list(enumerate(STAMPS))[20:])
 
