@@ -128,7 +128,11 @@ class Compensator:
         if not cells or not self.compensating:
             return cells
         target = self.limits.saturate(self.tracker.drift)
-        since_ns, self._waits_since_ns = self._waits_since_ns, None
+        since_ns = self._waits_since_ns
+        if had_drift and since_ns is not None and self.tracker.end_ns < since_ns < math.inf:
+            since_ns = None  # a cell from before the tare, as of a clock that stood still
+        else:
+            self._waits_since_ns = None
         if since_ns is not None:
             self._said += doubts.early_tare_doubts(since_ns, stamp_ns, 'temperatures came')
             unloaded = stamp_ns, [np.nan] * len(AXES)  # where no wrench has come
