@@ -93,7 +93,6 @@ def test_settings_that_cannot_be_are_refused(options, expected, run, drift_csv, 
 
 
 def test_another_day_is_accepted_by_a_limit_that_it_keeps(done, make, tmp_path):
-    """Of one recording as of two; the file says what the command said."""
     days = [make.csv(tmp_path / f'{n}.csv', make.drifting(1950, n, every=3)) for n in (1, 2, 3)]
     path, page = tmp_path / 'm.yaml', tmp_path / 'r.html'
     for recordings in (days[:1], days[:2]):

@@ -118,7 +118,6 @@ def test_days_on_which_a_robot_repeats_its_program_are_no_single_day(good):
 
 
 def test_a_recording_of_less_than_a_minute_does_no_harm_beside_longer_ones(good):
-    """Thermometers are predicted from each other by means over a minute."""
     runs = [changed(run, temperature_c=lambda t: np.hstack((t, t[:, :1] ** 0.5)),
                     measured=lambda m: np.tile(m, 2)) for run in good]  # fmt: skip
     parts = ('temperature_c', 'measured', 'wrench', 'reference')

@@ -45,7 +45,6 @@ def free_run(model, temperature_c):
 @every_method
 @pytest.mark.parametrize('loaded', [False, True])
 def test_units_change_nothing(pose, temperatures, lagged, method, loaded):
-    """In mN instead of N the zero drift is a thousandfold and the sensitivity drift the same."""
     rng = np.random.default_rng(0)
     loads = [30 * rng.standard_normal(CELLS) for _ in temperatures]
     drifts = [

@@ -85,7 +85,6 @@ def observe(make_axis_data):
 
 
 def test_windows_do_not_cross_gaps(observe):
-    """Drift jumps in the gap, which lies inside what would be one window."""
     cells = round(OBSERVATION_WINDOW_S / 10.0)
     before, after = slice(0, cells // 2), slice(cells // 2 + 10, None)
     sensitivity, zero, gap = np.full(CELLS, 0.02), np.full(CELLS, 3.0), np.zeros(CELLS)

@@ -63,7 +63,6 @@ def test_a_step_is_named_with_time_of_day_size_and_axis(day, size, period_s):
 
 
 def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
-    """One day in two stepped twice: it is learnt from all the same."""
     plain = calibrate([day(1), day(2)])
     days = [day(1, stepped((900, 8.0), (2500, -3.0))), day(2)]
     calibration = calibrate(days)
@@ -80,7 +79,6 @@ def test_a_calibration_and_an_evaluation_go_on_after_steps(day):
     ('period_s', 'first', 'last'), [(1.0, 1700, 1701), (1.0, 1700, 1740), (60.0, 100, 101)]
 )
 def test_a_spike_or_a_touch_is_left_out_and_nothing_else(day, period_s, first, last):
-    """Of a log with a sample a minute, a spike is one sample."""
     cells = CELLS if period_s == 1.0 else 300
     add = np.zeros(cells)
     add[first:last] = 15.0

@@ -55,7 +55,6 @@ def test_a_day_ends_after_24_h_a_silence_of_2_h_and_where_time_ran_back(write, r
 
 @pytest.mark.parametrize(('apart', 'days'), [(833, 2), (60, 1)])
 def test_two_clocks_do_not_fill_the_folder_with_files(write, apart, days):
-    """Rows that leap to and fro end no day; an honest day before them stays."""
     both = (minute for pair in range(1000, 1050) for minute in (pair, pair + apart))
     rows = write([*range(1000), *both])
     assert len(rows) == days

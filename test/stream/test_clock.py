@@ -50,7 +50,6 @@ GOES_ON = [k * SECOND for k in range(5, 10)]
     ],
 )
 def test_strays_are_dropped_and_time_going_on_elsewhere_is_followed(leap, strays, followed, leaps):
-    """Times are shares of the leap; those that are followed go on for five samples."""
     if abs(leap) < 60 * SECOND and (strays or len(followed) != 1):
         return  # back is a leap from 5 s on, ahead from 60 s on
     clocks, dropped = make(), 0

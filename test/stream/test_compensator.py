@@ -301,18 +301,29 @@ class TestTare:
             compensator.add_temperature(0, second * SECOND, 20.0 + warmer)
         assert bool(gap_doubts(compensator.tracker)) == rises
 
-    def test_thermometers_that_were_exchanged_are_said_until_they_are_put_back(self, make_model):
+    @pytest.mark.parametrize('back', [True, False])
+    def test_thermometers_that_were_exchanged_are_said_until(self, make_model, back):
         model = make_model({'force_z': (0.4, 0.0, 30.0)}, thermometers=2)
         compensator = Compensator(2, model=model)
         for second in range(900):
+            exchanged = second >= 300 and not (back and second >= 600)
             for j in (0, 1):
-                warm = 20.0 + 8.0 * (j if second < 300 or second >= 600 else 1 - j)
-                compensator.add_temperature(j, second * SECOND, warm)
+                compensator.add_temperature(j, second * SECOND, 28.0 - 8.0 * (j == exchanged))
+            if second == 650 and not back:
+                compensator.reset_tare()
             if second in {400, 700}:
                 compensator.set_tare(LOAD, second * SECOND)
-            said = ''.join(compensator.zero_doubts)
             if second in {399, 500, 800}:
-                assert ('1 and 2 jumped to the readings of each other' in said) == (second < 600)
+                said = '1 and 2 jumped at once, one up as far' in ''.join(compensator.zero_doubts)
+                assert said == (second < 600)
+
+    def test_a_tare_is_kept_by_cells_of_its_own_time(self, model):
+        compensator = Compensator(1, StreamSettings(), model)
+        stream(compensator, (0, 60))
+        compensator.set_tare(LOAD, 400 * SECOND)
+        for at in (60 * SECOND, 61 * SECOND, *range(410 * SECOND, 425 * SECOND, SECOND)):
+            compensator.add_temperature(0, at, warming(at), (at, LOAD.tolist()))
+        np.testing.assert_allclose(compensator.correct(at, LOAD.tolist()), 0, atol=0.1)
 
     def test_a_temperature_moves_the_tare_only_to_keep_an_output_as_the_drift_begins(self, model):
         tared, alone, free = (Compensator(1, StreamSettings(), model) for _ in range(3))

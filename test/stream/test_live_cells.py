@@ -35,7 +35,6 @@ def test_a_thermometer_that_never_reported_is_waited_for_without_hoarding(second
 
 @pytest.mark.parametrize(('back_s', 'number', 'last_c'), [(1.0, 31, 52.0), (9.0, 30, 50.0)])
 def test_after_an_outage_the_others_are_waited_for_with_patience(back_s, number, last_c):
-    """As at the start; one that stays away is held."""
     grid = live_cells.ThermalGrid(SECOND, 2, patience_s=3.0)
     feed(grid, seconds(0, (0.5, 20.0)) + seconds(1, (0.5, 50.0)))
     both = [*seconds(0, *((30.5 + k, 30.0 + k) for k in range(20)))]

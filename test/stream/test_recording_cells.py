@@ -27,7 +27,6 @@ def wrenches(*seconds, origin=0):
 @pytest.mark.parametrize('period_s', [0.5, 1.0, 3.0])
 @pytest.mark.parametrize('size', [1, 7, 1000])
 def test_cells_are_means_in_pieces_of_any_size(period_s, size):
-    """Against a loop over cells; test_gaps.py compares what is between samples with the stream."""
     rng, pieces, expected = np.random.default_rng(0), [], []
     for channel in ('temperature_c', 'temperature_2_c', 'torque_y'):
         stamps = np.sort(rng.integers(0, 60 * SECOND, 200))
@@ -72,7 +71,6 @@ def test_unusable_samples_are_dropped_and_counted(fault):
 
 
 def test_axes_that_are_exactly_zero_beside_ones_that_live_are_absent():
-    """As those of a sensor of three forces whose driver fills in zeros, or of a broken one."""
     stamps = np.arange(5) * SECOND
     force = np.stack((np.full(5, -0.0), np.arange(5.0), np.zeros(5)), axis=1)
     temperature = samples('temperature_c', *((k, 20) for k in range(5)))

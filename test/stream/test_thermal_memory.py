@@ -104,7 +104,6 @@ def test_a_memory_belongs_to_models_of_its_form_only(make_model):
 
 
 def test_a_model_that_goes_live_after_a_restart_has_the_history_before_it(model, make_model):
-    """A calibration or a rollback behind a restart: the coarse history does as well."""
     other = make_model({'force_z': (-1.0, 0.0, 900.0)})
     never, killed = (Compensator(1, model=model) for _ in range(2))
     feed(never, 0, 800)

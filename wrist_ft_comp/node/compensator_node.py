@@ -21,15 +21,15 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
-from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, WrenchInput
+from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, is_silent, WrenchInput
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.parameters import at_start, NODE_NAME, Parameter, usage, warn_of_unknown
 from wrist_ft_comp.ros.running import run_node
 from wrist_ft_comp.ros.topics import FAST_SENSOR, opening
+from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import node_directory, NodeFolder
-from wrist_ft_comp.stored.own_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 from wrist_ft_comp.wire.temperature_source import parse_sources
@@ -166,7 +166,7 @@ class CompensatorNode(Hub):
                 return
             stamp_ns = stamp_ns or self.now_ns()
             corrected = self.compensator.correct(stamp_ns, raw)
-            if not self.silent:
+            if not is_silent(self, self.compensator):
                 self._output.publish(layout.encode(data, corrected))
                 counts.published += 1
             counts.wrenches += 1
@@ -179,12 +179,6 @@ class CompensatorNode(Hub):
                 trace = ''.join(traceback.format_exception(error))
                 self.log.write(ERROR, f'A wrench was lost:\n{trace}')
             counts.failed, counts.fault = counts.failed + 1, fault
-
-    @property
-    def silent(self) -> bool:
-        """Whether nothing is published, because a model or the first temperature is missing."""
-        compensating = self.compensator.compensating
-        return not compensating and self.get_parameter('uncalibrated').value == 'silent'
 
     def hardware_id(self) -> str:
         """Give the sensor's frame; empty before the first wrench."""

@@ -13,7 +13,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit, GRAVITY
 from wrist_ft_comp.node.payload_choice import changed_frames, PayloadChoice
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.wrench_topics import Counts
+from wrist_ft_comp.node.wrench_topics import Counts, is_silent
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
 from wrist_ft_comp.payload.weight_check import WeightCheck
@@ -73,8 +73,10 @@ class ExternalWrench(Part):
     wrong: str = ''
     #: When wrench_external was tared, by the steady clock, s.
     tared_s: float = -math.inf
-    #: When the payload became active after a tare without one, while its weight has not shown, s.
+    #: When the payload became active after a tare without one, while its weight has not shown, s,
+    #: and when a weight showed last, which proves the tare.
     _hidden_s: float = math.inf
+    _shown_s: float = -math.inf
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
@@ -128,9 +130,7 @@ class ExternalWrench(Part):
             return
         self._behind_ns += stamp_ns - forces.newest_ns
         external = self.compensator.correct(stamp_ns, raw, external=True)
-        waits = not self.compensator.compensating
-        silent = waits and self.hub.get_parameter('uncalibrated').value == 'silent'
-        if self.payload is not None and not silent:
+        if self.payload is not None and not is_silent(self.hub, self.compensator):
             self.publish(layout.encode(data, self.payload.taken_off(external, force)))
         if self.collector is not None and self.collector.share < 1:
             self.collector.add(stamp_ns, external, force, self.specific_force.speed)
@@ -182,7 +182,7 @@ class ExternalWrench(Part):
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
-        elif tared and np.allclose(tare, external_tare):
+        elif tared and np.allclose(tare, external_tare) and self._shown_s <= self.tared_s:
             self._hidden_s = time.monotonic()
 
     def statuses(self) -> Iterator[Status]:
@@ -204,7 +204,9 @@ class ExternalWrench(Part):
             for axis, value in zip(AXES, external, strict=True):
                 numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
             shows = 2 * math.hypot(*external[:3]) < math.hypot(*payload.weight(force)[:3])
-            if shows or self.tared_s > self._hidden_s:
+            if shows:
+                self._hidden_s, self._shown_s = math.inf, time.monotonic()
+            elif self.tared_s > self._hidden_s:
                 self._hidden_s = math.inf
             elif time.monotonic() - self._hidden_s > _SHOWN_S:
                 self.compensator.doubt_zero(

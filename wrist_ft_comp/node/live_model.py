@@ -16,9 +16,9 @@ from wrist_ft_comp.ros.diagnostics import ERROR, OK, Status, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
 from wrist_ft_comp.ros.services import service, Work
+from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry, How, NodeFolder
-from wrist_ft_comp.stored.own_file import FileWriter
 from wrist_ft_comp.stream.compensator import Compensator
 
 
@@ -234,7 +234,7 @@ class LiveModel(Part):
         self._write_down(
             f'a person went back from {names[0]} to {names[1]} with ~/rollback', 'back'
         )
-        now = f'no model was live before: wrenches pass uncompensated; model_file {left} undoes it'
+        now = f'no model was live before: wrenches pass uncompensated until model_file={left}'
         if path is not None:
             now = f'compensating with {path} again'
         return (yield from self.kept(now))

@@ -14,7 +14,7 @@ from wrist_ft_comp.node.wrench_topics import Counts
 from wrist_ft_comp.ros.diagnostics import OK, WARN
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.thermal_memory import belongs_to

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
-from wrist_ft_comp.ros.hub import Part
+from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.compensator import Compensator
@@ -63,6 +63,11 @@ def arrival(stamp_ns: int) -> str:
     if stamp_ns == 0:
         return 'the time of arrival is 0: use_sim_time is set, and nothing comes on /clock'
     return 'the time of arrival is taken'
+
+
+def is_silent(hub: Hub, stream: Compensator) -> bool:
+    """Whether nothing is published, because a model or the first temperature is missing."""
+    return not stream.compensating and hub.get_parameter('uncalibrated').value == 'silent'
 
 
 class WrenchInput(Part):
@@ -269,8 +274,8 @@ class DriftTopic(Part):
         Without a model the parameter ``uncalibrated`` decides, as it does for the wrench.
         """
         stream, newest = self._compensator, self._counts.newest
-        silent = self.hub.get_parameter('uncalibrated').value == 'silent'
-        if newest is None or not (stream.compensating or (stream.model is None and not silent)):
+        waits = stream.model is not None and not stream.compensating
+        if newest is None or waits or is_silent(self.hub, stream):
             return
         stamp_ns, raw, _ = newest
         correction = np.subtract(stream.correct(stamp_ns, raw), raw)

@@ -17,6 +17,7 @@ from wrist_ft_comp.stream.drift_tracker import DriftTracker
 from wrist_ft_comp.stream.limits import axis_limits, Limits
 from wrist_ft_comp.stream.live_cells import ThermalCell
 from wrist_ft_comp.stream.thermal_memory import ThermalMemory
+from wrist_ft_comp.stream.thermometer_faults import exchanged_by_jumps
 
 #: A tare jumps to the end of a ramp that moves the drift by more than this, N.
 _RAMP_N = 0.1
@@ -214,7 +215,7 @@ class Compensator:
         carried = np.zeros(len(AXES)) if weight is None else weight
         self.external_tare = self.tare - (1.0 + drift.sensitivity) * carried
         self.tared = True
-        self._forget_doubts()
+        self._forget_doubts(but=exchanged_by_jumps(self.tracker.spikes))
         # A drift that is held, as no temperature comes, is none to tare with.
         held_ns = stamp_ns - self.tracker.end_ns
         is_held = held_ns > max(doubts.usual_silences_ns(self.tracker))
@@ -229,9 +230,9 @@ class Compensator:
         if why not in self._said:
             self._said.append(why)
 
-    def _forget_doubts(self) -> None:
+    def _forget_doubts(self, but: Sequence[tuple[int, int]] = ()) -> None:
         self._said.clear()
-        kept = {j for pair in doubts.exchanged(self.tracker) for j in pair}
+        kept = {j for pair in but for j in pair}
         for spikes in (one for j, one in enumerate(self.tracker.spikes) if j not in kept):
             spikes.jump = spikes.jump._replace(by_k=0.0, off_k=0.0)
 

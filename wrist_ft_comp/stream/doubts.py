@@ -5,7 +5,6 @@ Only what is off by more than the model itself leaves is said.
 """
 
 from collections.abc import Iterator, Mapping
-from itertools import combinations
 import math
 
 import numpy as np
@@ -19,8 +18,6 @@ from wrist_ft_comp.stream.limits import axis_limits
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0
-#: Two that jumped within this time, s, by the same to this share, may have been exchanged.
-_AT_ONCE_S, _ALIKE_SHARE = 60.0, 0.25
 #: Drift that may be off by fewer standard deviations of the model than this is not doubted.
 _CERTAIN = 3.0
 
@@ -94,25 +91,14 @@ def _off(model: DriftModel | None, off: FloatArray, *, times: float = _CERTAIN) 
     return f'the drift of {AXES[worst]} may be {off[worst]:.2g} {axis_unit(AXES[worst])}'
 
 
-def exchanged(tracker: DriftTracker) -> list[tuple[int, int]]:
-    """Find pairs that jumped at once to each other's readings, which no tare makes good."""
-    pairs = []
-    for i, j in combinations(range(len(tracker.spikes)), 2):
-        one, other = tracker.spikes[i], tracker.spikes[j]
-        apart_k = abs(one.stayed_k - other.stayed_k)
-        alike = abs(one.stayed_k + other.stayed_k) < _ALIKE_SHARE * apart_k
-        if one.stayed_k and other.stayed_k and alike:
-            apart_s = ((one.jump.at_ns or 0) - (other.jump.at_ns or 0)) / NANOSECONDS
-            pairs += [(i, j)] if abs(apart_s) <= _AT_ONCE_S else []
-    return pairs
-
-
 def jump_doubts(tracker: DriftTracker) -> list[str]:
     """Say what thermometers read since the last tare that moves the zero."""
-    memory_s, pairs = 0.0 if tracker.model is None else tracker.memory_s, exchanged(tracker)
+    memory_s = 0.0 if tracker.model is None else tracker.memory_s
+    pairs = thermometer_faults.exchanged_by_jumps(tracker.spikes)
     said = [
-        f'thermometers {i + 1} and {j + 1} jumped to the readings of each other; are their plugs '
-        'or topics exchanged? Mend that, a tare does not help'
+        f'thermometers {i + 1} and {j + 1} jumped at once, one up as far as the other down; are '
+        'their plugs or topics exchanged? A tare does not help: put them back, or call '
+        '~/reset_tare and ~/tare where it is to stay so'
         for i, j in pairs
     ]
     for j, spikes in enumerate(tracker.spikes):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wrist_ft_comp import channels as named
+from wrist_ft_comp import channels as channel_names
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, ROTATION_CHANNEL, temperature_channel
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
@@ -52,8 +52,8 @@ def why_unusable(channel: str, value: float) -> str:
 
 
 def _limits(channel: str) -> tuple[float, float]:
-    largest = named.LARGEST
-    return named.PLAUSIBLE_C if channel.startswith('temperature') else (-largest, largest)
+    largest, plausible_c = channel_names.LARGEST, channel_names.PLAUSIBLE_C
+    return plausible_c if channel.startswith('temperature') else (-largest, largest)
 
 
 class CellSums(NamedTuple):
@@ -257,7 +257,7 @@ def grid_samples(
         name=name, period_ns=period_ns, first_cell=first,
         temperature_c=fill_gaps(temperature_c, before_c, period_ns),
         measured=np.isfinite(temperature_c), wrench=table(*AXES),
-        reference=table(*named.REFERENCE_CHANNELS), warnings=tuple(warnings),
+        reference=table(*channel_names.REFERENCE_CHANNELS), warnings=tuple(warnings),
         specific_force=force, rotation_speed=speed)  # fmt: skip
 
 

@@ -18,6 +18,7 @@ Both are one rule for the running stream and for files. No earlier cell is chang
 follows a wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
@@ -47,6 +48,8 @@ AGREED_S = 1800.0
 #: Two may be exchanged where both are farther from their predictions than this many times what a
 #: healthy one is.
 EXCHANGED = 2.0
+#: Or where they jumped within this time, s, by the same to this share, one up and one down.
+_AT_ONCE_S, _ALIKE_SHARE = 60.0, 0.25
 #: Predictions are compared after a relaxation with this time constant, s, against their noise.
 _SMOOTHING_S = 60.0
 #: A start takes the body as soaked at the temperatures after this time, s, because a first reading
@@ -212,6 +215,18 @@ class SpikeFilter:
             if self.wrong_starts > starts:
                 counted[:k] = False
         return stamps_ns[counted], temperature_c[counted]
+
+
+def exchanged_by_jumps(spikes: Sequence[SpikeFilter]) -> list[tuple[int, int]]:
+    """Find pairs that jumped at once, one up as far as the other down, which no tare mends."""
+    pairs = []
+    for (i, one), (j, other) in combinations(enumerate(spikes), 2):
+        up_k, down_k = one.stayed_k, other.stayed_k
+        alike = up_k and down_k and abs(up_k + down_k) < _ALIKE_SHARE * abs(up_k - down_k)
+        apart_ns = (one.jump.at_ns or 0) - (other.jump.at_ns or 0)
+        if alike and abs(apart_ns) <= _AT_ONCE_S * NANOSECONDS:
+            pairs.append((i, j))
+    return pairs
 
 
 @dataclass(frozen=True, eq=False)

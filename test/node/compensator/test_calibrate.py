@@ -35,7 +35,6 @@ def ready(rig, make, haste):  # noqa: ARG001
 
 
 def test_a_calibration_answers_and_goes_live_without_a_step_while_wrenches_go_on(ready):
-    """What it removes: documents/test_tutorial.py."""
     node = ready()
     node.warm_up(30.0)
     answers = node.ask('calibrate')

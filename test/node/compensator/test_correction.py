@@ -37,7 +37,6 @@ def controller(rig, make_model):
 
 
 def test_the_controller_sees_the_compensated_wrench(controller):
-    """With a tare, and with the gain that the newest wrench has."""
     node = controller.node
     for second in range(150):
         node.put_temperature(START + second * SECOND, 20.0 + 0.1 * second)

@@ -10,7 +10,7 @@ import pytest
 
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.wrench_topics import Counts
-from wrist_ft_comp.stored.own_file import FileWriter
+from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 
