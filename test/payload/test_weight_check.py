@@ -39,3 +39,20 @@ def test_a_process_that_presses_in_one_of_few_poses_does_not_look_turned(poses):
             pressed = np.array([0.0, 0.0, -20.0, 0.0, 0.0, 0.0]) * (look // 3 % poses == 0)
             check.add(weight + pressed + rng.normal(0, 0.05, 6), weight)
             assert check.found == ''
+
+
+@pytest.mark.parametrize(
+    ('leans_deg', 'found'), [(0.0, False), (15.0, True), (90.0, True), (None, True)]
+)
+def test_a_weight_that_turns_otherwise_than_specific_force_says(leans_deg, found):
+    """The frame whose z is up leans; or TF repeats one pose."""
+    rng, check, said = np.random.default_rng(0), WeightCheck('tool'), ''
+    for second in np.arange(0.0, 200.0, 1.01):
+        angles = 2.0 * np.sin(second / 17), 0.9 * np.sin(second / 12), 1.2 * np.sin(second / 7)
+        turn = Rotation.from_euler('zyx', angles).inv()
+        up = [0, 0, 1] if leans_deg is None else turn.apply([0, 0, 1])
+        lean = Rotation.from_euler('x', leans_deg or 0.0, degrees=True)
+        force_n = 11.8 * turn.apply(lean.apply([0, 0, 1])) + rng.normal(0, 0.05, 3)
+        check.add(np.append(force_n, np.zeros(3)), np.append(11.8 * np.array(up), np.zeros(3)))
+        said = said or check.found
+    assert ('specific force does not, or otherwise: is z of gravity.frame up' in said) == found

@@ -1,5 +1,6 @@
 """The stream: what comes out for a wrench, when models change and when things go wrong."""
 
+from dataclasses import replace
 import pickle
 
 import numpy as np
@@ -295,10 +296,12 @@ class TestTare:
 
     @pytest.mark.parametrize('rises', [False, True])
     def test_a_gap_of_a_quiet_robot_that_moves_after_it_is_doubted(self, make_model, rises):
-        compensator = Compensator(1, StreamSettings(), make_model({'force_z': (1.0, 0.0, 900.0)}))
-        for second in (*range(300), *range(2700, 2800)):
-            warmer = rises * max(second - 2700, 0) / 100
-            compensator.add_temperature(0, second * SECOND, 20.0 + warmer)
+        model = make_model({'force_z': (1.0, 0.0, 300.0)}, range_c=(20.0, 60.0))
+        model = replace(model, deviation={'force_z': 0.02})
+        compensator = Compensator(1, StreamSettings(), model)
+        for second in (*range(2500), *range(3300, 3400)):
+            warmer = rises * max(second - 3300, 0) / 100
+            compensator.add_temperature(0, second * SECOND, 30.0 + warmer)
         assert bool(gap_doubts(compensator.tracker)) == rises
 
     @pytest.mark.parametrize('back', [True, False])

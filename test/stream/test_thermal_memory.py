@@ -127,13 +127,20 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
         path_c = 20.0 + np.cumsum(np.repeat(rates, 25)[:gap_s])
         all_c = np.concatenate((before_c, path_c, np.full(500, path_c[-1])))
         knows, compensator = (Compensator(1, model=model) for _ in range(2))
+        late = Compensator(1)
         for second, celsius in enumerate(all_c):
             knows.add_temperature(0, second * SECOND, celsius)
             if not 300 <= second < 300 + gap_s:
                 compensator.add_temperature(0, second * SECOND, celsius)
+                late.add_temperature(0, second * SECOND, celsius)
             if second == 300 + gap_s + 5:
+                late.go_live(model)
                 doubts = gap_doubts(compensator.tracker)
-                off_n = float(re.search(r'(\S+) N off', doubts[0])[1]) if doubts else 0.06
+                off_n, late_off_n = (
+                    float(re.search(r'(\S+) N off', said[0])[1]) if said else 0.06
+                    for said in (doubts, gap_doubts(late.tracker))
+                )
+                assert late_off_n == pytest.approx(off_n, rel=0.1)
                 stated.add(off_n > 0.06)
                 apart = knows.compensation.zero - compensator.compensation.zero
                 assert abs(apart[2]) <= 1.05 * off_n  # which is rounded
@@ -145,18 +152,21 @@ def test_what_nobody_knows_of_a_gap_is_said_until_the_model_has_forgotten_it(mak
 
 
 @pytest.mark.parametrize(
-    ('start_c', 'rate_k_s', 'is_said'),
-    [(24.0, 0.05, False), (35.0, 0.05, True), (35.0, -0.05, True), (35.0, 0.0, False)],
-    ids=['switched on', 'warms for long', 'cools', 'has soaked'],
-)
+    ('start_c', 'past_k_s', 'rate_k_s', 'is_said'),
+    [
+        (24.0, 0.0, 0.05, False), (24.0, 0.0, 0.0, False), (35.0, 0.05, 0.05, True),
+        (35.0, -0.05, -0.05, True), (35.0, 0.02, 0.0, True),
+    ],
+    ids=['switched on', 'rests', 'warms for long', 'cools', 'stands still, warm'],
+)  # fmt: skip
 def test_a_start_at_temperatures_that_move_is_doubted_as_far_as_it_may_be_wrong(
-    make_model, start_c, rate_k_s, is_said
+    make_model, start_c, past_k_s, rate_k_s, is_said
 ):
-    """For 200 s before the node started, temperatures moved as they do now."""
+    """For 200 s before the node started, temperatures had moved."""
     model = doubting(make_model)
     knows, starts, late = Compensator(1, model=model), Compensator(1, model=model), Compensator(1)
     for second in range(-200 if is_said else 0, 75):
-        celsius = start_c + rate_k_s * second
+        celsius = start_c + (past_k_s if second < 0 else rate_k_s) * second
         knows.add_temperature(0, START + second * SECOND, celsius)
         if second >= 0:
             starts.add_temperature(0, START + second * SECOND, celsius)

@@ -5,10 +5,14 @@ Where a robot turns its tool in free space, the wrench changes as the weight doe
 specific force or a wrench whose frame is turned by Q, or in another unit, gives ΔF = k Q ΔW, one
 whose origin has moved by d gives ΔT = ΔT_weight + d × ΔW. Contacts change the wrench, too, but
 not in the same way in half of six poses: k Q is that of the three changes which agree best with
-half of all (least median of squares).
+half of all (least median of squares), unless a quarter of all moves as the weight does.
+
+Where neither fits, the weight of the payload shows by its size: forces of free space lie on a
+sphere of that radius. Specific force then is that of another orientation.
 """
 
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -23,9 +27,14 @@ _KEPT, _FEWEST = 24, 10
 _FEWEST_POSES = 6
 #: Triples of changes that are tried.
 _TRIPLES = 40
+#: Where this share of the changes is that of the weight, contacts make the others.
+_AS_WEIGHT = 0.25
 #: A smaller turn is none, degrees: an IMU that a person mounts is right within 3. A force that is
 #: larger or smaller than the weight by as much, as a share of it, is that of another payload.
 _LEAST_TURN_DEG = 8.0
+#: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
+#: sphere of a weight, within this share of its radius.
+_FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
 #: A smaller distance is none, m.
@@ -45,14 +54,28 @@ class WeightCheck:
         self._changes: deque[FloatArray] = deque(maxlen=_KEPT)
         #: The weights before and after these changes, N.
         self._poses: deque[FloatArray] = deque(maxlen=_KEPT)
+        #: Forces and weights between which the force changed, N, (2, 3) each.
+        self._moves: deque[FloatArray] = deque(maxlen=_FORCES)
+        #: How often in a row these showed a weight that turns otherwise than specific force says.
+        self._alone = 0
 
     def begin(self) -> None:
         """Begin anew after another payload was mounted: the change to it is not one of a pose."""
         self._before = None
+        self._moves.clear()
 
     def add(self, wrench: FloatArray, weight: FloatArray) -> None:
         """Take a wrench before the payload is taken off, and the weight, N and N m, (6,) each."""
         now = np.stack((wrench, weight))
+        if not self._moves or np.linalg.norm(now[0, :3] - self._moves[-1][0]) >= MOVED_N:
+            self._moves.append(now[:, :3])
+            self._alone = self._alone + 1 if self._turns_alone() else 0
+            if self._alone >= _IN_A_ROW and not self.found:
+                self.found = (
+                    f'the force turns as the weight of {self._name} does, and specific force does '
+                    'not, or otherwise: is z of gravity.frame up, and does /tf, or the IMU, show '
+                    'how the robot moves now?'
+                )
         if self._before is None:
             self._before = now
             self._poses.append(weight[:3])
@@ -64,13 +87,31 @@ class WeightCheck:
             if len(self._changes) >= _FEWEST and (found := self._compare()) is not None:
                 self.found = found
 
+    def _turns_alone(self) -> bool:
+        """Whether the force moves on the sphere of the weight, but not as the weight."""
+        if len(self._moves) < _DIRECTIONS:
+            return False
+        forces, weights = np.array(self._moves).swapaxes(0, 1)
+        moved = np.diff(forces, axis=0)
+        rests = np.linalg.norm(moved - np.diff(weights, axis=0), axis=1)
+        is_apart = rests > np.radians(_LEAST_TURN_DEG) * np.linalg.norm(moved, axis=1)
+        if is_apart.mean() < 1 - _AS_WEIGHT:
+            return False
+        forces, radius_n = _distinct(forces), np.median(np.linalg.norm(weights, axis=1))
+        if len(forces) < _DIRECTIONS:
+            return False
+        rng = np.random.default_rng(0)
+        fours = np.array([rng.choice(forces, 4, replace=False) for _ in range(_TRIPLES)])
+        # Of four points, those less the first: 2 (p - q) · center = p² - q².
+        rows, squares = 2 * (fours[:, 1:] - fours[:, :1]), np.sum(fours**2, axis=2)
+        centers = np.linalg.pinv(rows) @ (squares[:, 1:] - squares[:, :1])[..., np.newaxis]
+        distances = np.linalg.norm(forces - centers.swapaxes(1, 2), axis=2)
+        on_sphere = np.abs(distances / radius_n - 1) < _THICK
+        return bool(on_sphere.mean(axis=1).max() >= _ON_SPHERE)
+
     def _compare(self) -> str | None:
         """Say what the changes that are kept show; None where they do not tell."""
-        poses: list[FloatArray] = []
-        for pose in self._poses:
-            if all(np.linalg.norm(pose - other) >= MOVED_N for other in poses):
-                poses.append(pose)
-        if len(poses) < _FEWEST_POSES:
+        if len(_distinct(self._poses)) < _FEWEST_POSES:
             return None
         changes = np.array(self._changes)
         force, weight = changes[:, 0, :3], changes[:, 1, :3]
@@ -80,7 +121,10 @@ class WeightCheck:
         moved = np.einsum('tij,nj->tni', turns, weight)
         medians = np.median(np.linalg.norm(force - moved, axis=2), axis=1)
         best = int(np.argmin(medians))
-        free = np.linalg.norm(force - moved[best], axis=1) <= max(3 * medians[best], 1e-9)
+        noise_n, turned = max(medians[best], 1e-9), moved[best]
+        if np.quantile(np.linalg.norm(force - weight, axis=1), _AS_WEIGHT) <= 2 * noise_n:
+            turned = weight
+        free = np.linalg.norm(force - turned, axis=1) <= 3 * noise_n
         (turn,) = _fit_turns(force[free][None], weight[free][None])
         if free.sum() < _FEWEST / 2:
             return None
@@ -135,6 +179,15 @@ class WeightCheck:
                 'TCP? Move it back, or call ~/identify_payload'
             )
         return '' if off_n < limit_n and off < _LEAST_SHIFT_M * reach else None
+
+
+def _distinct(forces: Iterable[FloatArray]) -> FloatArray:
+    """Pick forces that differ by MOVED_N from all before, (n, 3)."""
+    kept: list[FloatArray] = []
+    for force in forces:
+        if all(np.linalg.norm(force - other) >= MOVED_N for other in kept):
+            kept.append(force)
+    return np.array(kept)
 
 
 def _fit_turns(forces: FloatArray, weights: FloatArray) -> FloatArray:

@@ -170,7 +170,7 @@ class DriftTracker:
         if self.model is not None:
             self._run(self.model, line_c)
         self.temperature_c, self.reading_c = believed_c, cell.temperature_c
-        self._next = cell.number + 1
+        self._next, self._cells_after = cell.number + 1, self._cells_after + 1
         self.end_ns = self._next * self.grid.period_ns
 
         if self.model is None:
@@ -186,12 +186,10 @@ class DriftTracker:
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
         off = off + self._off_at_start(self.model, len(self.history_c) - len(line_c))
-        self._cells_after += 1
         if self._gap_s and self._cells_after == (span := self._span(self.model)):
             # Where they move otherwise than in the gap on the mean, they may have done so in it.
-            after_c = self.history_c[-span:] - self._slope_k * np.arange(span)[:, np.newaxis]
-            gap_s = min(self._gap_s, self.memory_s)
-            off = off + thermal_memory.doubt_start(self.model, after_c, gap_s)
+            after_c, gap_s = self.history_c[-span:], min(self._gap_s, self.memory_s)
+            off = off + thermal_memory.doubt_start(self.model, after_c, gap_s, self._slope_k)
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -202,7 +200,23 @@ class DriftTracker:
         span = self._span(model)
         if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
-        return thermal_memory.doubt_start(model, self.history_c[:span], self.memory_s)
+        known_k = None if self.uncertainty is None else np.zeros(self._count)
+        return thermal_memory.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
+
+    def _off_in_gap(self, model: DriftModel) -> FloatArray:
+        """Bound what the last gap, in which no model was live, left wrong of the drift, (6,)."""
+        gap = round(self._gap_s * NANOSECONDS / model.period_ns)
+        at = len(self.history_c) - self._cells_after
+        if not 0 < gap < at:
+            return np.zeros(len(AXES))
+        before_c, line_c = self.history_c[: at - gap], self.history_c[at - gap : at + 1]
+        state = drift_model.at_rest(model, before_c[: model.start_cells])
+        state = drift_model.skip(model, state, before_c)
+        bounds = thermal_memory.bound_drift(
+            model, state, before_c, line_c[-1], self._gap_s, self.memory_s
+        )
+        zero = drift_model.run(model, state, line_c)[1].zero[-1]
+        return np.asarray(np.abs(bounds - zero).max(axis=0))
 
     @staticmethod
     def _span(model: DriftModel) -> int:
@@ -236,12 +250,14 @@ class DriftTracker:
     def use(self, model: DriftModel | None) -> None:
         """Follow another model, whose state is made from the history; None follows none."""
         if model is not None and model.period_ns != self.grid.period_ns:
-            before_ns, uncertainty = self.grid.period_ns, self.uncertainty
+            before_ns, uncertainty, gap_s = self.grid.period_ns, self.uncertainty, self._gap_s
+            cells_after = max(self._cells_after * before_ns // model.period_ns, 1)
             at = np.arange(len(self.history_c) * before_ns // model.period_ns)
             history_c = self.history_c[at * model.period_ns // before_ns]
             self.grid = ThermalGrid(model.period_ns, self._count, self._patience_s)
             self._forget()
             self.history_c, self.uncertainty = history_c, uncertainty
+            self._gap_s, self._cells_after = gap_s, cells_after
         self.model, self.state, self.awaited = model, None, None
         self.memory_s = thermal_memory.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
@@ -250,10 +266,13 @@ class DriftTracker:
         if model is not None and len(self.history_c):
             self._run(model, self.history_c)
             self.origin = f'the drift was found from {len(self.history_c)} thermal cells before'
-            off = self._off_at_start(model, 0)
-            if off.any() and self.uncertainty is None:
-                since_ns = self.end_ns - len(self.history_c) * model.period_ns
-                self.uncertainty = Uncertainty(since_ns + round(SPAN_S * NANOSECONDS), off)
+            for since, off in (
+                (self._span(model), self._off_at_start(model, 0)),
+                (len(self.history_c) - self._cells_after, self._off_in_gap(model)),
+            ):
+                if off.any() and self.uncertainty is None:
+                    since_ns = self.end_ns - (len(self.history_c) - since) * model.period_ns
+                    self.uncertainty = Uncertainty(since_ns, off)
         before, prediction = self.thermometers, None if model is None else model.prediction
         if prediction is None:
             self.thermometers = None

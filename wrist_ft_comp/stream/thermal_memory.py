@@ -168,29 +168,39 @@ def warmest_room_c(model: DriftModel) -> FloatArray:
     return np.asarray(np.min(coldest_c, axis=0) + _ROOMS_K)
 
 
-def doubt_start(model: DriftModel, start_c: FloatArray, memory_s: float) -> FloatArray:
+def doubt_start(
+    model: DriftModel, start_c: FloatArray, memory_s: float, slope_k: FloatArray | None = None
+) -> FloatArray:
     """
     Bound how far the zero drift is off where the sensor had not soaked, N and N m, (6,).
 
     Takes the first temperatures, °C, (n, J), of SPAN_S. Where they move, they may have done so
     before, from the coldest room or the hottest work that the model was learnt from. A robot that
-    was switched on just now warms from the temperature of its room, and had soaked.
+    was switched on just now warms from the temperature of its room, and had soaked. What is warmer
+    than a room may have come up in the slowest time constant, unless it is known, and taken into
+    account, how fast temperatures moved before on the mean, K per cell, (J,).
     """
+    if slope_k is not None:
+        start_c = start_c - slope_k * np.arange(len(start_c))[:, np.newaxis]
     some = max(len(start_c) // 6, 1)
     moved_k = start_c[-some:].mean(axis=0) - start_c[:some].mean(axis=0)
-    rate_k = np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)
-    if not rate_k.any():
-        return np.zeros(len(AXES))
+    rates_k = [np.where(np.abs(moved_k) < _MOVES_K, 0.0, moved_k) / max(len(start_c) - some, 1)]
     remembered = round(memory_s * NANOSECONDS / model.period_ns)
+    coldest_c = np.minimum(warmest_room_c(model), start_c[0])
+    if slope_k is None:
+        rates_k.append(TIME_CONSTANTS * (start_c[0] - coldest_c) / remembered)
     cells = max(remembered // _PATH_STEPS, 1)
     before = np.arange(remembered, 0, -cells)[:, np.newaxis]
-    coldest_c = np.minimum(warmest_room_c(model), start_c[0])
     hottest_c = np.max([start_c[0], *(axis.range_c[1] for axis in model.axes.values())], axis=0)
-    path_c = np.clip(start_c[0] - rate_k * before, coldest_c, hottest_c)
-    soaked = drift_model.at_rest(model, start_c)
-    moving = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)
-    zero = [drift_model.run(model, state, start_c)[1].zero[-1] for state in (soaked, moving)]
-    return np.asarray(np.abs(zero[1] - zero[0]))
+
+    def end_of(path_c: FloatArray) -> FloatArray:
+        state = drift_model.skip(model, drift_model.at_rest(model, path_c[:1]), path_c, cells)
+        return np.asarray(drift_model.run(model, state, start_c)[1].zero[-1])
+
+    paths_c = [np.clip(start_c[0] - k * before, coldest_c, hottest_c) for k in rates_k if k.any()]
+    soaked = drift_model.run(model, drift_model.at_rest(model, start_c), start_c)[1].zero[-1]
+    off = [np.abs(end_of(path_c) - soaked) for path_c in paths_c]
+    return np.asarray(np.max([np.zeros(len(AXES)), *off], axis=0))
 
 
 class Block(NamedTuple):
