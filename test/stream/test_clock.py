@@ -4,12 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from wrist_ft_comp.stream import clock
 from wrist_ft_comp.stream.clock import APART_FOR_S, ClockComparison, Sample, SourceClocks
-from wrist_ft_comp.stream.wrench_watch import SensorWatch
 
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
-RAW = [0.0] * 6
 
 
 def make(sources=1):
@@ -79,19 +78,19 @@ def test_a_slow_thermometer_is_heard_with_all_its_samples(before, step_s, heard)
 
 
 def test_stamps_of_wrenches_are_judged_by_their_steps():
-    watch, at = SensorWatch(), 3600 * SECOND
+    watch, at = clock.WrenchStamps(), 3600 * SECOND
     for step_ns, ran_back, leapt in (
         (0, 0, 0), (SECOND, 0, 0), (0, 0, 0), (60 * SECOND, 0, 0), (SECOND, 0, 0),
         (60 * SECOND + 1, 0, 1), (-SECOND, 1, 1), (120 * SECOND, 1, 2), (400 * SECOND, 1, 2),
         (-1, 2, 2),
     ):  # fmt: skip
         at += step_ns
-        watch.look(at, RAW)
+        watch.look(at)
         assert (watch.ran_back, watch.leapt) == (ran_back, leapt)
-        assert not watch.stamps_stand_still
+        assert not watch.stand_still
     for stamp_ns, unstamped in ((0, True), (at, False)):
-        watch.look(stamp_ns, RAW)
-        assert watch.unstamped == unstamped
+        watch.look(stamp_ns)
+        assert watch.missing == unstamped
 
 
 def test_a_thermometer_that_comes_back_is_no_clock_that_was_set():

@@ -9,8 +9,8 @@ RAW = [1.0, 2.0, 3.0, 0.1, 0.2, 0.0]
 
 
 def look(watch, readings):
-    for number, reading in enumerate(np.atleast_2d(readings).tolist(), 1):
-        watch.look(number * 10**9, reading)
+    for reading in np.atleast_2d(readings).tolist():
+        watch.look(reading)
 
 
 def test_a_reading_that_stays_is_frozen_until_bits_have_changed_for_some_time():
@@ -82,6 +82,6 @@ def test_a_sensor_with_coarse_steps_or_few_readings_lives(step, looks):
     watch, rng = SensorWatch(), np.random.default_rng(0)
     for reading in np.round(rng.normal(0.014, 0.01, (6000 // looks, 6)) / step) * step:
         for _ in range(looks):
-            watch.look(1, reading.tolist())
+            watch.look(reading.tolist())
             assert not watch.frozen
             assert not watch.stuck

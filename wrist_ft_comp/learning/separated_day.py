@@ -57,7 +57,7 @@ def look_at(recording: Recording, before: Recording | None = None) -> Day:
         contact=float(np.mean(fit.weights[cells.usable] < COUNTS)),
         unexplained=unexplained_contrast(cells, fit) if moved else 0.0,
         noise=fit.noise,
-        payloads=None if doubts else work.payloads_of(separation, bodies),
+        payloads=None if doubts else separation.payloads_of(bodies),
         doubt=doubts[-1] if doubts and bodies.contrast[1] >= CONTRAST else '',
         before=before,
     )

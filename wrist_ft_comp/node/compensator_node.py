@@ -21,7 +21,7 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
-from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, is_silent, WrenchInput
+from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, is_silent, raw_topic, WrenchInput
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR
 from wrist_ft_comp.ros.hub import Hub, Part
@@ -103,13 +103,7 @@ class CompensatorNode(Hub):
         self.thermometers = [
             Thermometer(source, self.resolve_topic_name(source.topic)) for source in sources
         ]
-        self._raw_topic = self.resolve_topic_name('wrench_raw')
-        for name in ('wrench', 'wrench_external'):
-            if self._raw_topic == self.resolve_topic_name(name):
-                raise SettingsError(
-                    f'wrench_raw and {name} are both {self._raw_topic}: the node would hear '
-                    f"itself. Remap wrench_raw to the driver's topic, and {name} to another."
-                )
+        self._raw_topic = raw_topic(self)
         name = self.get_fully_qualified_name()
         self.store = NodeFolder(node_directory(chosen['data_directory'], name))
         self.counts = Counts()

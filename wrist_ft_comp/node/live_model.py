@@ -195,12 +195,7 @@ class LiveModel(Part):
             if name not in {'model_file', 'calibration.recordings'}:
                 continue
             for given in [value] if name == 'model_file' else value or []:
-                if given and not store.contains(store.locate(given)):
-                    raise SettingsError(
-                        f'{name} set at run time must lie inside data_directory '
-                        f'({store.directory}), models in models/; got {given}. Copy the file '
-                        'there, or give it at start-up.'
-                    )
+                store.require_inside(name, given)
             if name == 'model_file':
                 self._validated = self.load(store.locate(value)) if value else None
 

@@ -10,10 +10,12 @@ from geometry_msgs.msg import WrenchStamped
 import numpy as np
 
 from wrist_ft_comp.channels import AXES, axis_unit, LARGEST
+from wrist_ft_comp.errors import SettingsError
 from wrist_ft_comp.ros.diagnostics import doubtful, ERROR, Growth, STALE, Status, WARN
 from wrist_ft_comp.ros.hub import Hub, Part
 from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import NANOSECONDS
+from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.stream.limits import axis_limits
 from wrist_ft_comp.stream.live_cells import ThermalCell
@@ -65,6 +67,18 @@ def arrival(stamp_ns: int) -> str:
     return 'the time of arrival is taken'
 
 
+def raw_topic(hub: Hub) -> str:
+    """Give the topic of the raw wrench; SettingsError where the node would hear itself."""
+    topic = hub.resolve_topic_name('wrench_raw')
+    for name in ('wrench', 'wrench_external'):
+        if topic == hub.resolve_topic_name(name):
+            raise SettingsError(
+                f'wrench_raw and {name} are both {topic}: the node would hear itself. Remap '
+                f"wrench_raw to the driver's topic, and {name} to another."
+            )
+    return topic
+
+
 def is_silent(hub: Hub, stream: Compensator) -> bool:
     """Whether nothing is published, because a model or the first temperature is missing."""
     return not stream.compensating and hub.get_parameter('uncalibrated').value == 'silent'
@@ -77,7 +91,7 @@ class WrenchInput(Part):
 
     def __init__(self, counts: Counts, compensator: Compensator) -> None:
         self._counts, self._compensator = counts, compensator
-        self.sensor = SensorWatch()
+        self.sensor, self.stamps = SensorWatch(), WrenchStamps()
         self._heard_s: float | None = None
         #: When it was looked last, and since when no wrench has come, s.
         self._looked_s = self._quiet_s = 0.0
@@ -123,7 +137,7 @@ class WrenchInput(Part):
         passed_s = (stamp_ns - self._stamp_ns) / NANOSECONDS
         if away_s > _AWAY_S and not 0 < passed_s <= _AWAY_S:
             if abs(passed_s - away_s) < 1:  # no clock was set
-                self.sensor = SensorWatch()
+                self.sensor, self.stamps = SensorWatch(), WrenchStamps()
             compensator.doubt_zero(
                 f'no raw wrenches, or unusable ones, came for {away_s:.0f} s: if the sensor was '
                 'off, its zero may be another one; call ~/tare'
@@ -132,8 +146,8 @@ class WrenchInput(Part):
         self._looked_at, self._stamp_ns = number, stamp_ns
         layout = locate(data, WRENCH_DOUBLES)
         self._frame = self._frame or layout.frame_id(data)
-        is_stamped = layout.decode(data)[0] != 0
-        self.sensor.look(stamp_ns if is_stamped else 0, np.nan_to_num(raw).tolist())
+        self.stamps.look(stamp_ns if layout.decode(data)[0] != 0 else 0)
+        self.sensor.look(np.nan_to_num(raw).tolist())
         # What a free sensor reads is known as long as the tare is not in doubt.
         free = compensator.compensation.zero + compensator.tare
         if not compensator.zero_doubts and self.sensor.zeroed(free, self._off):
@@ -161,8 +175,8 @@ class WrenchInput(Part):
                 )
             counts.drivers = drivers
         grown, elapsed_s = self._growth.since(
-            wrenches=counts.wrenches, dropped=counts.dropped, back=sensor.ran_back,
-            leapt=sensor.leapt,
+            wrenches=counts.wrenches, dropped=counts.dropped, back=self.stamps.ran_back,
+            leapt=self.stamps.leapt,
         )  # fmt: skip
         rate_hz = grown['wrenches'] / elapsed_s
         numbers = {
@@ -225,13 +239,13 @@ class WrenchInput(Part):
                 f'{", ".join(sorted(lost))} never read anything but 0 or NaN, but worked when the '
                 'model was learnt; is it broken?'
             )
-        if sensor.stamps_stand_still:
+        if self.stamps.stand_still:
             yield 'stamps stand still; the correction is that of one moment'
         if 'back' in lately:
             yield 'stamps ran back; was a clock set, or a simulation restarted?'
         if 'leapt' in lately:
             yield 'stamps leapt ahead; was a clock set?'
-        if sensor.unstamped and self._counts.newest is not None:
+        if self.stamps.missing and self._counts.newest is not None:
             yield f'wrenches come without stamps; {arrival(self._counts.newest[0])}'
 
 

@@ -113,14 +113,18 @@ class NodeFolder:
                 return self.directory / path
         return path
 
-    def contains(self, path: Path) -> bool:
-        """Whether a path lies inside the folder, symbolic links resolved."""
-        try:
-            end = path.resolve()
+    def require_inside(self, name: str, given: str) -> None:
+        """Refuse a file, set as parameter ``name`` at run time, that lies outside the folder."""
+        is_inside = not given
+        with suppress(OSError, RuntimeError, ValueError):  # a loop of links, no possible name
+            end = self.locate(given).resolve()
             # Python 3.13 gives back a loop of links as it is, older ones raise.
-            return end.is_relative_to(self.directory.resolve()) and not end.is_symlink()
-        except (OSError, RuntimeError, ValueError):
-            return False  # a loop of links, or no possible name, leads nowhere
+            is_inside |= end.is_relative_to(self.directory.resolve()) and not end.is_symlink()
+        if not is_inside:
+            raise SettingsError(
+                f'{name} set at run time must lie inside data_directory ({self.directory}), '
+                f'models in models/; got {given}. Copy the file there, or give it at start-up.'
+            )
 
     def newest_day(self) -> str:
         """Name the newest day that is kept for learning; empty where there is none."""

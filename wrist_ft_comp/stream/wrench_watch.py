@@ -1,4 +1,4 @@
-"""Finds wrenches that no healthy sensor gives: frozen, stuck on an axis, stamped strangely."""
+"""Finds wrenches that no healthy sensor gives: frozen, or stuck on an axis."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -7,7 +7,6 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.stream.clock import leaps
 from wrist_ft_comp.stream.limits import axis_limits
 
 #: A reading is frozen after about this many looks with the same value, 5 s of ten looks a second.
@@ -21,22 +20,14 @@ _RECOVERY = 0.2
 #: An axis lives where at least this share of its looks in the last 5 s showed a new value. Of a
 #: sensor whose steps are as coarse as its noise, half do.
 _LIVELY_SHARE = 0.8
-#: Stamps stand still after this many looks in a row at the same one.
-_STAMP_LOOKS = 5
 #: A load at rest scatters by less than this, N.
 _REST_N = 0.5
 
 
 class SensorWatch:
-    """Watches readings and stamps; the same value in about LOOKS looks is suspicious."""
+    """Watches readings; the same value in about LOOKS looks is suspicious."""
 
     def __init__(self) -> None:
-        #: How often stamps ran back, and leapt ahead.
-        self.ran_back = self.leapt = 0
-        #: Whether the newest message had no stamp.
-        self.unstamped = False
-        self._stamp_ns: int | None = None
-        self._step_ns = self._same_stamps = 0
         #: Per axis: the newest reading, its least and its largest, and how often it was the same.
         self._raw, self._least, self._most = np.full((3, len(AXES)), np.nan)
         self._same: IntArray = np.zeros(len(AXES), np.int64)
@@ -47,8 +38,8 @@ class SensorWatch:
         #: Looks at an axis that stood still while others moved; the last, at all that stood still.
         self._still: FloatArray = np.zeros(len(AXES) + 1)
 
-    def look(self, stamp_ns: int, raw: Sequence[float]) -> None:
-        """Look at another wrench, N and N m, and its stamp, ns; 0 when it has none."""
+    def look(self, raw: Sequence[float]) -> None:
+        """Look at another wrench, N and N m."""
         before, self._raw = self._raw, np.array(raw)
         self._lately.append(self._raw)
         is_same = self._raw == before
@@ -65,16 +56,6 @@ class SensorWatch:
         stuck = held & is_odd & ~held.all()
         change = np.where(np.append(stuck, held.all()), 1.0, -_RECOVERY)
         self._still = np.clip(self._still + change, 0.0, 2 * LOOKS)
-        self.unstamped = not stamp_ns
-        if self.unstamped:
-            return
-        if self._stamp_ns is not None:
-            step_ns = stamp_ns - self._stamp_ns
-            self._same_stamps = self._same_stamps + 1 if step_ns == 0 else 0
-            self.ran_back += step_ns < 0
-            self.leapt += self._step_ns > 0 and leaps(step_ns, self._step_ns)
-            self._step_ns = max(step_ns, 1)
-        self._stamp_ns = stamp_ns
 
     def zeroed(self, free: FloatArray, off: FloatArray) -> bool:
         """
@@ -91,11 +72,6 @@ class SensorWatch:
         at_rest = (scatter < axis_limits(_REST_N)).all() and scatter[1].any()
         jumped = (np.abs(before - now) > off).any() and (np.abs(free) > 2 * off).any()
         return bool(at_rest and jumped and (np.abs(now) < off).all())
-
-    @property
-    def stamps_stand_still(self) -> bool:
-        """Whether new messages come with an old stamp."""
-        return self._same_stamps >= _STAMP_LOOKS
 
     @property
     def frozen(self) -> bool:

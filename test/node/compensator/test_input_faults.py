@@ -177,7 +177,7 @@ def test_a_silent_sensor_may_have_another_zero(fake_hub, monkeypatch, stamped_s,
         counts.newest = stamp, RAW, serialize_message(wrench_message(stamp, 'tool0', RAW))
         counts.wrenches += 1
         part.poll()
-    assert (len(said), part.sensor.leapt) == expected
+    assert (len(said), part.stamps.leapt) == expected
     assert all('unusable ones, came for 20 s' in doubt for doubt in said)
 
 
