@@ -16,7 +16,7 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.data_checks import MOST_LEFT_OUT
 from wrist_ft_comp.recording import Recording, Reference, time_in
-from wrist_ft_comp.series import noise_level, rounded, ROUNDING
+from wrist_ft_comp.series import FloatArray, IntArray, noise_level, rounded, ROUNDING
 from wrist_ft_comp.steps import BESIDE_S, find_steps, SMALLEST_SIGMA, Step
 
 #: In a log of a row in up to a minute, a level is at least this many samples: three of them may be
@@ -31,6 +31,8 @@ MOVING = {'N': 1.0, 'N m': 0.1}
 #: A step is at least this share of an axis' range. In 100 drawn days with fast heat four steps
 #: were seen that were none, all below 0.025.
 _STEP_SHARE = 0.05
+#: A driver is started again in less than this, s.
+_RESTART_S = 300.0
 #: Drift can be learnt from a segment of at least this length, s. A recording is refused where such
 #: segments are less than half of it.
 SHORTEST_SEGMENT_S = 600.0
@@ -117,6 +119,29 @@ def _without_outliers(recording: Recording, reference: Reference) -> tuple[Recor
     return replace(recording, wrench=wrench), sentences
 
 
+def _steps_in_gaps(
+    raw: FloatArray, at: IntArray, begins: Sequence[int], least: FloatArray, recording: Recording
+) -> list[Step]:
+    """
+    Find steps across gaps, as of a driver that was started again and has another zero.
+
+    In the gap, drift moves at up to twice the speed that it has in the two minutes beside.
+    """
+    steps, beside = list[Step](), max(round(BESIDE_S / recording.period_s), _LEVEL_SAMPLES)
+    for begin in begins:
+        place = int(np.searchsorted(at, begin))
+        before, after = at[max(place - beside, 0) : place], at[place : place + beside]
+        gap = after[0] - before[-1]
+        if len(before) < beside or len(after) < beside or gap * recording.period_s > _RESTART_S:
+            continue
+        slope, level = np.polyfit(before - before[-1], raw[before], 1)
+        slope_after, level_after = np.polyfit(after - after[0], raw[after], 1)
+        drift = 2 * gap * np.fmax(np.abs(slope), np.abs(slope_after))
+        if (np.abs(level_after - level) > drift + least).any():
+            steps.append(Step(begin, level_after - level))
+    return steps
+
+
 def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     noise_of = dict[int, float]()
     for column in map(AXES.index, recording.axes_present):
@@ -131,7 +156,6 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
     counts = np.asarray(np.isfinite(raw).all(axis=1))
     if not columns or not counts.any():
         return recording, []
-    # Drift moves on while nothing is recorded, so no step is looked for across a gap.
     at = np.flatnonzero(counts)
     widest = max(BESIDE_S / 4 / recording.period_s, 1.0)
     begins = [0, *at[1:][np.diff(at) > widest].tolist(), len(raw)]
@@ -145,6 +169,8 @@ def _without_steps(recording: Recording) -> tuple[Recording, list[str]]:
             for step in sorted(found, key=lambda step: step.cell)
             if step.certain and (abs(step.jump) > smallest).any()
         ]
+    steps += _steps_in_gaps(raw, at, begins[1:-1], smallest + SMALLEST_SIGMA * noise, recording)
+    steps.sort(key=lambda step: step.cell)
     if not steps:
         return recording, []
     ends = [0, *(step.cell for step in steps), len(recording)]

@@ -62,7 +62,7 @@ class DriftTracker:
         self._next: int | None = None
         #: The cells that the model starts from, °C, (n, J).
         self._start_c: FloatArray = self.history_c
-        #: How far the drift may be off, because temperatures were missing, or moved at the start.
+        #: How far the drift may be off, because temperatures were missing, or warm at the start.
         self.uncertainty: Uncertainty | None = None
         #: The last gap, s, how fast temperatures moved in it, K per cell, and the cells after it.
         self._gap_s, self._slope_k, self._cells_after = 0.0, np.zeros(self._count), 0
