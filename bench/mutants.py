@@ -28,7 +28,7 @@ ROOMS = {
     'stream': 'test_gaps.py recordings/test_recordings.py report/test_evaluation.py '
     'cli/test_bad_recordings.py cli/test_foreign_logs.py',
     'payload': 'learning jobs/test_learning_job.py recordings/test_specific_force.py '
-    'wire/test_tf_tree.py cli/test_payload.py cli/test_compensate.py cli/test_show.py',
+    'wire/test_gravity_by_tf.py cli/test_payload.py cli/test_compensate.py cli/test_show.py',
     'learning': 'jobs/test_learning_job.py cli/test_show.py',
     'stored': 'recordings/test_table.py learning/test_day_files.py cli/test_files.py',
 }

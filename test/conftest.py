@@ -358,9 +358,9 @@ class Messages:
 @pytest.fixture(scope='module')
 def without_pictures():
     """Write reports without pictures, which take most of the time; test/report looks at them."""
-    from wrist_ft_comp.report import page  # noqa: PLC0415 -- only who needs it
+    from wrist_ft_comp.report import html_page  # noqa: PLC0415 -- only who needs it
 
-    templates = page._environment.__wrapped__
+    templates = html_page._environment.__wrapped__
 
     @cache
     def of_words():
@@ -369,7 +369,7 @@ def without_pictures():
         return environment
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, '_environment', of_words)
+        patch.setattr(html_page, '_environment', of_words)
         yield
 
 

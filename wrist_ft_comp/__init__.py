@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from wrist_ft_comp.recording import Recording, Topics
     from wrist_ft_comp.recordings.read import compensate, read_recording, recording_from_columns
     from wrist_ft_comp.report.evaluation import accuracy, evaluate, thermal_sensitivity_drift
-    from wrist_ft_comp.report.page import write_report
+    from wrist_ft_comp.report.html_page import write_report
     from wrist_ft_comp.report.verdict import summarise
     from wrist_ft_comp.stored.model_file import load_model, save_model
     from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
@@ -35,7 +35,8 @@ ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1', 'OMP_NUM_THRE
 _HOMES = {
     'accuracy': 'report.evaluation',
     'thermal_sensitivity_drift': 'report.evaluation',
-    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict', 'write_report': 'report.page',
+    'calibrate': 'fit.calibrate', 'summarise': 'report.verdict',
+    'write_report': 'report.html_page',
     'Calibration': 'fit.result', 'CalibrationSettings': 'fit.settings',
     'compensate': 'recordings.read', 'recording_from_columns': 'recordings.read',
     'Compensator': 'stream.compensator', 'StreamSettings': 'stream.compensator',

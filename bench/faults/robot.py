@@ -41,7 +41,7 @@ from wrist_ft_comp.simulation import ft_sensor
 from wrist_ft_comp.simulation.ft_sensor import interpolation
 from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.model_file import save_model
-from wrist_ft_comp.wire.tf_tree import tf_layouts
+from wrist_ft_comp.wire.gravity_by_tf import tf_layouts
 
 LIFE_S = 12 * 3600
 #: Time from one duty cycle of the motor to the next, and a thermal cell of the models, s.

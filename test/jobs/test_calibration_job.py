@@ -20,7 +20,7 @@ from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.node_folder import HistoryEntry
-from wrist_ft_comp.stored.own_file import from_plain, parse_json
+from wrist_ft_comp.stored.safe_file import from_plain, parse_json
 
 OTHER = CalibrationJob(
     recordings=(Path('/a/b.csv'), Path('ü \udcff"c.csv')),
@@ -141,7 +141,7 @@ def test_the_hash_of_a_bag_is_that_of_its_storage_in_order(tmp_path):
 
 
 def process_of(asked, parent):
-    command = [sys.executable, '-m', 'wrist_ft_comp.jobs.entry', str(parent)]
+    command = [sys.executable, '-m', 'wrist_ft_comp.jobs.job_main', str(parent)]
     line = encode_job(asked)
     return subprocess.run(command, input=line, capture_output=True, text=True, check=False)
 

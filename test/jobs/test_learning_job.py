@@ -12,7 +12,7 @@ from wrist_ft_comp.cli.main import main
 from wrist_ft_comp.drift.drift_model import run_from_rest
 from wrist_ft_comp.fit.result import AxisFit, Calibration
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
-from wrist_ft_comp.jobs import entry
+from wrist_ft_comp.jobs import job_main
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Learning
 from wrist_ft_comp.learning.day_files import days, LARGEST_BYTES
 from wrist_ft_comp.learning.diary import diary_path, load_diary
@@ -78,7 +78,7 @@ def job_of(directory, count, *history, report=False, **more):
 
 @pytest.fixture(scope='module')
 def answers(sensor):
-    return [entry.answer(job_of(sensor, count, report=True)) for count in (1, 2)]
+    return [job_main.answer(job_of(sensor, count, report=True)) for count in (1, 2)]
 
 
 def test_days_give_a_model_a_report_and_a_diary(sensor, answers):
@@ -107,7 +107,7 @@ def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers, tmp_path
     broken = diary_path(lost).read_text()[:-300]
     diary_path(lost).write_text(broken)
     chosen = HistoryEntry(champion, why='a person chose m.yaml', day='day_00001.csv')
-    again = entry.answer(job_of(lost, 3, HistoryEntry(None), chosen))
+    again = job_main.answer(job_of(lost, 3, HistoryEntry(None), chosen))
     assert again['success']
     assert 'diary.json is not a diary: expected JSON' in again['incident']
     assert (lost / 'days/diary.json.kept').read_text() == broken
@@ -122,10 +122,10 @@ def test_a_lost_diary_is_made_anew_beside_a_live_model(sensor, answers, tmp_path
 def test_an_impossible_job_is_a_sentence_and_changes_nothing(sensor, answers, tmp_path):
     assert answers[0]['success']
     before = diary_path(sensor).read_bytes()
-    broken = entry.answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
+    broken = job_main.answer(job_of(sensor, 3, HistoryEntry(tmp_path / 'gone.yaml')))
     assert not broken['success']
     assert 'gone.yaml cannot be read' in broken['message']
-    none = entry.answer(CalibrationJob((), tmp_path, learning=Learning()))
+    none = job_main.answer(CalibrationJob((), tmp_path, learning=Learning()))
     assert 'No day has ended' in none['message']
     assert diary_path(sensor).read_bytes() == before
 
@@ -149,7 +149,7 @@ def test_foreign_files_among_days_are_one_sentence_per_file(own_days):
     write_day(own_days, 7)
     job = job_of(own_days, 9)
     assert [path.name[:9] for path in job.recordings] == [f'day_0000{n}' for n in range(1, 8)]
-    answer = entry.answer(job)
+    answer = job_main.answer(job)
     assert (answer['success'], answer['learnt']) == (True, True), answer['message']
     entries = load_diary(own_days).days
     assert [day.kind for day in entries] == ['', '', *4 * ['unreadable'], '']
@@ -161,7 +161,7 @@ def test_a_better_model_outlives_broken_payloads_and_a_diary_that_is_none(own_da
     (own_days / 'models').mkdir()
     (own_days / 'models/payloads.json').write_text('{')
     (own_days / 'days/diary.json').mkdir()
-    answer = entry.answer(job_of(own_days, 2))
+    answer = job_main.answer(job_of(own_days, 2))
     assert (answer['success'], answer['learnt']) == (True, True)
     assert 'payloads.json' in answer['incident']
     assert 'diary.json' in answer['incident']
@@ -184,7 +184,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
         rows[:, 7], rows[:, 0] = warm[part], PERIOD_S * (np.arange(2 * CELLS)[part] + 0.5)
         rows[:, 0] += pause_s * (number - 1)
         write_rows(path, rows)
-    assert entry.answer(job_of(tmp_path, 2, HistoryEntry(live.path)))['success']
+    assert job_main.answer(job_of(tmp_path, 2, HistoryEntry(live.path)))['success']
     left = load_diary(tmp_path).days[1].left[live.sha256[:12]][2]
     assert (left > 0.2) == rests, left
 
@@ -195,7 +195,7 @@ def test_a_day_that_goes_on_is_judged_as_the_model_ran(tmp_path, make_model, pau
 )
 def test_a_robot_parked_with_a_part_has_no_jump_of_its_zero(tmp_path, parked_s, kind, said):
     write_day(tmp_path, 1, 2700, parked_s=parked_s)
-    answer = entry.answer(job_of(tmp_path, 1))
+    answer = job_main.answer(job_of(tmp_path, 1))
     assert said in answer['incident']
     assert answer['paused'] == ''
     assert load_diary(tmp_path).days[0].kind == kind
@@ -204,16 +204,16 @@ def test_a_robot_parked_with_a_part_has_no_jump_of_its_zero(tmp_path, parked_s, 
 def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_path, capsys):
     for number in range(1, 7):
         write_day(tmp_path, number)
-    answer = entry.answer(job_of(tmp_path, 2))
+    answer = job_main.answer(job_of(tmp_path, 2))
     offered = Path(answer['path'])
     other = offered.with_name('other.yaml')
     other.write_bytes(offered.read_bytes() + b'# another one')
     first, second = (load_model(path).sha256[:12] for path in (offered, other))
     adopted, back, gone = 'day_00003.csv', 'day_00005.csv', offered.with_name('gone.yaml')
     history = [HistoryEntry(None), HistoryEntry(offered, why='adopted', day=adopted)]
-    assert entry.answer(job_of(tmp_path, 4, *history))['success']
+    assert job_main.answer(job_of(tmp_path, 4, *history))['success']
     history.append(HistoryEntry(other, why='other chosen', how='back', day=back))
-    assert entry.answer(job_of(tmp_path, 6, *history))['success']
+    assert job_main.answer(job_of(tmp_path, 6, *history))['success']
     NodeFolder(tmp_path).activate(history)
     assert main(['show', str(tmp_path), '--json']) == 0
     (said,) = json.loads(capsys.readouterr().out).values()
@@ -224,6 +224,6 @@ def test_a_day_is_judged_with_the_model_that_ran_until_a_person_ended_it(tmp_pat
     ]  # fmt: skip
     diary_path(tmp_path).unlink()
     lost = [HistoryEntry(gone), HistoryEntry(other, day=back)]
-    assert entry.answer(job_of(tmp_path, 6, *lost))['success']
+    assert job_main.answer(job_of(tmp_path, 6, *lost))['success']
     day = load_diary(tmp_path).days[4]
     assert (day.live, 'cannot be judged' in day.verdict) == ('gone.yaml', True)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wrist_ft_comp.payload.driver_commands import driver_calls
 from wrist_ft_comp.payload.live_weight import LivePayload, RecentForces
+from wrist_ft_comp.payload.payload_for_drivers import driver_calls
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.stream.compensator import Compensator, StreamSettings
 

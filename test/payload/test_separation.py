@@ -10,9 +10,9 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.payload import learn_at_work
-from wrist_ft_comp.payload.accelerometer import calibrated_by_norm
+from wrist_ft_comp.payload.accelerometer_calibration import calibrated_by_norm
 from wrist_ft_comp.payload.learn_at_work import separate, separate_again
-from wrist_ft_comp.steps import Step
+from wrist_ft_comp.zero_steps import Step
 
 PLS = IdentificationSettings(method='pls')
 AT_WORK = CalibrationSettings('payload', identification=PLS)

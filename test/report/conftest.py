@@ -12,7 +12,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report import report_content as contents
 from wrist_ft_comp.report.evaluation import tared_errors
-from wrist_ft_comp.report.page import page
+from wrist_ft_comp.report.html_page import page
 from wrist_ft_comp.stored.model_file import save_model
 
 #: Markup in it, and longer than a line of a telephone.

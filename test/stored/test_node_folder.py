@@ -130,7 +130,7 @@ def test_leftovers_of_killed_processes_are_swept(store):
     store.activate([HistoryEntry(None)])
     source = (
         'import os, signal, sys; from pathlib import Path\n'
-        'from wrist_ft_comp.stored.own_file import replace_file\n'
+        'from wrist_ft_comp.stored.safe_file import replace_file\n'
         'os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n'
         'replace_file(Path(sys.argv[1]), "new")\n'
     )

@@ -14,7 +14,7 @@ from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettin
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream import drift_of_recordings, thermometer_faults
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.doubts import frozen_doubts
+from wrist_ft_comp.stream.drift_doubts import frozen_doubts
 from wrist_ft_comp.stream.drift_of_recordings import simulate_drift, thermometer_doubts
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 

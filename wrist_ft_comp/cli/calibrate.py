@@ -15,7 +15,7 @@ from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.recordings.read import period_of
-from wrist_ft_comp.report.page import page, REPORT
+from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.stored.model_file import KIND as MODEL
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS
 

@@ -14,7 +14,7 @@ from wrist_ft_comp.cli import options
 from wrist_ft_comp.cli.evaluate import evaluate_recordings
 from wrist_ft_comp.cli.terminal import content_words, filled, print_words, progress_bar, waiting
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.report.page import page, REPORT
+from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import Progress
 from wrist_ft_comp.stored.node_folder import NodeFolder
 from wrist_ft_comp.stored.payload_file import load_payloads, PAYLOADS

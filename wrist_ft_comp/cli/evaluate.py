@@ -19,7 +19,7 @@ from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.advice import IMU_TOPIC, SAME_K
 from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
-from wrist_ft_comp.report.page import page, REPORT
+from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import load_model
 from wrist_ft_comp.stored.payload_file import Learnt, load_payloads, PAYLOADS

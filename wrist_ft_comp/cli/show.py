@@ -15,14 +15,14 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.errors import CalibrationRefusedError, RecordingError, StateFileError
 from wrist_ft_comp.fit.data_checks import check_recordings, silent_stretches
 from wrist_ft_comp.learning import diary as diaries
-from wrist_ft_comp.payload.driver_commands import driver_calls, driver_lines
+from wrist_ft_comp.payload.payload_for_drivers import driver_calls, driver_lines
 from wrist_ft_comp.payload.weight import Payload, payload_line
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.recordings.bag_topics import Candidate, RAW_WRENCH, TEMPERATURE
 from wrist_ft_comp.recordings.column_proposal import suffix_of
 from wrist_ft_comp.recordings.read_options import MAP_FILE, recipe
 from wrist_ft_comp.report import days as figures
-from wrist_ft_comp.report.page import REPORT
+from wrist_ft_comp.report.html_page import REPORT
 from wrist_ft_comp.report.report_content import drifts_removed, model_sources
 from wrist_ft_comp.series import NANOSECONDS, rounded
 from wrist_ft_comp.stored.model_file import KIND as MODEL

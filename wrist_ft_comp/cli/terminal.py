@@ -15,7 +15,7 @@ from rich.text import Text
 from wrist_ft_comp.report.report_content import MOST_ADVICE, ReportContent
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.series import Progress
-from wrist_ft_comp.stored.own_file import to_plain
+from wrist_ft_comp.stored.safe_file import to_plain
 
 #: Letters in a line.
 WIDTH = 80

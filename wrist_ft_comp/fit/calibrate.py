@@ -15,12 +15,12 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import differences, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks as checks
-from wrist_ft_comp.fit import named_methods
+from wrist_ft_comp.fit import paper_methods
+from wrist_ft_comp.fit.auto import identify_auto
 from wrist_ft_comp.fit.axis_data import AxisData, BIN_S, build_axis_data, MIN_SAMPLES
-from wrist_ft_comp.fit.day_limit import day_limit, largest_drift, late_errors
+from wrist_ft_comp.fit.error_limit import day_limit, largest_drift, late_errors
 from wrist_ft_comp.fit.folds import assign_folds
 from wrist_ft_comp.fit.result import AxisFit, Calibration
-from wrist_ft_comp.fit.ridge_average import identify_auto
 from wrist_ft_comp.fit.segments import MOVING, segment
 from wrist_ft_comp.fit.settings import CalibrationSettings, IdentificationSettings
 from wrist_ft_comp.fit.thermometer_prediction import predict_each_other
@@ -160,7 +160,7 @@ def identify_axis(data: AxisData, settings: IdentificationSettings) -> AxisFit:
     if settings.method == 'auto' and settings.features == 'powers' and data.tared:
         return identify_auto(data, settings)
     if settings.method == 'auto':
-        return named_methods.identify_hats(data, settings)
+        return paper_methods.identify_hats(data, settings)
     if settings.method == 'arx_pls_oe':
-        return named_methods.identify_lags(data, settings)
-    return named_methods.identify_paper_method(data, settings)
+        return paper_methods.identify_lags(data, settings)
+    return paper_methods.identify_paper_method(data, settings)

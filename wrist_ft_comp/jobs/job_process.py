@@ -20,7 +20,7 @@ from wrist_ft_comp import ONE_THREAD
 from wrist_ft_comp.fit.settings import CalibrationSettings
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.stored.node_folder import HistoryEntry
-from wrist_ft_comp.stored.own_file import to_plain
+from wrist_ft_comp.stored.safe_file import to_plain
 
 #: A process that was asked to end is killed after this time, s.
 _END_TIMEOUT_S = 5.0
@@ -41,7 +41,7 @@ class Learning:
 class Minute:
     """A minute of motion, in which a job finds the payload; the job's output is payloads.json."""
 
-    #: Means over cells, as payload/minute_of_motion.py takes them.
+    #: Means over cells, as payload/identify_payload.py takes them.
     cells: Sequence[tuple[float, ...]]
     #: Length of a cell, s.
     period_s: float

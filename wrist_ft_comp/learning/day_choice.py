@@ -8,7 +8,7 @@ import numpy as np
 
 from wrist_ft_comp.learning.day_files import days, size_of
 from wrist_ft_comp.learning.diary import DayEntry, Diary, LEARNT_FROM
-from wrist_ft_comp.stored.own_file import writing
+from wrist_ft_comp.stored.safe_file import writing
 
 
 def good_days(entries: Sequence[DayEntry]) -> list[DayEntry]:

@@ -17,8 +17,8 @@ from wrist_ft_comp.channels import AXES, REFERENCE_CHANNELS, SensorNames
 from wrist_ft_comp.drift.drift_model import differences
 from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import beginning, writing
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column, sensor_in
+from wrist_ft_comp.stored.safe_file import beginning, writing
 
 #: Length of a day, ns.
 DAY_NS = 86_400 * NANOSECONDS

@@ -19,7 +19,7 @@ from wrist_ft_comp.errors import ModelFileError, RecordingError, StateFileError
 from wrist_ft_comp.learning.day_files import days, size_of, span_of
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
-from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
+from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
 
 KIND = Kind(
     name='diary', says='wrist_ft_comp diary', version=2,

@@ -21,15 +21,15 @@ from wrist_ft_comp.errors import CalibrationRefusedError
 from wrist_ft_comp.fit import data_checks
 from wrist_ft_comp.fit.thermometer_prediction import UNUSUAL
 from wrist_ft_comp.learning import diary
+from wrist_ft_comp.learning.day_at_work import Day
 from wrist_ft_comp.learning.diary import DayEntry, DAYS_TO_AGREE, LEARNT_FROM
-from wrist_ft_comp.learning.separated_day import Day
+from wrist_ft_comp.payload.identify_payload import LEAST_FREE
 from wrist_ft_comp.payload.mass_and_center import LEVER_M, MISFIT
-from wrist_ft_comp.payload.minute_of_motion import LEAST_FREE
-from wrist_ft_comp.payload.payload_states import cells_in
+from wrist_ft_comp.payload.mounted_payloads import cells_in
 from wrist_ft_comp.payload.weight import SAME_SHARE
 from wrist_ft_comp.recording import Recording, time_in
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.steps import BESIDE_S
+from wrist_ft_comp.zero_steps import BESIDE_S
 
 #: A jump of the zero is an incident from this share of the day's drift on an axis on: a smaller
 #: one harms less than the drift that a model leaves.

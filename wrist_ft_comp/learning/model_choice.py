@@ -16,15 +16,15 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError, WristFtCompError
+from wrist_ft_comp.fit.auto import HARMFUL_FOLD
 from wrist_ft_comp.fit.calibrate import calibrate
 from wrist_ft_comp.fit.data_checks import drop_stuck_cells
 from wrist_ft_comp.fit.result import Calibration, rms_by_fold
-from wrist_ft_comp.fit.ridge_average import HARMFUL_FOLD
 from wrist_ft_comp.fit.settings import CalibrationSettings
+from wrist_ft_comp.learning.day_at_work import Day, describe, left
 from wrist_ft_comp.learning.day_choice import good_days, worthiest
 from wrist_ft_comp.learning.diary import CHALLENGER, DayEntry, DAYS_TO_AGREE, LEARNT_FROM, NONE
 from wrist_ft_comp.learning.incidents import incident, pause
-from wrist_ft_comp.learning.separated_day import Day, describe, left
 from wrist_ft_comp.series import FloatArray
 from wrist_ft_comp.stream.drift_of_recordings import streamed_drift, thermometer_doubts
 

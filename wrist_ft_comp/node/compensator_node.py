@@ -12,15 +12,15 @@ from geometry_msgs.msg import WrenchStamped
 from wrist_ft_comp.channels import LARGEST, SensorNames
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.node.external_wrench import ExternalWrench
-from wrist_ft_comp.node.jobs import Jobs
+from wrist_ft_comp.node.job_services import Jobs
 from wrist_ft_comp.node.learner import Learner
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.payload_choice import PayloadChoice
 from wrist_ft_comp.node.recorder import Recorder
 from wrist_ft_comp.node.specific_force import SpecificForceInput
-from wrist_ft_comp.node.state_keeper import StateKeeper
 from wrist_ft_comp.node.tare import TareService
 from wrist_ft_comp.node.temperature_topics import TemperatureInput, Thermometer
+from wrist_ft_comp.node.warm_restart import StateKeeper
 from wrist_ft_comp.node.wrench_topics import Counts, DriftTopic, is_silent, raw_topic, WrenchInput
 from wrist_ft_comp.recording import Topics
 from wrist_ft_comp.ros.diagnostics import ERROR

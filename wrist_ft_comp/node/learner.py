@@ -13,7 +13,7 @@ from wrist_ft_comp.drift.drift_model import StoredModel
 from wrist_ft_comp.jobs.job_process import Learning
 from wrist_ft_comp.learning.day_files import DayFiles, SILENCE_NS
 from wrist_ft_comp.learning.diary import last_change, load_memory, Memory, save_memory
-from wrist_ft_comp.node.jobs import Jobs, run_job
+from wrist_ft_comp.node.job_services import Jobs, run_job
 from wrist_ft_comp.node.live_model import LiveModel
 from wrist_ft_comp.node.recorder import OwnRecording, Recorder
 from wrist_ft_comp.ros.diagnostics import OK, Status, WARN

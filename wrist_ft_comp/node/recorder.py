@@ -21,9 +21,9 @@ from wrist_ft_comp.ros.topics import FAST_SENSOR
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import NodeFolder
-from wrist_ft_comp.stored.own_file import writing
 from wrist_ft_comp.stored.recording_writer import CsvRecordingWriter, origin_column
-from wrist_ft_comp.stream import live_cells as grid
+from wrist_ft_comp.stored.safe_file import writing
+from wrist_ft_comp.stream import live_thermal_cells as grid
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import locate, WRENCH_DOUBLES
 

@@ -16,8 +16,8 @@ from wrist_ft_comp.ros.rclpy_internals import waiting
 from wrist_ft_comp.ros.topics import FAST_SENSOR, LATCHED, load_type, wrong_type
 from wrist_ft_comp.stream.compensator import Compensator
 from wrist_ft_comp.wire.cdr import ACCELERATION, IMU, IMU_DOUBLES, locate, ROTATION, TF
+from wrist_ft_comp.wire.gravity_by_tf import GravityByTf, Layout, tf_layouts
 from wrist_ft_comp.wire.numbers_in_messages import Layouts
-from wrist_ft_comp.wire.tf_tree import GravityByTf, Layout, tf_layouts
 
 #: Least time between two specific forces by TF, ns: several publishers send parts of the tree.
 _STEP_NS = 10_000_000

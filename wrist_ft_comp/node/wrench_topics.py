@@ -17,9 +17,9 @@ from wrist_ft_comp.ros.topics import why_silent, wrench_message
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stream.clock import WrenchStamps
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.limits import axis_limits
-from wrist_ft_comp.stream.live_cells import ThermalCell
-from wrist_ft_comp.stream.recording_cells import why_unusable
+from wrist_ft_comp.stream.drift_limits import axis_limits
+from wrist_ft_comp.stream.live_thermal_cells import ThermalCell
+from wrist_ft_comp.stream.recorded_thermal_cells import why_unusable
 from wrist_ft_comp.stream.wrench_watch import SensorWatch
 from wrist_ft_comp.wire.cdr import locate, WRENCH, WRENCH_DOUBLES
 

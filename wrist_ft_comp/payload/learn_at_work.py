@@ -3,8 +3,8 @@ What is learnt from recordings at work: payloads, apart from contacts, tares and
 
 1. Bias and scale of the accelerometer are fitted to its norm at rest.
 2. Payload states, gains of specific force and robust weights of cells are fitted.
-3. Steps that no payload explains are tares of the driver (``steps.py``), and are taken out. Each
-   gives the later fit of the drift a constant of its own, so a wrong suspicion costs little.
+3. Steps that no payload explains are tares of the driver (``zero_steps.py``), and are taken out.
+   Each gives the later fit of the drift a constant of its own, so a wrong one costs little.
 4. In the result, readings are NaN where a contact, a fast turn or a change of the payload was. The
    payload's weight is the reference, from which gain drift is learnt.
 
@@ -22,15 +22,15 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift.drift_model import correct, DriftModel
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload import payload_states
-from wrist_ft_comp.payload.accelerometer import Accelerometer, calibrated_by_norm
+from wrist_ft_comp.payload import mounted_payloads
+from wrist_ft_comp.payload.accelerometer_calibration import Accelerometer, calibrated_by_norm
 from wrist_ft_comp.payload.mass_and_center import RigidBodies
-from wrist_ft_comp.payload.payload_states import BLOCK_S, Cells, COUNTS, Fit, ROUNDS
+from wrist_ft_comp.payload.mounted_payloads import BLOCK_S, Cells, COUNTS, Fit, ROUNDS
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Correction, Recording
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.steps import find_steps, Step
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, simulate_drift, track_drift
+from wrist_ft_comp.zero_steps import find_steps, Step
 
 #: A shorter recording, s, does not show which changes are slow.
 SLOW_S = 7200.0
@@ -62,7 +62,7 @@ class Separation:
 
     def bodies(self) -> RigidBodies:
         """Fit rigid bodies, which RigidBodies.doubts judges."""
-        return payload_states.bodies_of(self.cells, self.fit, self.accelerometer.scale)
+        return mounted_payloads.bodies_of(self.cells, self.fit, self.accelerometer.scale)
 
     def payloads_of(self, bodies: RigidBodies) -> LearntPayloads:
         """Name the bodies that were mounted."""
@@ -86,7 +86,7 @@ def learn_at_work(
         drift = [simulate_drift(model, recording).zero for recording in recordings]
         separation = separate_again(separation, drift)
     bodies, warnings = separation.bodies(), []
-    share = payload_states.unexplained_contrast(separation.cells, separation.fit)
+    share = mounted_payloads.unexplained_contrast(separation.cells, separation.fit)
     objections = bodies.doubts(share)
     if not separation.accelerometer.rested:
         warnings.append(
@@ -116,8 +116,8 @@ def separate(recordings: Sequence[Recording]) -> Separation:
                 'stamped by the clock of the wrench.'
             )
     accelerometer = calibrated_by_norm(recordings)
-    cells = payload_states.cut(recordings, accelerometer.forces)
-    least = 4 * payload_states.CELLS_PER_POWER * payload_states.POWERS
+    cells = mounted_payloads.cut(recordings, accelerometer.forces)
+    least = 4 * mounted_payloads.CELLS_PER_POWER * mounted_payloads.POWERS
     if cells.usable.sum() < least:
         raise CalibrationRefusedError(
             f'Only {cells.usable.sum()} thermal cells of {", ".join(r.name for r in recordings)} '
@@ -125,7 +125,7 @@ def separate(recordings: Sequence[Recording]) -> Separation:
             'needed for the reference payload. Record both at the same time, and more often than '
             'in each thermal cell, or set a longer thermal period.'
         )
-    fit, no_steps = payload_states.find_states(cells), [list[Step]() for _ in recordings]
+    fit, no_steps = mounted_payloads.find_states(cells), [list[Step]() for _ in recordings]
     start = Separation(list(recordings), [], accelerometer, cells, fit, no_steps)
     nothing = [np.zeros_like(recording.wrench) for recording in recordings]
     return separate_again(start, nothing, BLOCK_S)
@@ -142,15 +142,15 @@ def slow_drift(separation: Separation) -> list[FloatArray]:
     drifts, half = [], 10
     for recording in separation.drift:
         residual = recording.wrench - recording.reference
-        length = payload_states.cells_in(BLOCK_S / 5, recording.period_s)
+        length = mounted_payloads.cells_in(BLOCK_S / 5, recording.period_s)
         bins = np.pad(residual, ((0, -len(residual) % length), (0, 0)), constant_values=np.nan)
         bins = bins.reshape(-1, length, len(AXES))
         # A few free cells of a bin may be of a long press that looks like drift.
-        free = np.isfinite(bins[..., :1]).mean(axis=1) > payload_states.LEAST_FREE_SHARE
-        bins = np.where(free, payload_states.medians(bins), np.nan)
+        free = np.isfinite(bins[..., :1]).mean(axis=1) > mounted_payloads.LEAST_FREE_SHARE
+        bins = np.where(free, mounted_payloads.medians(bins), np.nan)
         bins = np.pad(bins, ((half, half), (0, 0)), constant_values=np.nan)
         windows = np.lib.stride_tricks.sliding_window_view(bins, 2 * half + 1, axis=0)
-        path = payload_states.medians(windows.transpose(0, 2, 1))
+        path = mounted_payloads.medians(windows.transpose(0, 2, 1))
         measured = np.isfinite(windows[:, 0]).any(axis=1)
         middles = (np.flatnonzero(measured) + 0.5) * length
         cells = np.arange(len(residual)) + 0.5
@@ -170,7 +170,7 @@ def separate_again(
         # How far a step goes is not known well before contacts are found: a block ends at it.
         cells_before, ends = cells, [[step.cell for step in found] for found in steps]
         stepless = [_without_steps(*pair) for pair in zip(wrenches, steps, strict=True)]
-        cells = payload_states.cut(recordings, forces, ends, block_s, stepless)
+        cells = mounted_payloads.cut(recordings, forces, ends, block_s, stepless)
         if not cells.usable.any():
             raise CalibrationRefusedError(
                 f'{", ".join(r.name for r in recordings)}: the readings step so often that no '
@@ -183,7 +183,7 @@ def separate_again(
         )
         weights = weights * cells.usable
         fit = replace(fit, states=states, weights=weights, levels=levels)
-        fit = payload_states.fit_again(cells, fit)
+        fit = mounted_payloads.fit_again(cells, fit)
         mounted, counts = cells.join(fit.states), cells.join(fit.weights > COUNTS)
         if number == ROUNDS:
             break  # states and contacts have to be those of the last steps
@@ -198,11 +198,11 @@ def separate_again(
             break
     drifts = []
     for n, recording in enumerate(recordings):
-        unsure = payload_states.cells_in(_UNSURE_S, recording.period_s)
+        unsure = mounted_payloads.cells_in(_UNSURE_S, recording.period_s)
         for step in steps[n]:
             counts[n][max(0, step.cell - unsure) : step.cell + unsure] = False
         wrench = np.where(counts[n][:, None], _without_steps(recording.wrench, steps[n]), np.nan)
-        weight = payload_states.of_state(forces[n] @ fit.gains, mounted[n])
+        weight = mounted_payloads.of_state(forces[n] @ fit.gains, mounted[n])
         cells_of_steps = tuple(step.cell for step in steps[n])
         drifts.append(replace(recording, wrench=wrench, reference=weight, steps=cells_of_steps))
     return Separation(recordings, drifts, start.accelerometer, cells, fit, steps)

@@ -3,7 +3,7 @@ What the running node does with payloads, in floats instead of arrays.
 
 The weight of the mounted one is taken off, at the newest specific force that fits the wrench. Of
 one that is to be identified, a minute of motion is collected, in which a job finds it
-(minute_of_motion.py).
+(identify_payload.py).
 """
 
 from collections import deque

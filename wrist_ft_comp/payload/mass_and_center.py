@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload.accelerometer import CONTRAST
+from wrist_ft_comp.payload.accelerometer_calibration import CONTRAST
 from wrist_ft_comp.payload.weight import FARTHEST_M, MOST_KG, Payload
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, ROUNDING
 

@@ -17,9 +17,9 @@ from wrist_ft_comp.recording import Samples, Topics
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
 from wrist_ft_comp.stream.clock import NO_TIME
 from wrist_ft_comp.wire import cdr, temperature_source
+from wrist_ft_comp.wire.gravity_by_tf import decode_transforms, GAP_NS, GravityByTf
 from wrist_ft_comp.wire.numbers_in_messages import Definitions, follow, NumberReader
 from wrist_ft_comp.wire.temperature_source import TemperatureSource
-from wrist_ft_comp.wire.tf_tree import decode_transforms, GAP_NS, GravityByTf
 
 #: Storage plugin by suffix.
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}

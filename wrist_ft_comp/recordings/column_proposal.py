@@ -18,17 +18,17 @@ from unicodedata import normalize
 
 import numpy as np
 
+from wrist_ft_comp import units
 from wrist_ft_comp.channels import AXES, CHANNELS, is_plausible, temperature_channel
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings import read_options, table_form
+from wrist_ft_comp.recordings import read_options, table_format
 from wrist_ft_comp.recordings.read_options import Column, KINDS, Placed
 from wrist_ft_comp.recordings.table import Table, TableInMemory
-from wrist_ft_comp.recordings.table_form import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
+from wrist_ft_comp.recordings.table_format import exact_ns, find_form, Header, LIKELY_DAYS, MISSING
 from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.recording_writer import ORIGIN
-from wrist_ft_comp.wire import units
+from wrist_ft_comp.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 from wrist_ft_comp.wire.temperature_source import may_be_temperature, to_celsius
-from wrist_ft_comp.wire.units import DAYS_TO_1970, known_unit, STAMP, TIME_UNITS_NS, TIMEDELTA
 
 _EXPECTED = {
     'stamp': 'stamp_s (or stamp_ms, stamp_us, stamp_ns, stamp_min, stamp_h)',
@@ -251,7 +251,7 @@ class _Looks:
         if self._is_number and len(self.numbers):
             own = units.plain_unit(self.plain) if self._is_time_word else ''
             own = own if own in TIME_UNITS_NS and (is_short or own != 's') else ''
-            self.form = self.unit_of(STAMP) or own or table_form.unit_of_times(self.numbers)
+            self.form = self.unit_of(STAMP) or own or table_format.unit_of_times(self.numbers)
             first, lasts = self.numbers[0], self.numbers[-1] - self.numbers[0]
             for form, day in DAYS_TO_1970.items() if self._is_time_word else ():
                 if LIKELY_DAYS[0] < first - day < LIKELY_DAYS[1] and 0 <= lasts < _MOST_DAYS:
@@ -274,7 +274,7 @@ class _Looks:
         has_unit = bool(self.unit_of(STAMP))
         is_clock = not self._is_number or self.form in DAYS_TO_1970
         if self._is_number and len(self.numbers):
-            is_clock |= bool(table_form.epoch_unit(float(self.numbers[0])))
+            is_clock |= bool(table_format.epoch_unit(float(self.numbers[0])))
         if not self.form or not (is_clock or self._is_time_word or has_unit):
             return 0.0
         try:

@@ -14,8 +14,8 @@ from wrist_ft_comp.recordings.bag import Bag, decode, SUFFIXES
 from wrist_ft_comp.recordings.read import backend, open_recording, OpenTable
 from wrist_ft_comp.recordings.read_options import COMPENSATED
 from wrist_ft_comp.series import Progress
-from wrist_ft_comp.stored.own_file import Output, writing
 from wrist_ft_comp.stored.recording_writer import ORIGIN
+from wrist_ft_comp.stored.safe_file import Output, writing
 from wrist_ft_comp.wire import cdr
 
 EXTERNAL_TOPIC = '/wrench_external'

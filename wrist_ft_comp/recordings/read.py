@@ -26,9 +26,9 @@ from wrist_ft_comp.recordings.table import Rows, Table, TableInMemory
 from wrist_ft_comp.series import FloatArray, NANOSECONDS, Progress
 from wrist_ft_comp.stored.recording_writer import sensor_in
 from wrist_ft_comp.stream.drift_of_recordings import correct_many, initial_tare, track_drift
-from wrist_ft_comp.stream.recording_cells import grid_samples
+from wrist_ft_comp.stream.recorded_thermal_cells import grid_samples
+from wrist_ft_comp.units import STAMP
 from wrist_ft_comp.wire.temperature_source import parse_sources, to_celsius
-from wrist_ft_comp.wire.units import STAMP
 
 BAG, TABLE = 'rosbag2', 'table'
 #: Rows of a table that are farther apart are those of a log in another unit, s.

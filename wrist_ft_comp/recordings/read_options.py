@@ -19,16 +19,16 @@ import re
 import numpy as np
 import yaml
 
+from wrist_ft_comp import units
 from wrist_ft_comp.channels import AXES, CHANNELS, GROUPS
 from wrist_ft_comp.errors import RecordingError, SettingsError
 from wrist_ft_comp.recording import clock_time, Samples, Topics
-from wrist_ft_comp.recordings.table_form import Header
+from wrist_ft_comp.recordings.table_format import Header
 from wrist_ft_comp.series import CLOCK_NS, FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.stored.own_file import beginning
+from wrist_ft_comp.stored.safe_file import beginning
 from wrist_ft_comp.stream.clock import NO_TIME
-from wrist_ft_comp.wire import units
+from wrist_ft_comp.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
 from wrist_ft_comp.wire.temperature_source import to_celsius
-from wrist_ft_comp.wire.units import plain_unit, STAMP, TIME_UNITS_NS, units_of
 
 #: What stands for a channel where a column holds the nanoseconds beyond whole seconds, or the date
 #: of times of day.

@@ -26,11 +26,11 @@ import zlib
 import numpy as np
 
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.recordings import read_options, table_form
+from wrist_ft_comp.recordings import read_options, table_format
 from wrist_ft_comp.recordings.read_options import Column, Placed
-from wrist_ft_comp.recordings.table_form import COMMENTS, cut_line, DAY_NS, exact_ns, Header
+from wrist_ft_comp.recordings.table_format import COMMENTS, cut_line, DAY_NS, exact_ns, Header
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, Progress
-from wrist_ft_comp.wire.units import STAMP, TIME_UNITS_NS
+from wrist_ft_comp.units import STAMP, TIME_UNITS_NS
 
 #: Characters of the longest line that a table may have.
 LONGEST_LINE = 1_000_000
@@ -79,14 +79,14 @@ class Table:
                     'table, save it as CSV.'
                 )
             lines += text.removesuffix('\n').split('\n')
-            if len(lines) >= table_form.FIRST_LINES:
+            if len(lines) >= table_format.FIRST_LINES:
                 break
         if not any(map(str.strip, lines)):
             raise RecordingError(
                 f'{self.name} is empty; expected a header such as stamp_s,force_z,temperature_c '
                 'and rows below it.'
             )
-        self.header = table_form.find_header(lines[: table_form.FIRST_LINES], columns_before)
+        self.header = table_format.find_header(lines[: table_format.FIRST_LINES], columns_before)
 
     def _pieces(self, progress: Progress | None) -> Iterator[str]:
         """Read the text, about BLOCK characters at a time."""
@@ -343,7 +343,7 @@ class _RowConverter:
             pairs = zip(cells_of(date), stamps, strict=True)
             stamps = [f'{day} {time}' for day, time in pairs]
         if not self._form and isinstance(stamps, list):
-            self._form = table_form.find_form(stamps, month_first=self._header.delimiter == ',')
+            self._form = table_format.find_form(stamps, month_first=self._header.delimiter == ',')
         form = self._form = self._form or 's'
         if self._header.thousands and form in TIME_UNITS_NS and isinstance(stamps, list):
             stamps = [stamp.replace(self._header.thousands, '') for stamp in stamps]

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrist_ft_comp.learning.diary import DayEntry, Diary, NONE
 from wrist_ft_comp.series import NANOSECONDS, rounded
-from wrist_ft_comp.stored.own_file import Output
+from wrist_ft_comp.stored.safe_file import Output
 
 #: What the picture of days names as its software, by which it is known again.
 PAINTER = 'wrist_ft_comp picture'

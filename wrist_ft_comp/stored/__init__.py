@@ -1,1 +1,1 @@
-"""Our own files; read ``own_file`` first, then ``model_file``."""
+"""Our own files; read ``safe_file`` first, then ``model_file``."""

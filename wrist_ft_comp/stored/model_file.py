@@ -16,7 +16,7 @@ from wrist_ft_comp.drift.drift_model import DriftModel, StoredModel, Thermometer
 from wrist_ft_comp.errors import check_range, ModelFileError, WristFtCompError
 from wrist_ft_comp.recording import PERIODS_S
 from wrist_ft_comp.series import NANOSECONDS
-from wrist_ft_comp.stored.own_file import Document, Kind, to_plain
+from wrist_ft_comp.stored.safe_file import Document, Kind, to_plain
 
 if TYPE_CHECKING:  # what runs live reads models without loading what fits them
     from wrist_ft_comp.fit.result import Calibration

@@ -22,7 +22,7 @@ from typing import Literal
 from weakref import finalize
 
 from wrist_ft_comp.errors import ModelFileError, SettingsError
-from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, remove_leftovers, to_plain
+from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, remove_leftovers, to_plain
 
 #: Most changes of the live model that are kept, newest last. A rollback can return to all of them.
 MAX_HISTORY = 100

@@ -16,7 +16,7 @@ from wrist_ft_comp.channels import LARGEST
 from wrist_ft_comp.errors import ModelFileError, SettingsError
 from wrist_ft_comp.payload.weight import ForceFrame, Payload
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored.own_file import Document, exclusive, Kind, to_plain
+from wrist_ft_comp.stored.safe_file import Document, exclusive, Kind, to_plain
 
 #: Name of the file, in the folder of the models.
 PAYLOADS = 'payloads.json'

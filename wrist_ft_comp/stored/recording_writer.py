@@ -11,7 +11,7 @@ from urllib.parse import parse_qs, urlencode
 
 from wrist_ft_comp.channels import SensorNames
 from wrist_ft_comp.errors import RecordingError
-from wrist_ft_comp.stored.own_file import writing
+from wrist_ft_comp.stored.safe_file import writing
 
 #: Beginning of the name of an empty column, followed by the names of the sensor.
 ORIGIN = 'recorded_from?'

@@ -9,8 +9,8 @@ import numpy as np
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.errors import StateFileError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stored.own_file import Kind, MAKE_ROOM, to_plain
-from wrist_ft_comp.stream.thermal_memory import ThermalMemory
+from wrist_ft_comp.stored.safe_file import Kind, MAKE_ROOM, to_plain
+from wrist_ft_comp.stream.temperature_gaps import ThermalMemory
 
 # The state of six axes with banks of filters takes a few kilobytes.
 KIND = Kind(

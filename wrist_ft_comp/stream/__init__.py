@@ -1,1 +1,1 @@
-"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``thermal_memory``."""
+"""One sensor, live or replayed; read ``compensator``, ``drift_tracker``, ``temperature_gaps``."""

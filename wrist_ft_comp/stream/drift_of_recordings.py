@@ -15,7 +15,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_faults
-from wrist_ft_comp.stream.thermal_memory import longest_gap_s, reporting_cells
+from wrist_ft_comp.stream.temperature_gaps import longest_gap_s, reporting_cells
 from wrist_ft_comp.stream.thermometer_faults import ThermometerState
 
 
@@ -32,7 +32,7 @@ def simulate_drift(
     model: DriftModel, recording: Recording, before: Recording | None = None
 ) -> Drift:
     """
-    Run the model freely over a recording, from rest and over gaps (``thermal_memory``): (N, 6).
+    Run the model freely over a recording, from rest and over gaps (``temperature_gaps``): (N, 6).
 
     It starts from rest in the recording ``before``, of the same thermometers and period, where
     this one goes on with that.

@@ -6,10 +6,10 @@ from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.drift import drift_model
 from wrist_ft_comp.drift.drift_model import Drift, DriftModel, DriftState, no_drift
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream import thermal_memory, thermometer_faults
+from wrist_ft_comp.stream import temperature_gaps, thermometer_faults
 from wrist_ft_comp.stream.clock import Leap, Sample, SourceClocks
-from wrist_ft_comp.stream.live_cells import ThermalCell, ThermalGrid
-from wrist_ft_comp.stream.thermal_memory import SPAN_S, ThermalMemory, Uncertainty, why_forgotten
+from wrist_ft_comp.stream.live_thermal_cells import ThermalCell, ThermalGrid
+from wrist_ft_comp.stream.temperature_gaps import SPAN_S, ThermalMemory, Uncertainty, why_forgotten
 from wrist_ft_comp.stream.thermometer_faults import Jump, SpikeFilter, ThermometerState
 
 #: A shorter gap is not reported, s, though the model may remember less: a thermometer may be read
@@ -28,7 +28,7 @@ class DriftTracker:
     def __init__(self, thermometers: int, period_ns: int, patience_s: float) -> None:
         self.model: DriftModel | None = None
         #: For how long the model remembers a temperature, s.
-        self.memory_s = thermal_memory.longest_gap_s(None)
+        self.memory_s = temperature_gaps.longest_gap_s(None)
         #: Of the last completed cell, °C, shape (J,): as it is believed, and as it was read.
         self.temperature_c: FloatArray | None = None
         self.reading_c: FloatArray | None = None
@@ -138,7 +138,7 @@ class DriftTracker:
         gap = 0 if self._next is None else cell.number - self._next
         gap_s, history_c, state_before = gap * period_s, self.history_c, self.state
         goes_on = self._goes_on(gap_s) if gap or self.awaited else True
-        is_doubtful = not goes_on or gap_s > thermal_memory.LEAST_GAP_S
+        is_doubtful = not goes_on or gap_s > temperature_gaps.LEAST_GAP_S
         gap = max(gap, 0) if goes_on else 0
 
         # Which thermometers are believed; the others are predicted.
@@ -162,10 +162,10 @@ class DriftTracker:
         line_c = believed_c[np.newaxis]
         if gap and self.temperature_c is not None:
             line_c = np.linspace(self.temperature_c, believed_c, gap + 2)[1:].astype(float)
-            if gap_s > thermal_memory.LEAST_GAP_S:
+            if gap_s > temperature_gaps.LEAST_GAP_S:
                 self._gap_s, self._slope_k = gap_s, line_c[1] - line_c[0]
                 self._cells_after = 0
-        most = max(round(thermal_memory.MOST_GAP_S / period_s), 1)
+        most = max(round(temperature_gaps.MOST_GAP_S / period_s), 1)
         self.history_c = np.concatenate((self.history_c, line_c))[-most:]
         if self.model is not None:
             self._run(self.model, line_c)
@@ -179,9 +179,9 @@ class DriftTracker:
         off = self.effect(agreed_k) if agreed_k.any() else np.zeros(len(AXES))
         # After longer gaps than it remembers, such as nights, a sensor as cold as a room soaked.
         if gap_s > self.memory_s:
-            is_doubtful = bool((believed_c > thermal_memory.warmest_room_c(self.model)).any())
+            is_doubtful = bool((believed_c > temperature_gaps.warmest_room_c(self.model)).any())
         if is_doubtful and state_before is not None and len(history_c):
-            bounds = thermal_memory.bound_drift(
+            bounds = temperature_gaps.bound_drift(
                 self.model, state_before, history_c, believed_c, gap_s, self.memory_s
             )
             off = off + np.abs(bounds - self.drift.zero).max(axis=0)
@@ -189,7 +189,7 @@ class DriftTracker:
         if self._gap_s and self._cells_after == (span := self._span(self.model)):
             # Where they move otherwise than in the gap on the mean, they may have done so in it.
             after_c, gap_s = self.history_c[-span:], min(self._gap_s, self.memory_s)
-            off = off + thermal_memory.doubt_start(self.model, after_c, gap_s, self._slope_k)
+            off = off + temperature_gaps.doubt_start(self.model, after_c, gap_s, self._slope_k)
         if off.any():
             if self.uncertainty is not None:
                 off = off + self.uncertainty.left(self.end_ns, self.memory_s)
@@ -201,7 +201,7 @@ class DriftTracker:
         if not cells_before < span <= len(self.history_c):
             return np.zeros(len(AXES))
         known_k = None if self.uncertainty is None else np.zeros(self._count)
-        return thermal_memory.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
+        return temperature_gaps.doubt_start(model, self.history_c[:span], self.memory_s, known_k)
 
     def _off_in_gap(self, model: DriftModel) -> FloatArray:
         """Bound what the last gap, in which no model was live, left wrong of the drift, (6,)."""
@@ -212,7 +212,7 @@ class DriftTracker:
         before_c, line_c = self.history_c[: at - gap], self.history_c[at - gap : at + 1]
         state = drift_model.at_rest(model, before_c[: model.start_cells])
         state = drift_model.skip(model, state, before_c)
-        bounds = thermal_memory.bound_drift(
+        bounds = temperature_gaps.bound_drift(
             model, state, before_c, line_c[-1], self._gap_s, self.memory_s
         )
         zero = drift_model.run(model, state, line_c)[1].zero[-1]
@@ -259,7 +259,7 @@ class DriftTracker:
             self.history_c, self.uncertainty = history_c, uncertainty
             self._gap_s, self._cells_after = gap_s, cells_after
         self.model, self.state, self.awaited = model, None, None
-        self.memory_s = thermal_memory.longest_gap_s(model)
+        self.memory_s = temperature_gaps.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()
         self._start_c = np.zeros((0, self._count))
@@ -289,7 +289,7 @@ class DriftTracker:
         return ThermalMemory(
             self.end_ns, period_ns, self.reading_c, self.grid.silent(self.end_ns // period_ns),
             self.state, compensation, self._start_c,
-            thermal_memory.blocks_of(self.history_c, period_ns), self.thermometers,
+            temperature_gaps.blocks_of(self.history_c, period_ns), self.thermometers,
             self.uncertainty, tuple(spikes.jump for spikes in self.spikes))  # fmt: skip
 
     def resume(self, memory: ThermalMemory, by_clock_s: float) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.errors import TareRefusedError
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
-from wrist_ft_comp.stream.limits import axis_limits
+from wrist_ft_comp.stream.drift_limits import axis_limits
 
 #: Parts whose means are compared with the whole: noise averages out, motion does not.
 _PARTS = 5

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES
 from wrist_ft_comp.series import FloatArray, IntArray
-from wrist_ft_comp.stream.limits import axis_limits
+from wrist_ft_comp.stream.drift_limits import axis_limits
 
 #: A reading is frozen after about this many looks with the same value, 5 s of ten looks a second.
 LOOKS = 50

@@ -11,7 +11,7 @@ import pytest
 from wrist_ft_comp.stored.model_file import load_model
 
 LOAD = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-COMMAND = 'wrist_ft_comp.node.jobs.COMMAND'
+COMMAND = 'wrist_ft_comp.node.job_services.COMMAND'
 
 
 def stream_goes_on(node, second=0):
@@ -122,7 +122,7 @@ def found(make_model, monkeypatch):
         yield
         return {**vars(stored), 'path': str(stored.path), 'message': 'learnt'}
 
-    monkeypatch.setattr('wrist_ft_comp.node.jobs.run_job', run_job)
+    monkeypatch.setattr('wrist_ft_comp.node.job_services.run_job', run_job)
 
 
 @pytest.mark.usefixtures('found')

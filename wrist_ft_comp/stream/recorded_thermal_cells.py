@@ -1,7 +1,7 @@
 """
 Averages a recording over thermal cells, as a batch, of samples that a sensor can have measured.
 
-What no sensor measures is dropped and counted, by the limits of the node; ``thermal_memory`` fills
+What no sensor measures is dropped and counted, by the limits of the node; ``temperature_gaps`` fills
 the cells without a sample.
 """
 
@@ -19,7 +19,7 @@ from wrist_ft_comp.errors import RecordingError
 from wrist_ft_comp.recording import PERIODS_S, Recording, Samples
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS, SAME_CLOCK_S
 from wrist_ft_comp.stream.clock import in_order, NO_TIME
-from wrist_ft_comp.stream.thermal_memory import fill_gaps
+from wrist_ft_comp.stream.temperature_gaps import fill_gaps
 from wrist_ft_comp.stream.thermometer_faults import SpikeFilter
 from wrist_ft_comp.wire.temperature_source import TemperatureSource, unit_remedy
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.report.evaluation import judge_errors
-from wrist_ft_comp.report.page import headline, page, write_report
+from wrist_ft_comp.report.html_page import headline, page, write_report
 from wrist_ft_comp.report.report_content import calibration_content, evaluation_content
 from wrist_ft_comp.series import rounded
 

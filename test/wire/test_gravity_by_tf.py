@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wrist_ft_comp.channels import GRAVITY
-from wrist_ft_comp.payload.accelerometer import describe_force
-from wrist_ft_comp.wire.tf_tree import GravityByTf, Transforms
+from wrist_ft_comp.payload.accelerometer_calibration import describe_force
+from wrist_ft_comp.wire.gravity_by_tf import GravityByTf, Transforms
 
 SECOND = 1_000_000_000
 RNG = np.random.default_rng(3)

@@ -8,12 +8,12 @@ from wrist_ft_comp.drift.drift_model import Drift, no_drift
 from wrist_ft_comp.fit.folds import averaged_cells, tared_means
 from wrist_ft_comp.learning.diary import DayEntry, NONE
 from wrist_ft_comp.payload import learn_at_work as work
-from wrist_ft_comp.payload.accelerometer import CONTRAST
-from wrist_ft_comp.payload.payload_states import COUNTS, unexplained_contrast
+from wrist_ft_comp.payload.accelerometer_calibration import CONTRAST
+from wrist_ft_comp.payload.mounted_payloads import COUNTS, unexplained_contrast
 from wrist_ft_comp.payload.weight import LearntPayloads
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.steps import Step
+from wrist_ft_comp.zero_steps import Step
 
 #: Temperatures are the same coarse temperature within this interval, K.
 _COARSE_K = 4.0

@@ -14,12 +14,12 @@ from wrist_ft_comp.errors import WristFtCompError
 from wrist_ft_comp.jobs.calibration_job import run_job
 from wrist_ft_comp.jobs.job_process import CalibrationJob, Minute
 from wrist_ft_comp.jobs.learning_job import learn
-from wrist_ft_comp.payload.driver_commands import driver_lines
-from wrist_ft_comp.payload.minute_of_motion import CHANNELS, identify
+from wrist_ft_comp.payload.identify_payload import CHANNELS, identify
+from wrist_ft_comp.payload.payload_for_drivers import driver_lines
 from wrist_ft_comp.payload.weight import ForceFrame, payload_line
-from wrist_ft_comp.report.page import page, REPORT
-from wrist_ft_comp.stored.own_file import from_plain, parse_json
+from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.stored.payload_file import add_payloads, IDENTIFIED
+from wrist_ft_comp.stored.safe_file import from_plain, parse_json
 
 
 def answer(job: CalibrationJob) -> dict[str, Any]:

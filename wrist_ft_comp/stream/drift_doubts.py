@@ -13,8 +13,8 @@ from wrist_ft_comp.channels import AXES, axis_unit
 from wrist_ft_comp.drift.drift_model import DriftModel
 from wrist_ft_comp.series import FloatArray, NANOSECONDS
 from wrist_ft_comp.stream import thermometer_faults
+from wrist_ft_comp.stream.drift_limits import axis_limits
 from wrist_ft_comp.stream.drift_tracker import DriftTracker
-from wrist_ft_comp.stream.limits import axis_limits
 
 #: A tare holds what drifted between it and the first temperature; said from this time on, s.
 _LATE_TEMPERATURE_S = 30.0

@@ -14,10 +14,15 @@ import numpy as np
 
 from wrist_ft_comp.channels import AXES, FORCE_CHANNELS, GRAVITY, LARGEST
 from wrist_ft_comp.errors import CalibrationRefusedError
-from wrist_ft_comp.payload import payload_states
-from wrist_ft_comp.payload.accelerometer import CONTRAST, fit_norm, OUTLIER_SHARE, turning_speed
+from wrist_ft_comp.payload import mounted_payloads
+from wrist_ft_comp.payload.accelerometer_calibration import (
+    CONTRAST,
+    fit_norm,
+    OUTLIER_SHARE,
+    turning_speed,
+)
 from wrist_ft_comp.payload.mass_and_center import LEVER_M
-from wrist_ft_comp.payload.payload_states import Cells, COUNTS, FASTEST, Fit
+from wrist_ft_comp.payload.mounted_payloads import Cells, COUNTS, FASTEST, Fit
 from wrist_ft_comp.payload.weight import ForceFrame, Payload, SAME_SHARE
 from wrist_ft_comp.series import FloatArray
 
@@ -79,8 +84,8 @@ def identify(cells: FloatArray, period_s: float, sensor: ForceFrame | None) -> I
     corrected = frame.turn(force)
     usable = np.ones((1, len(corrected)), dtype=bool)
     block = Cells(wrench[np.newaxis], corrected[np.newaxis], usable, powers=1)
-    fit = payload_states.fit_again(block, _start(block))
-    found = payload_states.bodies_of(block, fit, scale if sensor is None else None)
+    fit = mounted_payloads.fit_again(block, _start(block))
+    found = mounted_payloads.bodies_of(block, fit, scale if sensor is None else None)
     free = float((fit.weights > COUNTS).mean())
     if free < LEAST_FREE and found.contrast[1] > CONTRAST:
         raise CalibrationRefusedError(
@@ -114,4 +119,4 @@ def _start(cells: Cells) -> Fit:
     states = np.zeros(weights.shape, dtype=np.int64)
     levels = np.broadcast_to(level, cells.wrench.shape)
     start = Fit(gains[np.newaxis], states, weights, levels, np.ones(len(AXES)))
-    return payload_states.with_new_noise(cells, start)
+    return mounted_payloads.with_new_noise(cells, start)

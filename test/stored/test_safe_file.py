@@ -20,11 +20,11 @@ from wrist_ft_comp.learning import diary
 from wrist_ft_comp.learning.day_files import DayFiles
 from wrist_ft_comp.learning.diary import Diary, load_memory, Memory, save_diary, save_memory
 from wrist_ft_comp.series import FloatArray
-from wrist_ft_comp.stored import model_file, own_file, payload_file, state_file
+from wrist_ft_comp.stored import model_file, payload_file, safe_file, state_file
 from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.node_folder import HistoryEntry, NodeFolder
-from wrist_ft_comp.stored.own_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.payload_file import load_payloads
+from wrist_ft_comp.stored.safe_file import from_plain, Output, replace_file
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 
 TIMEOUT_S = 20.0
@@ -44,7 +44,7 @@ def test_the_old_file_is_there_until_the_new_one_is_whole_and_is_not_swept(targe
     def look(_):
         others = [path for path in target.parent.iterdir() if path != target]
         seen.append((target.read_text(), [path.read_text() for path in others]))
-        own_file.remove_leftovers(target.parent)  # but not what somebody is writing
+        safe_file.remove_leftovers(target.parent)  # but not what somebody is writing
 
     monkeypatch.setattr(os, 'fsync', look)
     target.chmod(0o640)
@@ -170,9 +170,9 @@ def test_a_day_that_the_node_did_not_write_stays(content, tmp_path):
 
 def test_a_path_that_is_no_file_has_no_beginning(target):
     target.write_bytes(b'old \xff' + b'x' * 10_000)
-    assert own_file.beginning(target).startswith('old \ufffd')
+    assert safe_file.beginning(target).startswith('old \ufffd')
     for path in (target.parent, target / 'below', target.with_name('x' * 300)):
-        assert own_file.beginning(path) == ''
+        assert safe_file.beginning(path) == ''
 
 
 class Pair(NamedTuple):

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from scipy.special import erfinv, gammaincinv
 
 from wrist_ft_comp.channels import AXES
-from wrist_ft_comp.payload.accelerometer import CONTRAST, rotation_speed
+from wrist_ft_comp.payload.accelerometer_calibration import CONTRAST, rotation_speed
 from wrist_ft_comp.payload.mass_and_center import MISFIT, rigid_bodies, RigidBodies
 from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.series import BoolArray, FloatArray, IntArray, robust_cost, robust_weight
-from wrist_ft_comp.steps import SMALLEST_SIGMA, WIDTH_SIGMA
+from wrist_ft_comp.zero_steps import SMALLEST_SIGMA, WIDTH_SIGMA
 
 #: Length of a block, s, in which a parabola follows the drift. It would follow a press of two
 #: minutes, too: where the drift is roughly known already, blocks are three times as long.

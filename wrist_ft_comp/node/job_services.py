@@ -27,7 +27,7 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.model_file import restore_model
 from wrist_ft_comp.stored.payload_file import IDENTIFIED
 
-COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.entry')
+COMMAND = (sys.executable, '-m', 'wrist_ft_comp.jobs.job_main')
 #: An identification is refused when no wrench with specific force has come for this time, s.
 _PATIENCE_S = 10.0
 

@@ -13,7 +13,7 @@ from wrist_ft_comp.recording import Recording
 from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.verdict import LEVEL_NAMES
 from wrist_ft_comp.series import rounded
-from wrist_ft_comp.stored.own_file import Output
+from wrist_ft_comp.stored.safe_file import Output
 
 #: What every page names as its generator, by which it is known again.
 GENERATOR = 'wrist_ft_comp report'

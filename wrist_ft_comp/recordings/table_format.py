@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from wrist_ft_comp import units
 from wrist_ft_comp.series import FloatArray, IntArray, NANOSECONDS
-from wrist_ft_comp.wire import units
-from wrist_ft_comp.wire.units import plain_unit, TIME_UNITS_NS
+from wrist_ft_comp.units import plain_unit, TIME_UNITS_NS
 
 #: Lines in which the header is looked for, and the last of them that show what rows are like.
 FIRST_LINES, _LIKE_ROWS = 300, 30

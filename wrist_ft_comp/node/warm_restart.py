@@ -17,7 +17,7 @@ from wrist_ft_comp.series import NANOSECONDS
 from wrist_ft_comp.stored.file_writer import FileWriter
 from wrist_ft_comp.stored.state_file import load_state, save_state, SavedState
 from wrist_ft_comp.stream.compensator import Compensator
-from wrist_ft_comp.stream.thermal_memory import belongs_to
+from wrist_ft_comp.stream.temperature_gaps import belongs_to
 
 #: How often the thermal state is saved, s; also when the node ends, and when the tare or the model
 #: changes. A restart goes on from it.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wrist_ft_comp.fit.calibrate import identify_axis
-from wrist_ft_comp.fit.named_methods import fit_structure
+from wrist_ft_comp.fit.paper_methods import fit_structure
 from wrist_ft_comp.fit.settings import IdentificationSettings, Orders
 
 #: A structure of one latent and of three, by method.
