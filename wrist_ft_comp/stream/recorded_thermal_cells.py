@@ -1,8 +1,8 @@
 """
 Averages a recording over thermal cells, as a batch, of samples that a sensor can have measured.
 
-What no sensor measures is dropped and counted, by the limits of the node; ``temperature_gaps`` fills
-the cells without a sample.
+What no sensor measures is dropped and counted, by the limits of the node; ``temperature_gaps``
+fills the cells without a sample.
 """
 
 from collections import defaultdict
