@@ -92,9 +92,11 @@ def exchange_doubts(model: DriftModel, recording: Recording) -> dict[str, float]
     time_s, readings_c = every * recording.period_s, recording.temperature_c[::every]
     heard = np.ones(recording.thermometers, dtype=bool)
     state, said = thermometer_faults.start(prediction, readings_c[0]), Counter[str]()
+    known = dict[tuple[int, int], str]()
     for reading_c in readings_c:
         state = thermometer_faults.step(prediction, state, reading_c, heard, time_s, 0.0)
-        said.update(thermometer_faults.exchanged(prediction, state))
+        known = thermometer_faults.exchanged(prediction, state, known)
+        said.update(known.values())
     return {sentence: count / len(readings_c) for sentence, count in said.items()}
 
 

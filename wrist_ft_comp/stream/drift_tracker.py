@@ -46,6 +46,8 @@ class DriftTracker:
         self.grid = ThermalGrid(period_ns, thermometers, patience_s)
         #: What is known of the thermometers; None where the model does not predict them.
         self.thermometers: ThermometerState | None = None
+        #: What is said of pairs that are exchanged, by their numbers, from 0.
+        self._exchanged: dict[tuple[int, int], str] = {}
         self._count, self._patience_s = thermometers, patience_s
         #: After the newest cell that was run; None before there are a model and a temperature.
         self.state: DriftState | None = None
@@ -79,7 +81,7 @@ class DriftTracker:
         state, model = self.thermometers, self.model
         if state is None or model is None or model.prediction is None:
             return []
-        return state.sentences + thermometer_faults.exchanged(model.prediction, state)
+        return state.sentences + list(self._exchanged.values())
 
     def add(self, sample: Sample) -> list[ThermalCell]:
         """Take one temperature; step the model by the cells that it completes."""
@@ -150,6 +152,9 @@ class DriftTracker:
                 state = thermometer_faults.start(prediction, believed_c, state)
             self.thermometers = thermometer_faults.step(
                 prediction, state, believed_c, cell.measured, period_s, gap * period_s
+            )
+            self._exchanged = thermometer_faults.exchanged(
+                prediction, self.thermometers, self._exchanged
             )
             believed_c = self.thermometers.believed_c
             replaced = self.thermometers.replaced.tolist()
@@ -258,7 +263,7 @@ class DriftTracker:
             self._forget()
             self.history_c, self.uncertainty = history_c, uncertainty
             self._gap_s, self._cells_after = gap_s, cells_after
-        self.model, self.state, self.awaited = model, None, None
+        self.model, self.state, self.awaited, self._exchanged = model, None, None, {}
         self.memory_s = temperature_gaps.longest_gap_s(model)
         self.origin, self.forgot = 'no model is live' if model is None else _NOT_YET, False
         self.drift = no_drift()

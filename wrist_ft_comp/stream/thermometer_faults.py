@@ -18,7 +18,7 @@ Both are one rule for the running stream and for files. No earlier cell is chang
 follows a wrong reading until it is found, and ``Limits`` bounds how fast it moves then.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 import math
@@ -398,22 +398,27 @@ def too_still_s(readings_c: FloatArray, period_s: float) -> float:
     return still_s if still_s > likely_s else 0.0
 
 
-def exchanged(prediction: ThermometerPrediction, state: ThermometerState) -> list[str]:
+def exchanged(
+    prediction: ThermometerPrediction,
+    state: ThermometerState,
+    known: Collection[tuple[int, int]] = (),
+) -> dict[tuple[int, int], str]:
     """
-    Say which pairs of thermometers read what is expected of each other.
+    Say which pairs of thermometers read what is expected of each other, or are ``known`` to.
 
     Both are far from what the others predict of them, and near it if they are taken for each
-    other, as where plugs were exchanged.
+    other, as where plugs were exchanged. Known ones are until one of them agrees with the others.
     """
-    off_k, sentences = np.abs(state.reading_c - state.predicted_c), list[str]()
-    for i, j in combinations(np.flatnonzero(off_k > EXCHANGED * prediction.agree_k).tolist(), 2):
+    off_k, said = np.abs(state.reading_c - state.predicted_c), {}
+    clear = off_k > EXCHANGED * prediction.agree_k
+    for i, j in combinations(np.flatnonzero(off_k > prediction.agree_k).tolist(), 2):
         order = np.arange(len(off_k))
         order[[i, j]] = j, i
         expected_c = prediction.predict(state.relaxed_c[:, order])
         near = np.abs(state.reading_c[order] - expected_c) <= prediction.agree_k
-        if near[[i, j]].all():
-            sentences.append(
+        if (i, j) in known or (near[[i, j]].all() and clear[[i, j]].all()):
+            said[i, j] = (
                 f'thermometers {i + 1} and {j + 1} read what is expected of each other; are their '
                 'plugs, topics or columns exchanged? The drift is wrong until that is mended'
             )
-    return sentences
+    return said
