@@ -72,9 +72,9 @@ class WeightCheck:
             self._alone = self._alone + 1 if self._turns_alone() else 0
             if self._alone >= _IN_A_ROW and not self.found:
                 self.found = (
-                    f'the force turns as the weight of {self._name} does, and specific force does '
-                    'not, or otherwise: is z of gravity.frame up, and does /tf, or the IMU, show '
-                    'how the robot moves now?'
+                    f'the force turns as the weight of {self._name} does, but specific force is '
+                    'turned otherwise, or stands still: is z of gravity.frame up, and does /tf, or '
+                    'the IMU, show how the robot moves now?'
                 )
         if self._before is None:
             self._before = now
