@@ -18,7 +18,7 @@ from wrist_ft_comp.recording import Recording, Reference, Topics
 from wrist_ft_comp.recordings.read import hash_recording, read_recording
 from wrist_ft_comp.report import report_content
 from wrist_ft_comp.report.advice import IMU_TOPIC, SAME_K
-from wrist_ft_comp.report.evaluation import judge_errors, tared_errors, without_steps
+from wrist_ft_comp.report.evaluation import judge_errors, reference_of, tared_errors, without_steps
 from wrist_ft_comp.report.html_page import page, REPORT
 from wrist_ft_comp.series import NANOSECONDS, part_of, Progress, rounded
 from wrist_ft_comp.stored.model_file import load_model
@@ -91,12 +91,7 @@ def evaluate_recordings(  # noqa: PLR0913, PLR0917 -- as many as the command's o
         recording = read_recording(
             path, period_s=period_s, topics=topics,
             progress=part_of(progress, number, len(paths)))  # fmt: skip
-        # What the model was learnt with, where the recording holds it, too.
-        reference: Reference = wanted or 'unloaded'
-        if wanted is None and stored.reference == 'payload':
-            reference = 'unloaded' if recording.specific_force is None else 'payload'
-        elif wanted is None and stored.reference == 'recorded':
-            reference = 'recorded' if np.isfinite(recording.reference).any() else 'unloaded'
+        reference = wanted or reference_of(recording, stored.reference)
         warnings = check_sensor(stored, recording.sensor, f'in {path.name}')
         if hash_recording(path) in {sha256 for _, sha256 in report_content.model_sources(stored)}:
             warnings += (f'The model was learnt from {path.name}: judge it on another day.',)

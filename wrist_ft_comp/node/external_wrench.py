@@ -16,7 +16,7 @@ from wrist_ft_comp.node.specific_force import SpecificForceInput
 from wrist_ft_comp.node.wrench_topics import Counts, is_silent
 from wrist_ft_comp.payload.live_weight import Force, LivePayload, MotionCollector
 from wrist_ft_comp.payload.weight import FARTHEST_M, ForceFrame, MOST_KG
-from wrist_ft_comp.payload.weight_check import WeightCheck
+from wrist_ft_comp.payload.weight_check import HiddenWeight, WeightCheck
 from wrist_ft_comp.ros.diagnostics import doubtful, Growth, Status
 from wrist_ft_comp.ros.hub import Part
 from wrist_ft_comp.ros.parameters import Parameter
@@ -36,8 +36,6 @@ _APART_S = 5.0
 _REPORTS = 10
 #: As many payloads are judged by turns.
 _CHECKS = 16
-#: When a payload becomes active after a tare without one, its weight has to show within this, s.
-_SHOWN_S = 10.0
 #: A tare that is not older, s, when these reports say that specific force is wrong, holds it.
 _JUDGED_S = 15.0
 #: The norm of a calibrated accelerometer deviates from gravity by less than this share of it, or
@@ -73,10 +71,8 @@ class ExternalWrench(Part):
     wrong: str = ''
     #: When wrench_external was tared, by the steady clock, s.
     tared_s: float = -math.inf
-    #: When the payload became active after a tare without one, while its weight has not shown, s,
-    #: and when a weight showed last, which proves the tare.
-    _hidden_s: float = math.inf
-    _shown_s: float = -math.inf
+    #: Whether a payload was on at a tare without its name.
+    _hidden: HiddenWeight = field(default_factory=HiddenWeight)
     #: The payload before the present one.
     _last: LivePayload | None = None
     _growth: Growth = field(default_factory=Growth)
@@ -182,8 +178,8 @@ class ExternalWrench(Part):
                 f'specific force is turned otherwise than for {before.name}, by {apart_deg:.0f} '
                 'degrees, and the tare of wrench_external is zero again; call ~/tare'
             )
-        elif tared and np.allclose(tare, external_tare) and self._shown_s <= self.tared_s:
-            self._hidden_s = time.monotonic()
+        elif tared and np.allclose(tare, external_tare):
+            self._hidden.expect(time.monotonic(), self.tared_s)
 
     def statuses(self) -> Iterator[Status]:
         """Judge payload and specific force at the stamp of the newest wrench."""
@@ -203,12 +199,8 @@ class ExternalWrench(Part):
             external = payload.taken_off(wrench, force)
             for axis, value in zip(AXES, external, strict=True):
                 numbers[f'{axis}_external'] = f'{value:.4g} {axis_unit(axis)}'
-            shows = 2 * math.hypot(*external[:3]) < math.hypot(*payload.weight(force)[:3])
-            if shows:
-                self._hidden_s, self._shown_s = math.inf, time.monotonic()
-            elif self.tared_s > self._hidden_s:
-                self._hidden_s = math.inf
-            elif time.monotonic() - self._hidden_s > _SHOWN_S:
+            rest_n, weight_n = (math.hypot(*w[:3]) for w in (external, payload.weight(force)))
+            if self._hidden.look(time.monotonic(), self.tared_s, rest_n, weight_n):
                 self.compensator.doubt_zero(
                     f'the weight of {payload.name} does not show, and the tare was taken while '
                     'payload.active was empty: if it was mounted then, call ~/tare'

@@ -13,6 +13,7 @@ sphere of that radius. Specific force then is that of another orientation.
 
 from collections import deque
 from collections.abc import Iterable
+import math
 
 import numpy as np
 
@@ -35,6 +36,8 @@ _LEAST_TURN_DEG = 8.0
 #: Forces that are kept, and how many differ; five times in a row, this share of those lies on the
 #: sphere of a weight, within this share of its radius.
 _FORCES, _DIRECTIONS, _IN_A_ROW, _ON_SPHERE, _THICK = 14, 9, 5, 0.8, 0.02
+#: When a payload becomes active after a tare without one, its weight has to show within this, s.
+_SHOWN_S = 10.0
 #: A force that moves by less than this share of the weight is that of an empty sensor.
 _MOUNTED_SHARE = 0.2
 #: A smaller distance is none, m.
@@ -73,8 +76,8 @@ class WeightCheck:
             if self._alone >= _IN_A_ROW and not self.found:
                 self.found = (
                     f'the force turns as the weight of {self._name} does, but specific force is '
-                    'turned otherwise, or stands still: is z of gravity.frame up, and does /tf, or '
-                    'the IMU, show how the robot moves now?'
+                    'turned otherwise, or stands still: is z of gravity.frame up, and does /tf, '
+                    'or the IMU, show how the robot moves now?'
                 )
         if self._before is None:
             self._before = now
@@ -179,6 +182,28 @@ class WeightCheck:
                 'TCP? Move it back, or call ~/identify_payload'
             )
         return '' if off_n < limit_n and off < _LEAST_SHIFT_M * reach else None
+
+
+class HiddenWeight:
+    """Judges whether a payload that becomes active was on at a tare that had none; times in s."""
+
+    def __init__(self) -> None:
+        #: Since when the weight of a payload has not shown, and when one did last, which proves
+        #: the tare.
+        self._hidden_s, self._shown_s = math.inf, -math.inf
+
+    def expect(self, now_s: float, tared_s: float) -> None:
+        """Take that a payload is active from now on, and was not at the tare."""
+        if self._shown_s <= tared_s:
+            self._hidden_s = now_s
+
+    def look(self, now_s: float, tared_s: float, rest_n: float, weight_n: float) -> bool:
+        """Take the force with the weight taken off, and the weight; True where it is hidden."""
+        if 2 * rest_n < weight_n:
+            self._hidden_s, self._shown_s = math.inf, now_s
+        elif tared_s > self._hidden_s:
+            self._hidden_s = math.inf
+        return now_s - self._hidden_s > _SHOWN_S
 
 
 def _distinct(forces: Iterable[FloatArray]) -> FloatArray:

@@ -57,6 +57,15 @@ def evaluate(
     )
 
 
+def reference_of(recording: Recording, learnt_with: str) -> Reference:
+    """Choose what a model was learnt with, where the recording holds it, too, or else unloaded."""
+    if learnt_with == 'payload' and recording.specific_force is not None:
+        return 'payload'
+    if learnt_with == 'recorded' and np.isfinite(recording.reference).any():
+        return 'recorded'
+    return 'unloaded'
+
+
 def tared_errors(
     model: DriftModel, recording: Recording, reference: Reference, tare_s: float = 60.0
 ) -> TaredErrors:
